@@ -66,7 +66,6 @@ def settings_page(program: str, model: type[Settings]) -> str:
 
 
 def _table(model: type[Settings], place: str) -> Iterator[str]:
-    """Return the text of one table, then of the tables in it."""
     schema, rows, inner = model.model_json_schema(), [], []
     comments = ModuleAnalyzer.for_module(model.__module__).find_attr_docs()
     for key, field in model.model_fields.items():
@@ -89,7 +88,6 @@ def _table(model: type[Settings], place: str) -> Iterator[str]:
 
 
 def _tables_in(annotation: object) -> Iterator[type[Settings]]:
-    """Return the settings models in a field's type."""
     if isinstance(annotation, type) and issubclass(annotation, Settings):
         yield annotation
     for part in get_args(annotation):

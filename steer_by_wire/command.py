@@ -162,7 +162,6 @@ def _version() -> str:
 
 
 def _help() -> str:
-    """Return the list of programs: one screen."""
     lines = [f"usage: {NAME} COMMAND ...", "", "CAN-bus steer-by-wire emulator and controller."]
     for title, programs in GROUPS.items():
         lines.append(f"{title}:")

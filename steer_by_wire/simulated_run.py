@@ -115,7 +115,6 @@ class Run(NamedTuple):
 
 
 def _rms_m(values_m: FloatArray) -> float:
-    """Return the root mean square of samples; 0 without samples."""
     # One by one from the start, as the plant's report adds them up.
     squares = np.cumsum(np.square(values_m))
     return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0

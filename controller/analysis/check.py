@@ -88,7 +88,6 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
 
 
 def _corners(corners: Sequence[Figures]) -> Iterator[str]:
-    """Return how much delay each corner of [validity] bears."""
     if corners:
         yield ""
         searched_ms = _PER_MS * corners[0]["stable_delays"]["searched_s"]
@@ -132,7 +131,6 @@ def _noise_and_sensitivity(at: Figures) -> str:
 
 
 def _poles(poles: Sequence[Figures]) -> Iterator[str]:
-    """Return a table of poles, slowest first, a conjugate pair in one line."""
     shown = [pole for pole in poles if pole["modulus"] >= _MODULUS_SHOWN_MIN]
     if shown:
         yield f"  {'z':>24} {'|z|':>12} {'decay [1/s]':>14} {'omega [rad/s]':>18}"
@@ -170,7 +168,6 @@ def _margins(margins: Figures) -> Iterator[str]:
 
 
 def _delays(delays: Figures) -> Iterator[str]:
-    """Return the delay margin and the set of stable delays."""
     limit_ms = round(_PER_MS * delays["searched_s"])
     yield f"  delay margin  {_margin(delays)}"
     ranges = [

@@ -86,7 +86,6 @@ def _stable_delays_of(
 
 
 def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figures:
-    """Return the analysis of the loop around the nominal plant."""
     figures: Figures = {
         "law": settings.law,
         "rate_hz": NS_PER_S / settings.period_ns,

@@ -181,7 +181,6 @@ class _MomentRecursion:
         return float(rates[-1])
 
     def _over(self, periods: int, moments: FloatArray) -> FloatArray:
-        """Return the moments some periods later."""
         x, spare = moments.reshape(self._shape).copy(), np.empty(self._shape)
         for _ in range(periods):
             for chosen, kept in self._choices:

@@ -160,7 +160,6 @@ def companion_form(
 
 
 def _product(factors: tuple[Any, ...], power_of_s: int) -> FloatArray:
-    """Return the coefficients of a product of factors and a power of s, highest first."""
     product = np.array([1.0, *[0.0] * power_of_s])
     for factor in factors:
         product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))

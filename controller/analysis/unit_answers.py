@@ -115,7 +115,6 @@ def _leaves(nested: Any) -> Iterator[float]:
 
 
 def _truths(nested: Any) -> Iterator[bool]:
-    """Return the truth values of a law's state."""
     if isinstance(nested, tuple):
         for member in nested:
             yield from _truths(member)

@@ -45,7 +45,6 @@ def line_record(line: Line) -> dict[str, Any]:
 
 
 def _short(figure: float) -> str:
-    """Return a figure with three significant digits."""
     return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
 
 

@@ -185,7 +185,6 @@ class BusWatch:
         )
 
     def _follow(self, message: Message, now_ns: int) -> None:
-        """Take what is shown over time from a message."""
         cg_m = self._cg.take(message, (now_ns - self._start_ns) / NS_PER_S)
         if not math.isnan(cg_m):
             self.cg_deviation_m = cg_m

@@ -262,7 +262,6 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
 
 
 def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> int:
-    """Return when the first VEHICLE_STATE reaches the controller [ns]."""
     rule = counters_of(controller)
     samples, start_ns = len(plan.sample_ns), plan.motion_start_ns
     arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns

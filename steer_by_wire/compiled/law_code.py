@@ -141,7 +141,6 @@ def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledL
 
 
 def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ...]:
-    """Return numba's types of what ``step_at`` takes."""
     history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
     there = (params, start, history, NOW_UNKNOWN)
     pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]

@@ -48,7 +48,6 @@ def _designed(
 
 @lru_cache(maxsize=_KEPT)
 def _road(settings: PathSettings) -> Path:
-    """Return a path as arrays."""
     path = build_path(settings)
     arrays: dict[str, Any] = {
         name: np.array(getattr(path, name))

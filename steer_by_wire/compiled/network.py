@@ -92,7 +92,6 @@ def passages(
 
 
 def _is_lossy(settings: LatencySettings) -> bool:
-    """Whether any frame may be lost."""
     return (
         settings.loss > 0.0
         or settings.loss_in_good > 0.0
@@ -101,7 +100,6 @@ def _is_lossy(settings: LatencySettings) -> bool:
 
 
 def _has_jitter(settings: LatencySettings) -> bool:
-    """Whether the latencies are drawn."""
     return settings.trace_file is None and settings.model is not Distribution.CONSTANT
 
 
@@ -119,7 +117,6 @@ def _network(settings: LatencySettings, frames: Frames) -> _Network:
 
 
 def _losses(settings: LatencySettings, loss: FloatArray, u: FloatArray) -> BoolArray:
-    """Return which frames are lost."""
     if not _is_lossy(settings):
         return np.zeros(len(u), dtype=np.bool_)
     shares, of_frame = np.unique(loss, return_inverse=True)
@@ -137,7 +134,6 @@ def _chain(settings: LatencySettings, loss: float) -> LossParams:
 
 @compiled
 def _run_chain(chains: Any, u: Any, has_one_each: Any) -> Any:
-    """Step the chain through all frames, with parameters of each frame's own or with one set."""
     is_lost = np.zeros(len(u), dtype=np.bool_)
     in_burst = False
     for frame in range(len(u)):
@@ -160,7 +156,6 @@ def _correlated(u: FloatArray, came_ns: IntArray, correlation_time_s: float) -> 
 
 @compiled
 def _run_scores(phi: Any, innovations: Any) -> Any:
-    """Step the process through all frames."""
     scores = np.empty_like(innovations)
     score = 0.0
     for frame in range(len(innovations)):

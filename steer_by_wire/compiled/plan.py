@@ -207,7 +207,6 @@ def _segments(
 
 
 def _noise(plant: PlantSettings, samples: int) -> FloatArray:
-    """Return the sensor noise of each sample's lateral error, as in ``with_noise`` [m]."""
     deviation_m = plant.sensor_noise.lateral_error_m
     if deviation_m == 0.0:
         return np.zeros(samples)

@@ -145,7 +145,6 @@ def _received(
 
 
 def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:
-    """Return the sensor noise of heading error [rad] and yaw rate [rad/s]."""
     noise = plant.sensor_noise
     deviations = (noise.heading_error_rad, noise.yaw_rate_rad_s)
     if not any(deviations):

@@ -240,5 +240,4 @@ def _pd_design(
 
 
 def _with_one(gains: FloatArray) -> FloatArray:
-    """Return (1, K_p, K_d) of gains (K_p, K_d)."""
     return np.column_stack([np.ones(len(gains)), gains])

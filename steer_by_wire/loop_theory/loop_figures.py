@@ -128,7 +128,6 @@ def _plants(
 
 
 def _outside(matrix: FloatArray, radius: float) -> int:
-    """Return how many eigenvalues lie outside the circle."""
     return int(np.count_nonzero(np.abs(np.linalg.eigvals(matrix)) > radius))
 
 

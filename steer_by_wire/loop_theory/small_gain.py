@@ -215,7 +215,6 @@ def _refined_peak(size: Callable[[FloatArray], FloatArray]) -> Peak:
 
 
 def _peak(sizes: FloatArray, uncertainty: Uncertainty) -> Peak:
-    """Return the largest of the magnitudes."""
     index = int(np.argmax(sizes))
     return Peak(float(sizes[index]), float(uncertainty.omega_rad_s[index]))
 

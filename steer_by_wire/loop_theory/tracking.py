@@ -149,7 +149,6 @@ def _in_time(grid: TrackingGrid, on_circle: ComplexArray) -> FloatArray:
 
 
 def _rms(samples: FloatArray) -> FloatArray:
-    """Return the root mean square over the last axis, the first sample left out."""
     later = samples[..., 1:]
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", later, later) / later.shape[-1]))
 

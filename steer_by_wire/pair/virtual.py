@@ -112,5 +112,4 @@ def run_virtual_nodes(
 
 
 def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:
-    """Return a function that writes every frame on the wire into ``log``."""
     return lambda time_ns, _sender, frame: log.write(time_ns, frame)

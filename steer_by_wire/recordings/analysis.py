@@ -189,7 +189,6 @@ class LogAnalysis:
         }
 
     def _since_start(self, time_ns: int | None) -> int | None:
-        """Return the time since the first frame [ns]."""
         if time_ns is None:
             return None
         if self._start_ns is None:

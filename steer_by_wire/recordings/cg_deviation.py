@@ -52,7 +52,6 @@ class CgDeviation:
         return math.nan
 
     def _drive(self, state: VehicleState, at_s: float) -> None:
-        """Take the speed and the curvature at a time."""
         way_m = self._driven[-1][0] if self._driven else 0.0
         if at_s > self._at_s:
             way_m += state.speed_m_s * (at_s - self._at_s)
@@ -60,7 +59,6 @@ class CgDeviation:
         self._driven.append((way_m, state.preview_curvature_1_m))
 
     def _computed(self, error: LateralError) -> float:
-        """Return the deviation as computed."""
         behind_m = self._driven[-1][0] - self._preview_m / 3.0
         while len(self._driven) > 1 and self._driven[1][0] <= behind_m:
             self._driven.popleft()

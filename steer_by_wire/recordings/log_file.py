@@ -68,8 +68,6 @@ def open_log(path: Path) -> LogFile:
 
 
 class _TextLog:
-    """A log made of lines."""
-
     def __init__(self, lines: TextLines, frames: Iterator[Logged]) -> None:
         self._lines = lines
         self._frames = frames
@@ -134,7 +132,6 @@ def _python_can(
 
 
 def _logged(message: can.Message) -> Logged:
-    """Return the frame in a message; raises ValueError for one that has no time."""
     channel = "" if message.channel is None else str(message.channel)
     if not abs(message.timestamp) * NS_PER_S < TIME_NS_LIMIT:  # rejects NaN too
         raise ValueError(f"a time of {message.timestamp:g} s")

@@ -117,7 +117,6 @@ class ParquetTable:
 
 
 def _formats(name: str) -> list[Callable[[float], str]]:
-    """Return functions that write each field of a message with its number of digits."""
     return [
         _whole if resolution >= 1.0 else f"{{:.{_digits(resolution)}f}}".format
         for resolution in resolutions(MESSAGE_TYPES[name]).values()
@@ -129,5 +128,4 @@ def _whole(value: float) -> str:
 
 
 def _digits(resolution: float) -> int:
-    """Return how many decimal places a resolution such as 5e-06 has."""
     return next(digits for digits in range(1, 16) if round(resolution, digits) == resolution)

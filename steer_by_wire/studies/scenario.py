@@ -159,7 +159,6 @@ class Scenarios:
                         self._check_design(controller, name)
 
     def _check_design(self, controller: ControllerSettings, name: str) -> None:
-        """Refuse a controller without gains."""
         try:
             design_law(controller)
         except SettingsError as error:
@@ -168,7 +167,6 @@ class Scenarios:
             ) from error
 
     def _check_keys(self) -> None:
-        """Refuse keys that belong to neither program."""
         for factor in self.study.design.factors:
             for key in factor.keys:
                 if not key.startswith(("plant.", "controller.", "bus.")):
@@ -183,7 +181,6 @@ class Scenarios:
                     )
 
     def _check_fractions(self) -> None:
-        """Refuse a ``spread_fraction`` that is no valid share of the mean."""
         for factor in self.study.design.factors:
             for level in factor.levels or ():
                 for key, value in level.values:
@@ -202,7 +199,6 @@ class Scenarios:
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
 
     def _with_hint(self, mistake: str) -> str:
-        """Add a hint if the value comes from an unbounded distribution."""
         for factor in self.study.design.factors:
             if factor.is_endless and f": factor {factor.name}: " in mistake:
                 return (

@@ -157,7 +157,6 @@ class Store:
         return self._chunks / f"{number:06d}.part.parquet"
 
     def _chunk(self, number: int) -> "_Chunk":
-        """Return a chunk in memory, with its stored rows."""
         if number not in self._open:
             size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
@@ -192,7 +191,6 @@ class Store:
         _write(file, lambda place: self._parquet.write_table(table, place, compression="zstd"))
 
     def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
-        """Return rows with all their columns."""
         study = self.scenarios.study
         names = list(study.controllers)
         cases = ids // len(names)
@@ -237,8 +235,6 @@ class Store:
 
 
 class _Chunk:
-    """Rows in memory."""
-
     def __init__(self, size: int) -> None:
         self.is_done = np.zeros(size, dtype=np.bool_)
         self.ends = np.zeros(size, dtype=np.int64)

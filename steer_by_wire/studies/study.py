@@ -160,7 +160,6 @@ def _refuse_own_verdict(study: Study) -> None:
 
 
 def _values(design: Design) -> list[Any]:
-    """Return all values that factors set, with their keys."""
     return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
 
 

@@ -125,7 +125,6 @@ def _guard(launch: Launch, lifeline: int) -> int:
 
 
 def _reap() -> dict[int, int]:
-    """Reap every child that has ended; returns their exit statuses."""
     ended: dict[int, int] = {}
     with suppress(ChildProcessError):
         while True:

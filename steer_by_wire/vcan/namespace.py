@@ -97,7 +97,6 @@ def _enter(request: Request) -> None:
 
 
 def _map(users: str, groups: str) -> None:
-    """Write the user and group maps of a new user namespace."""
     process = Path("/proc/self")
     (process / "setgroups").write_text("deny")
     (process / "uid_map").write_text(users)

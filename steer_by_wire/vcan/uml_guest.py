@@ -109,7 +109,6 @@ class _Command:
                     self._status = exit_status(status)
 
     def _pass_output(self, descriptor: int) -> bool:
-        """Forward the available output; returns whether the stream continues."""
         try:
             piece = os.read(descriptor, PIECE_BYTES)
         except BlockingIOError:

@@ -232,7 +232,6 @@ def _all_or_nothing(folder: Path) -> Iterator[Path]:
 
 
 def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]":
-    """Return the smoother, if it is asked for."""
     if options.smooth is None:
         return []
     table = {"kind": "vehicle", **read_table(options.smooth, "vehicle")}

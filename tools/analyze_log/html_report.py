@@ -183,10 +183,8 @@ def _gaps(figures: Mapping[str, Any]) -> Section:
 
 
 def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:
-    """Return rows of a name and its figures."""
     return [[Cell(name), *map(number, figures)] for name, *figures in rows]
 
 
 def _pairs(facts: Sequence[tuple[str, str]]) -> Table:
-    """Return a table of names and what they are."""
     return Table((), [(Cell(name), Cell(text)) for name, text in facts])

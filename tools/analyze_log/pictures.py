@@ -45,7 +45,6 @@ def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Pic
 
 
 def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Draw the lateral error, and below it the commanded and the actual wheel angle."""
     if not (figures["signals"]["lateral_error_m"]["samples"]):
         return None
     figure = Figure(figsize=(WIDTH_IN, 5.4))
@@ -79,7 +78,6 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
 
 
 def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Draw the round trip and both directions over time, and their distributions."""
     latencies = analysis.latencies
     if not figures["latency"]["round_trip"]["samples"]:
         return None
@@ -129,7 +127,6 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Draw the interval between frames of each message over time, beside the DBC's cycle time."""
     names = [
         name for name, message in figures["messages"].items() if message["cycle"]["samples"] > 1
     ]
@@ -155,7 +152,6 @@ def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
 
 
 def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Shade the times without commands or measurements."""
     for gap in figures["gaps"]:
         if gap["name"] in ("STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"):
             axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

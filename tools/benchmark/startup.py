@@ -75,7 +75,6 @@ def _heavy_imports(program: str, bus: Bus) -> list[str]:
 def _running(
     program: str, bus: Bus, python_options: Sequence[str]
 ) -> Iterator[subprocess.Popen[str]]:
-    """Run a program until the end of the block."""
     command = [sys.executable, "-P", *python_options, "-m", f"steer_by_wire.{program}"]
     command += [*bus.options, *PROGRAMS[program]]
     # An installed program has its bytecode stored: the first start may write it.

@@ -209,7 +209,6 @@ def _lines(runs: _Runs) -> list[Line]:
 
 
 def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
-    """Print what the figures describe."""
     stolen, priority = machine["steal_fraction"], machine["sched_fifo"]
     backend = machine["vcan_backend"]
     unseen = "what the host took cannot be seen in User Mode Linux"

@@ -120,7 +120,6 @@ def _quantile_ns(summary: object, quantile: str) -> float:
 
 
 def _ratios(figures: Sequence[float], others: Sequence[float]) -> list[float]:
-    """Return the ratios within each repetition."""
     return [a / max(b, RESOLUTION_NS) for a, b in zip(figures, others, strict=True)]
 
 

@@ -103,7 +103,6 @@ def _wait_until_ready(role: Role, process: subprocess.Popen[bytes], folder: Path
 
 
 def _complaint(role: Role, folder: Path) -> str:
-    """Return the last line that a program has printed on standard error."""
     printed = (folder / f"{role.name}.txt").read_text(encoding="utf-8", errors="replace")
     return (printed.strip().splitlines() or [""])[-1]
 

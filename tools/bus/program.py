@@ -141,7 +141,6 @@ def _print_line(name: str, line: str) -> bool:
 
 
 def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
-    """Read the command line; ends the program if it is wrong."""
     parser = _parser(name)
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:
@@ -150,7 +149,6 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
 
 
 def _parser(name: str) -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
     parser = command_parser(
         name, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", name
     )

@@ -79,7 +79,6 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _bus_lines(bus: SharedBus, duration_s: float) -> list[tuple[str, str]]:
-    """Return the lines of the summary on the bus."""
     load = bus.model.load
     lines = [
         (

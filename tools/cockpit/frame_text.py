@@ -36,5 +36,4 @@ def _signal_text(signal: SignalLayout, value: float) -> str:
 
 
 def _digits(scale: float) -> int:
-    """Return how many decimal places show every step of a resolution such as 5e-06."""
     return next(n for n in range(_DIGITS_MAX + 1) if round(scale, n) == scale or n == _DIGITS_MAX)

@@ -74,7 +74,6 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
 
 
 def _cells_of(cells: Sequence[Cell], network: str, label: str) -> CellsByMs:
-    """Return a law's cells in a network by delay [ms]."""
     own = [cell for cell in cells if (cell.network, cell.contestant) == (network, label)]
     return {round(1e3 * cell.delay_s): cell for cell in own}
 

@@ -156,7 +156,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _word(name: str) -> str:
-    """Return a name as the command line takes it, in one word."""
     return re.sub(r"\W+", "_", name)
 
 

@@ -64,7 +64,6 @@ def draw(path: Path, cases: Sequence[Case]) -> None:
 
 
 def _panel(axis: Axes, history: History) -> None:
-    """Draw one run."""
     truth_ms, tolerance_ms = 1e3 * history.truth_s, 1e3 * TOLERANCE_S
     axis.axhspan(
         truth_ms - tolerance_ms,

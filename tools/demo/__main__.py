@@ -136,7 +136,6 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
 
 
 def _running(pairs: Sequence[LivePair]) -> int:
-    """Return how many plants still drive; checks every pair, because each may have died."""
     return sum(pair.plant_is_running for pair in pairs)
 
 

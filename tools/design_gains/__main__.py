@@ -233,7 +233,6 @@ def _bars(console: Console, name: TextColumn) -> Progress:
 
 
 def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
-    """Yield what is printed of a design."""
     judgement = design.found.judgement
     yield ""
     yield f"{design.law}  ({design.found.judged} sets of parameters judged)"

@@ -226,7 +226,6 @@ def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
 
 
 def _thinned(delays_ns: tuple[int, ...], count: int) -> tuple[int, ...]:
-    """Return some of the delays, evenly spread, both ends among them."""
     last = len(delays_ns) - 1
     picked = {round(last * index / max(1, count - 1)) for index in range(count)}
     return tuple(delays_ns[index] for index in sorted(picked))

@@ -112,7 +112,6 @@ def _kernel_can() -> Finding:
 
 
 def _interfaces() -> list[Finding]:
-    """Return every CAN network interface, up or not."""
     findings = []
     for folder in sorted(_NETWORK_INTERFACES.glob("*")):
         try:
@@ -202,7 +201,6 @@ def find_uml_library() -> Finding:
 
 
 def _choice() -> Finding:
-    """Report which bus a program takes without options on its command line."""
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
     try:

@@ -160,7 +160,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
-    """Return the result of every run of the campaign, including those computed earlier."""
     scenarios = list(scenarios_of(spec))
     spec_hash = specification_hash(spec)
     stored = read_stored(options.out, spec_hash)
@@ -193,7 +192,6 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
 
 
 def _earlier(folder: Path) -> list[Result]:
-    """Return the results of an earlier campaign."""
     stored = read_stored(folder)
     if not stored.results:
         where = f"--compare: {folder / RESULTS}"
@@ -209,7 +207,6 @@ def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
 
 
 def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
-    """Run the random walks; a failing one ends in its shortest failing sequence."""
     count: int = options.random_walks
     for name in ("out", "compare", "live"):
         if getattr(options, name):
@@ -247,7 +244,6 @@ def _again(options: argparse.Namespace) -> str:
 def _with_progress(
     total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
 ) -> None:
-    """Do the work, with a progress bar on a terminal."""
     console = plain_console()
     with progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
         task = bars.add_task("", total=total)

@@ -275,7 +275,6 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
 
 
 def _rule_of(fault: FaultSettings, sight: Sight) -> SequenceRule:
-    """Return which counters the receiver of a message believes."""
     return sight.commands if fault.message in COMMANDS else sight.measurements
 
 

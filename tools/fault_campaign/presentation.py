@@ -237,5 +237,4 @@ def _named_groups(comparison: Comparison) -> list[tuple[str, list[Result]]]:
 
 
 def _recovery(one: Group) -> str:
-    """Return the longest recovery, or in how many runs there was none."""
     return in_ms(one.recovery_s) if one.recovered == one.runs else "never"

@@ -32,8 +32,6 @@ _PEER = {PLANT: CONTROLLER, CONTROLLER: PLANT}
 
 
 class _Span(NamedTuple):
-    """Start and end of a state [ns]."""
-
     from_ns: int
     to_ns: int
 

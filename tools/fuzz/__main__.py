@@ -78,7 +78,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _replay(target: str, file: Path) -> int:
-    """Run one input; returns 1 where it breaks a promise."""
     from steer_by_wire.tools.fuzz.targets import TARGETS
 
     try:

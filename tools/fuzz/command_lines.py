@@ -160,7 +160,6 @@ def _stop(*_arguments: object, **_options: object) -> NoReturn:
 
 @contextmanager
 def _folder() -> Iterator[None]:
-    """Work in a new folder that holds FILES."""
     before = Path.cwd()
     with TemporaryDirectory() as folder:
         os.chdir(folder)

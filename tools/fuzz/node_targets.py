@@ -209,7 +209,6 @@ def drive(
 
 
 def _tick(node: Node, now_ns: int) -> list[Frame]:
-    """Tick as an executor does; returns what leaves."""
     sent: list[Frame] = []
     for _ in range(TICKS_MAX):
         if node.deadline_ns > now_ns:

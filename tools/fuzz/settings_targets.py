@@ -235,7 +235,6 @@ def _begin(scenario: Scenario) -> None:
 
 
 def _run_controller(settings: ControllerSettings) -> None:
-    """Let a controller steer for a moment, then lose its measurements."""
     node = ControllerNode(settings, 0)
     outgoing = Outgoing(
         (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
@@ -248,7 +247,6 @@ def _run_controller(settings: ControllerSettings) -> None:
 
 
 def _run_plant(settings: PlantSettings) -> None:
-    """Let a plant drive for a moment."""
     node = PlantNode(settings, 0)
     outgoing = Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState))
     for number, steer_rad in enumerate((0.0, 0.01, 1.3, -1.3, 0.0)):

@@ -145,7 +145,6 @@ def _whole(text: str, what: str, low: int, high: int) -> int:
 
 
 def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
-    """Read the frames that a replay sends."""
     if not any(fault.kind is LiveKind.REPLAY for fault in faults):
         return []
     if options.recording is None:

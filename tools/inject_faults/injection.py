@@ -130,7 +130,6 @@ class Injection:
         return has_room
 
     def _next_ns(self, now_ns: int, was_refused: bool) -> int:
-        """Return when there is something to do again [ns]."""
         times = [one.onset_ns for one in self._waiting]
         times += [min(one.next_due_ns, one.end_ns) for one in self._active]
         times += [one.next_due_ns for one in self._deeds if one.next_due_ns is not None]

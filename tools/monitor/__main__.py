@@ -96,7 +96,6 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
 
 
 def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
-    """Print one line a second."""
     print_ns = start_ns + NS_PER_S
     while not stop():
         wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
@@ -124,7 +123,6 @@ def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
 def _take_keys(
     keys: Sequence[str], settings: _Settings, port: ClosablePort, watch: BusWatch
 ) -> _Settings:
-    """Let keys change the latency, and send the result."""
     choice, sent = settings
     for key in keys:
         changed = pressed(choice, key)

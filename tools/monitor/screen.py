@@ -225,7 +225,6 @@ _HEAD = (
 
 
 def _messages(view: View) -> list[Text]:
-    """Return a line for each cyclic message, and one for those that tools send."""
     by_tools = [row for row in view.messages if row.period_s is None]
     counts = ", ".join(f"{row.name} {row.accepted} ({row.refused} refused)" for row in by_tools)
     cyclic = [_message(row, row.period_s) for row in view.messages if row.period_s is not None]
@@ -302,6 +301,5 @@ _KEYS = "+ - mean  [ ] spread  < > loss  m model  d direction  0 no latency  q q
 
 
 def _ms(value_s: float) -> str:
-    """Return a time in ms with four digits or so."""
     value_ms = _ONE_MS * value_s
     return f"{value_ms:.{2 if value_ms < 10 else 1 if value_ms < 1000 else 0}f}"

@@ -40,7 +40,6 @@ def figure_2() -> Reproduction:
 
 
 def _draw_box(speeds_km_h: FloatArray, masses_kg: FloatArray) -> Figure:
-    """Draw the box, its vertices, and the nominal vehicle."""
     nominal = paper_box().nominal
     nominal_km_h = 3.6 * nominal.speed_m_s
     figure = Figure(figsize=(6.4, 4.6))

@@ -32,8 +32,6 @@ _CAPTION = (
 
 
 class _Runs(NamedTuple):
-    """One vehicle with and without DOB."""
-
     rear_cornering_stiffness_n_rad: float
     pd: History
     pd_dob: History
@@ -57,7 +55,6 @@ def figure_20() -> Reproduction:
 
 
 def _corner_figure(number: int) -> Reproduction:
-    """Return corner a, b, c or d of the uncertainty box."""
     column = published.TABLE_2[number - 16]
     preset = f"paper_corner_{column.corner}"
     corrected, printed = (_run(preset, stiffness) for stiffness in (CORRECTED, PRINTED))

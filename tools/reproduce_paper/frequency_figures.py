@@ -154,7 +154,6 @@ def help_ends_rad_s(without: CornerResponses, with_dob: CornerResponses) -> floa
 
 
 def _decibels(ratio: float) -> float:
-    """Return a ratio in dB."""
     return float(20.0 * np.log10(ratio))
 
 
@@ -178,7 +177,6 @@ def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
 
 
 def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
-    """Return |y/r| above |y/u_new| at the four vertices."""
     figure = Figure(figsize=(8.0, 7.2))
     upper, lower = figure.subplots(2, 1, sharex=True)
     _draw_corners(upper, spreads.closed_loop)
@@ -223,7 +221,6 @@ def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
 
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:
-    """Draw a magnitude in dB for each vertex, and the cutoff of Q."""
     lines = zip(COLOURS, corner_labels(), responses.size, ("-", "--", "-", "--"), strict=False)
     for colour, label, size, line in lines:
         axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), line, color=colour, label=label)

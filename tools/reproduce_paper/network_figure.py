@@ -117,7 +117,6 @@ def first_intersection_rad_s(settings: ControllerSettings, delay_s: float) -> fl
 
 
 def _closed_nominal(settings: ControllerSettings, omega_rad_s: FloatArray) -> FloatArray:
-    """Return |L_n/(1 + L_n)| at each ω."""
     nominal = cdob_nominal_loop(cdob_parts(settings), omega_rad_s)
     return np.asarray(np.abs(nominal / (1.0 + nominal)), np.float64)
 
@@ -147,7 +146,6 @@ def _network_comparisons(
 
 
 def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> Picture:
-    """Return |L_n/(1 + L_n)| and 1/|Δ_m| against ω."""
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
     closed_db = 20.0 * np.log10(_closed_nominal(settings, omega_rad_s))
     inverse_db = -20.0 * np.log10(np.abs(delay_uncertainty(omega_rad_s, DELAY_S)))

@@ -227,7 +227,6 @@ def _draw_corners(axes: Axes, corners: Sequence[_Case], spec: DStability) -> Gai
 
 
 def _judged(case: _Case, spec: DStability) -> Comparison:
-    """Compare: the published gains with this loop."""
     region = d_stable_region(case.loops, spec, WINDOW)
     inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     distance = abs(region.relative_distance(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M))

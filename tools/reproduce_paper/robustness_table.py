@@ -166,7 +166,6 @@ def _margin_text(margin_ns: int | None) -> str:
 
 
 def _jitter_text(row: Row) -> str:
-    """Return the standard deviations that all corners tolerate."""
     if any(corner.spreads is None for corner in row.corners):
         return "not analysed"
     sets = [

@@ -107,7 +107,6 @@ def _condition_comparisons(model: TransferFunction, name: str) -> tuple[Comparis
 
 
 def _ranges(ranges: tuple[Interval, ...]) -> str:
-    """Return ranges of cutoffs as text."""
     texts = []
     for minimum, maximum in ranges:
         if np.isinf(maximum):
@@ -122,7 +121,6 @@ def _ranges(ranges: tuple[Interval, ...]) -> str:
 def _uncertainty_picture(
     name: str, model: TransferFunction, model_name: str, delay_s: float = 0.0
 ) -> Picture:
-    """Return |Q| and 1/|Δ_m| of the four vertices."""
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
     plants = corner_plants()
     columns = {"omega_rad_s": omega_rad_s}

@@ -115,7 +115,6 @@ def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> C
 def _exchange(
     sender: can.BusABC, listener: can.BusABC, duration_s: float, broker: int
 ) -> tuple[DurationSummary, int, int]:
-    """Send and receive frames one at a time."""
     delays, lost, most_kib = DurationStatistics(), 0, 0
     for number in range(round(duration_s / PERIOD_S)):
         begin_ns = time.monotonic_ns()
@@ -133,7 +132,6 @@ def _exchange(
 
 
 def _processor_s(pid: int) -> float:
-    """Return the processor time that a process has used so far [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

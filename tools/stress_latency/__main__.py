@@ -145,7 +145,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sizes(scenarios: Scenarios) -> list[str]:
-    """Print what the study consists of."""
     study = scenarios.study
     sampling, design = study.settings.sampling, study.design
     lines = [

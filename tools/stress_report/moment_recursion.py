@@ -83,7 +83,6 @@ def _decide_rows(r: Any, x: Any, work: Any) -> None:
 
 @compiled
 def _decide_columns(r: Any, x: Any, work: Any) -> None:
-    """Do the same to the columns."""
     start, end, last = r.plant_end, r.law_end, x.shape[1] - 3
     for row in range(x.shape[0]):
         v = x[row]
@@ -112,7 +111,6 @@ def _move_rows(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
 
 @compiled
 def _move_columns(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
-    """Do the same to the columns."""
     order, one = len(r.hold), x.shape[1] - 1
     for row in range(x.shape[0]):
         v = x[row]

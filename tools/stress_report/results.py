@@ -214,7 +214,6 @@ def case_of(overrides: Mapping[str, Any]) -> Case:
 
 
 def _types(study: StudyRecord) -> dict[str, Any]:
-    """Return the columns that are read, and their types."""
     import pyarrow as pa
 
     types = {"id": pa.int64(), "controller": pa.string(), "verdict": pa.string()}
@@ -261,7 +260,6 @@ def _places(
 
 
 def _title(folder: Path) -> str:
-    """Return the title of the study file kept beside the results."""
     import tomllib
 
     try:

@@ -79,7 +79,6 @@ def _texts(values: list[tuple[str, Any]]) -> str:
 
 
 def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
-    """Return warnings about verdicts of short runs."""
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
         if _DURATION in factor.keys:

@@ -247,6 +247,5 @@ def _bus_frames(path: Path) -> list[tuple[int, Frame]]:
 
 
 def _sent(path: Path) -> list[tuple[int, Frame]]:
-    """Return what a program has sent, in order of time."""
     by_id, _ = read_own_log(path)
     return sorted((one for sent in by_id.values() for one in sent), key=lambda one: one[0])

@@ -73,7 +73,6 @@ def outcome_table(outcomes: Sequence[Outcome]) -> TerminalTable:
 
 
 def _row(outcome: Outcome) -> list[str]:
-    """Return the cells of a run but the verdict."""
     vehicle = outcome.vehicle
     return [
         outcome.name,
