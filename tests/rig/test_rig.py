@@ -10,7 +10,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.enumerations import Mode
 from steer_by_wire.dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
 from steer_by_wire.rig import Outcome, Rig
-from steer_by_wire.rig.detection import Detection, first_reaction
+from steer_by_wire.rig.outcome import Detection, first_reaction
 from steer_by_wire.runtime.settings import SettingsError
 
 FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_controller.py"

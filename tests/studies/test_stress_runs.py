@@ -20,9 +20,8 @@ from steer_by_wire.plant_emulator.verdict import RunEnd
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.toml_text import dump_toml
-from steer_by_wire.studies.compute import Computed, Computer
+from steer_by_wire.studies.compute import Computed, Computer, losses_of
 from steer_by_wire.studies.figures import COLUMNS
-from steer_by_wire.studies.losses import losses_of
 from steer_by_wire.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study

@@ -9,9 +9,8 @@ import pytest
 from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.compiled.plan import plan_run
 from steer_by_wire.tools.benchmark_batch.c_pair import CPair, MissingCompilerError, compile_pair
-from steer_by_wire.tools.benchmark_batch.comparison import DELAY_S
+from steer_by_wire.tools.benchmark_batch.comparison import DELAY_S, NETWORKS, pair_settings
 from steer_by_wire.tools.benchmark_batch.jitcdde_loop import JitcddeLoop
-from steer_by_wire.tools.benchmark_batch.subject import NETWORKS, pair_settings
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

@@ -16,13 +16,19 @@ import numpy as np
 from ...benchmarking.measurement import REPETITIONS, Line, Target
 from ...compiled.engine import BatchRun, run_batch
 from ...compiled.plan import plan_run
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.virtual import run_virtual_pair
-from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.settings import PlantSettings, plant_preset
 from .c_pair import CPair, CResult, compile_pair
 from .jitcdde_loop import SAME_WITHIN, JitcddeLoop
 from .python_control_loop import python_control_loop
-from .subject import NETWORKS, pair_settings
+
+DURATION_S = 60.0
+NETWORKS = {
+    "80 ms": ("mean_s=0.08",),
+    "83.7213 ms, off the grid": ("mean_s=0.0837213",),
+    "80 ± 30 ms, 1 % lost": ("model=gamma", "mean_s=0.08", "spread_s=0.03", "loss=0.01"),
+}
 
 RUNS = 40
 """Runs timed together: some twenty milliseconds."""
@@ -209,3 +215,14 @@ def _each_us(work: Callable[[], object], count: int) -> float:
     for _ in range(count):
         work()
     return (time.perf_counter_ns() - begin_ns) / 1000 / count
+
+
+def pair_settings(
+    network: Sequence[str], duration_s: float = DURATION_S
+) -> tuple[PlantSettings, ControllerSettings]:
+    """Return a run of practical_pd_ddob at 100 Hz on a network."""
+    plant = plant_preset(
+        "paper_corner_d",
+        [f"duration_s={duration_s}", *(f"latency.downlink.{setting}" for setting in network)],
+    )
+    return plant, controller_preset("practical_pd_ddob")

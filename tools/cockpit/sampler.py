@@ -7,9 +7,12 @@ same figures. The running figures are those of every LATERAL_ERROR that was acce
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from ...bus_view.watch import BusWatch
+from ...dbc.generated_layout import LAYOUTS
+from ...dbc.layout import SignalLayout
 from ...dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -30,10 +33,15 @@ from ...plant_emulator.path import Path
 from ...recordings.bus_listener import command_at
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from .frame_text import message_text, payload_text
 from .lights import Known, Light, lights_of
 from .place import Place
 from .signals import NAMES
+
+_SIGNALS: Mapping[type[Message], Mapping[str, SignalLayout]] = {
+    MESSAGE_TYPES[layout.name]: {signal.field: signal for signal in layout.signals}
+    for layout in LAYOUTS
+}
+_DIGITS_MAX = 9
 
 _SILENT_NS = NS_PER_S
 """After so long without a message its signals are shown as absent."""
@@ -216,3 +224,27 @@ class Sampler:
 
 def _unless_silent(newest: Newest[M] | None, now_ns: int) -> M | None:
     return None if newest is None or now_ns - newest.time_ns >= _SILENT_NS else newest.message
+
+
+def payload_text(frame: Frame) -> str:
+    """Return length and bytes, as in ``[3]  01 02 03``."""
+    return f"[{len(frame.data)}]  {frame.data.hex(' ').upper()}"
+
+
+def message_text(message: Message) -> str:
+    """Return every signal with its value and unit."""
+    signals = _SIGNALS[type(message)]
+    return ", ".join(
+        _signal_text(signals[field], value) for field, value in message._asdict().items()
+    )
+
+
+def _signal_text(signal: SignalLayout, value: float) -> str:
+    if isinstance(value, IntEnum):
+        return f"{signal.name} {value.name}"
+    text = f"{value:.{_digits(signal.scale)}f}"
+    return f"{signal.name} {text} {signal.unit}".rstrip()
+
+
+def _digits(scale: float) -> int:
+    return next(n for n in range(_DIGITS_MAX + 1) if round(scale, n) == scale or n == _DIGITS_MAX)

@@ -11,8 +11,7 @@ from .authentication_target import fuzz_authentication
 from .bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
 from .campaign_targets import fuzz_results, fuzz_specification
 from .command_lines import fuzz_command_line
-from .contract_targets import fuzz_contract
-from .log_targets import fuzz_candump, fuzz_log
+from .log_targets import fuzz_candump, fuzz_contract, fuzz_log
 from .node_targets import fuzz_controller, fuzz_plant
 from .settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 

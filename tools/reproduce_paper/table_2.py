@@ -19,10 +19,9 @@ from ...runtime.array_types import FloatArray
 from . import published
 from .both_rows_attempts import BothRows, both_rows_attempts
 from .continuous_runs import PD, order_2, table_2_row
-from .pd_row_attempts import pd_row_attempts
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate
-from .table_2_attempts import PATH, attempts
+from .table_2_attempts import PATH, attempts, pd_row_attempts
 
 DURATION_S = PATH.duration_s
 CORRECTED, PRINTED = 500e3, published.REAR_CORNERING_STIFFNESS_N_RAD
