@@ -29,6 +29,8 @@ def test_a_recording_becomes_a_waveform(tmp_path: Path, capsys: pytest.CaptureFi
         (["hello"], "neither a file nor a frame"),
         (["100#R00"], "neither a file nor a frame"),
         (["100##1001122334455667788"], "neither a file nor a frame"),
+        (["100#R8"], "DLC of 0 here, FD frames no ESI: 100#R"),
+        (["100##3AA"], "DLC of 0 here, FD frames no ESI: 100##1AA"),
         ([__file__], "--vcd"),
     ],
 )

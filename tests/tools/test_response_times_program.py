@@ -56,6 +56,15 @@ def test_faster_traffic_above_the_steering_breaks_the_published_gains_at_some_lo
     assert 0.5 < tolerance["load_max"] < 1.0
 
 
+def test_jitter_may_release_more_than_a_thousand_frames_at_once(tmp_path: Path) -> None:
+    busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
+    busy.write_text(BUSY)
+    words = [str(busy), "--period", "FAST=1", "--jitter-ms", "2000", "--json", str(file)]
+    assert main(words) == 0
+    (message,) = json.loads(file.read_text())["messages"]
+    assert message["bound_ns"] == 2_000_000_000 + message["frame_ns"]
+
+
 def test_a_set_without_the_steering_has_bounds_alone(tmp_path: Path) -> None:
     busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
     busy.write_text(BUSY)

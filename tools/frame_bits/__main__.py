@@ -16,7 +16,7 @@ from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.recordings.log_file import open_log
-from steer_by_wire.runtime.candump import parse_entry
+from steer_by_wire.runtime.candump import format_entry, parse_entry
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from steer_by_wire.runtime.option_types import bit_rate, data_bit_rate, output_file
@@ -64,16 +64,22 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _frame(text: str) -> Frame:
-    entry = parse_entry(f"(0.0) can {text}")
+    written = text.replace(".", "").upper()
+    entry = parse_entry(f"(0.0) can {written}")
     try:
-        if entry is not None:
-            frame_on_wire(entry.frame)
-            return entry.frame
+        if entry is None:
+            raise ValueError
+        frame_on_wire(entry.frame)
     except ValueError:
-        pass
-    raise SettingsError(
-        f"{text}: neither a file nor a frame such as 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"
-    )
+        raise SettingsError(
+            f"{text}: neither a file nor a frame such as 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"
+        ) from None
+    shown = format_entry(entry).split()[-1]
+    if shown != written:
+        raise SettingsError(
+            f"{text}: remote frames have a DLC of 0 here, FD frames no ESI: {shown}"
+        )
+    return entry.frame
 
 
 def _recorded(path: Path) -> Iterator[tuple[int, Frame]]:

@@ -21,6 +21,8 @@ from ...wire.longest_frame import longest_frame
 from ...wire.response_times import Traffic, Wire, wire_of
 
 _NS_PER_MS = 1_000_000
+_AT_ONCE_MAX = 1_000_000
+"""Frames of a message that may wait: more than the longest jitter can release together."""
 
 
 class BusSettings(NamedTuple):
@@ -35,7 +37,7 @@ class BusSettings(NamedTuple):
 
     def model(self) -> BusModel:
         """Return a new bus, for a simulation."""
-        return BusModel(self.bitrate_bit_s, self.data_bitrate_bit_s)
+        return BusModel(self.bitrate_bit_s, self.data_bitrate_bit_s, _AT_ONCE_MAX)
 
     def wire(self, granularity_ns: int | None = None) -> Wire:
         """Return what the analysis needs of the bus."""

@@ -212,14 +212,19 @@ def _compute(
             done += further
             rate = done / (time.monotonic() - begin_s)
             left = _duration((runs - before - done) / rate)
-            text = f"{before + done:,} of {runs:,}, {rate:,.0f} a second, {left} left"
+            text = f"{before + done:,} of {runs:,}, {_per_s(rate)} a second, {left} left"
             progress.update(task, completed=before + done, text=text)
 
         is_complete = run_study(store, workers, on_progress, stop)
     elapsed_s = time.monotonic() - begin_s
     if done:
-        console.print(f"{done:,} runs in {_duration(elapsed_s)}: {done / elapsed_s:,.0f} a second")
+        rate = _per_s(done / elapsed_s)
+        console.print(f"{done:,} runs in {_duration(elapsed_s)}: {rate} a second")
     return is_complete
+
+
+def _per_s(rate: float) -> str:
+    return f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
 
 
 def _replay(options: argparse.Namespace, console: Console, store: Store, computer: Computer) -> int:
