@@ -2,7 +2,8 @@
 
 numba takes a cached function for valid while the function's own file is unchanged; it misses a
 change in one of the step functions that it calls. So everything compiled is kept in a folder named
-after the content of all files that any of it may come from.
+after the content of all files that any of it may come from. Every copy of them shares it: what one
+clone or environment has compiled, the next one takes from disk.
 
 Processes that need the same function at the same time compile it once: the first one compiles it,
 and the others wait until it is on disk.
@@ -24,6 +25,7 @@ from typing import Any
 os.environ.setdefault("NUMBA_OPT", "1")
 
 import numba
+from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 
 from ..runtime.host import no_collections
@@ -42,6 +44,21 @@ _UNUSED_S = 3600.0
 _PACKAGE = Path(__file__).resolve().parents[1]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
+
+
+class CacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # numba has no types
+    """Finds a function on disk by the name of its file, and not by the place of that.
+
+    Of two files with one name the content tells which is meant: numba compares that.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the folder for the functions of a file."""
+        return Path(py_file).parent.name
+
+
+_LOCATOR = f"{__name__}.{CacheLocator.__name__}"
 
 
 def compiled(function: Any) -> Any:
@@ -87,8 +104,10 @@ def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     folder = _cache_folder()
     if folder is not None and "fastmath" in options:  # The cache would confuse the two kinds.
         folder /= "fastmath"
-    numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]  # read by the next line
+    config: Any = numba.config  # read by the next line but one
+    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
     made: Any = numba.jit(cache=folder is not None, **options)(function)
+    config.CACHE_LOCATOR_CLASSES = ""
     if folder is not None and sys.platform != "win32":
         name = f"{function.__module__}.{function.__qualname__}"
         made.compile = _in_one_process(made.compile, name, folder)
@@ -112,7 +131,8 @@ def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) ->
 
 def sources() -> list[Path]:
     """Return the files that compiled code may come from; their content names its folder."""
-    return sorted(path for name in _SOURCES for path in (_PACKAGE / name).resolve().rglob("*.py"))
+    folders = ((_PACKAGE / name).resolve() for name in _SOURCES)
+    return [path for folder in folders for path in sorted(folder.rglob("*.py"))]
 
 
 @cache

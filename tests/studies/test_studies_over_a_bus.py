@@ -1,7 +1,10 @@
 """Studies with the bus's load, errors and clocks as factors: the nodes run them in virtual time."""
 
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -26,7 +29,7 @@ name = "noisy"
 plant_preset = "paper_nominal"
 controllers = ["practical_pd"]
 [base.plant]
-duration_s = 2.0
+duration_s = 0.5
 [base.plant.latency.downlink]
 mean_s = 0.02
 """
@@ -60,12 +63,28 @@ def test_a_bus_with_nothing_on_it_gives_the_run_of_both_programs(tmp_path: Path)
     assert table["commands_acted"][0] == wanted.plant["node"]["downlink"]["released"]
 
 
+class Noisy(NamedTuple):
+    """A study with all these factors, its results, and what the program said."""
+
+    file: Path
+    out: Path
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> Noisy:
+    folder = tmp_path_factory.mktemp("noisy")
+    file, out = study_file(folder, "[base.bus]\nload = 0.6\n" + FACTORS), folder / "out"
+    with redirect_stdout(io.StringIO()) as printed:
+        assert stress([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
+    return Noisy(file, out, printed.getvalue())
+
+
 def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    noisy: Noisy, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, out = study_file(tmp_path, "[base.bus]\nload = 0.6\n" + FACTORS), tmp_path / "out"
-    assert stress([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
-    assert "the nodes run in virtual time, not compiled" in capsys.readouterr().out
+    file, out = noisy.file, noisy.out
+    assert "the nodes run in virtual time, not compiled" in noisy.printed
     rms_m = pq.read_table(out / "results.parquet")["rms_m"].to_pylist()
     assert len(set(rms_m)) == 4
     assert (out / "report.html").exists()
@@ -118,16 +137,13 @@ def test_a_bus_of_virtual_time_is_not_run_live(
 
 
 def test_two_processes_give_the_same_bytes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    noisy: Noisy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = study_file(tmp_path, "[base.bus]\nload = 0.6\n" + FACTORS)
-    results = []
-    for count in ("1", "2"):
-        out = tmp_path / count
-        assert stress([str(file), "--out", str(out), "--threads", count, "--no-report"]) == 0
-        results.append((out / "results.parquet").read_bytes())
+    options = ["--out", str(tmp_path), "--threads", "2", "--no-report"]
+    assert stress([str(noisy.file), *options]) == ExitStatus.OK
     assert "runs on 2 processes" in capsys.readouterr().out
-    assert results[0] == results[1]
+    one, two = ((folder / "results.parquet").read_bytes() for folder in (noisy.out, tmp_path))
+    assert one == two
 
 
 def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: Path) -> None:

@@ -49,8 +49,8 @@ A_COMMAND = " 100#"
 FOREIGN_ID = 0x5A0
 FLOOD_FRAMES = 10_000
 FD_FRAMES = 100
-PHASE_COMMANDS = 120
-"""Of a phase in which nothing is done to the pair: more than a second."""
+PHASE_COMMANDS = 60
+"""Of a phase in which nothing is done to the pair: five times what is sent most rarely."""
 PLANT_OPTIONS = [
     "--preset", "paper_nominal", "--set", "duration_s=600",
     "--set", "path.kind=ellipse", "--set", "path.semi_major_axis_m=20",

@@ -37,6 +37,7 @@ from steer_by_wire.tools.design_gains.study import (
     make_study,
 )
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from tests.support.same_process import same_process as same_process
 from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
 
 SMALL = """
@@ -195,6 +196,7 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
 # The program
 
 
+@pytest.mark.usefixtures("same_process")
 def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     designed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -212,7 +214,7 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     printed = capsys.readouterr()
     assert status == 0, printed.err
     sources = (PAPER_VEHICLE.name, "small.toml")
-    # The same demands give the same preset, also in another process.
+    # The same demands give the same preset; in another process: test_any_processor.
     text = preset_text(spec, shipped_vehicle(), designed, sources)
     assert (out / "small_pd.toml").read_text(encoding="utf-8") == text
     settings = load_settings(ControllerSettings, None, out / "small_pd.toml")

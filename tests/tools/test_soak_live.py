@@ -28,7 +28,7 @@ from steer_by_wire.tools.soak.verdict import (
 def live(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
     """With other people's traffic, too."""
     bus = BusSettings(load=0.3)
-    plan = Plan(LOWEST_PRIORITY_IDS, 2.0, settle_s=0.5, recover_s=0.5, bus=bus, priority=0)
+    plan = Plan(LOWEST_PRIORITY_IDS, 1.0, settle_s=0.5, recover_s=0.5, bus=bus, priority=0)
     return run_live_soak(plan, tmp_path_factory.mktemp("soak"))
 
 

@@ -37,6 +37,7 @@ from steer_by_wire.tools.stress_report.results import (
     read_study,
 )
 from steer_by_wire.tools.stress_report.worst_runs import worst_runs
+from tests.support.unrendered import unrendered as unrendered
 
 STUDY = """
 name = "small"
@@ -125,6 +126,7 @@ def test_a_folder_without_results_is_refused_in_one_line(
         write(tmp_path)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_written(
     tmp_path: Path,
 ) -> None:
@@ -141,12 +143,16 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
     assert write(folder, break_point_seeds=1).read_bytes() == first
 
 
-def test_a_study_without_latencies_has_a_page_too(tmp_path: Path) -> None:
+def test_a_study_without_latencies_has_a_page_too_whose_pictures_are_the_same_bytes_again(
+    tmp_path: Path,
+) -> None:
     bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 20.0", "duration_s = 2.0")
     folder = computed(tmp_path, bare)
     text = write(folder).read_text(encoding="utf-8")
     assert "varies no mean latency" in text
     assert "nothing to compare" in text
+    assert text.count("data:image/png;base64,") == 3
+    assert write(folder).read_text(encoding="utf-8") == text
 
 
 # What is read and aggregated
