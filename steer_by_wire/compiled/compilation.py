@@ -46,7 +46,7 @@ _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
 
 
-class CacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # numba has no types
+class CacheLocator(UserProvidedCacheLocator):
     """Finds a function on disk by the name of its file, and not by the place of that.
 
     Of two files with one name the content tells which is meant: numba compares that.
