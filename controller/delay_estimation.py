@@ -9,9 +9,10 @@ They estimate T of a measurement that arrives at t and shows the commands sent u
 
     z(t) = g x(t - T) + c       T = lag + T_s/2 - mean age of the measurement in use at a tick
 
-T is the downlink and uplink latency together. x is filtered by Tustin's rule from the command held
-over the previous period, which makes it half a period late; the term T_s/2 corrects this. The
-measurement's age at a tick is not part of T. The vehicle's own lag is subtracted as far as its
+T is the downlink and uplink latency together. x and z are filtered by Tustin's rule from means over
+the n control periods of a pair. That of the command, which is held over each period, is n T_s/2
+late; that of the measurements at the ticks (n - 1) T_s/2. The term T_s/2 corrects the difference.
+The measurement's age at a tick is not part of T. The vehicle's own lag is subtracted as far as its
 mass is known. Any other lag, such as that of the steering actuator, counts as delay.
 
 The loop is closed, so the command depends on the measurement. The yaw rate's noise does no harm,
@@ -29,21 +30,22 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
+from .delay_filters import (
+    ERROR_WASHOUT_RAD_S,
+    DelayFilters,
+    FilterStates,
+    design_filters,
+    filters_at_rest,
+    filters_run,
+)
 from .lag_fit import LEAD, LagFit, LagGrid
 from .law_interface import VehicleReading
 from .nominal_model import NominalVehicle
-from .sections import (
-    SectionState,
-    cascade_2_at_rest,
-    cascade_3_at_rest,
-    section_at_rest,
-    sections_run,
-)
 
 PAIR_S = 0.02
 """Time between the fitted pairs and between neighbouring lags: the cycle of the yaw rate."""
-_PAIRS_PER_PEAK = 5
+_PAIRS_PER_BLOCK = 5
+"""Pairs filtered at once, which is faster; few enough that no tick takes long."""
 _SPEED_M_S_MIN = 0.3
 _SPEED_CHANGE = 0.05
 """Relative change of the speed at which the filters are designed anew."""
@@ -124,122 +126,96 @@ class DelayEstimator:
     def __init__(self, params: DelayEstimationParams) -> None:
         self._params = params
         self._ticks_per_pair = max(1, round(PAIR_S / params.period_s))
-        self._ticks_per_peak = self._ticks_to_peak = _PAIRS_PER_PEAK * self._ticks_per_pair
-        step_s = self._ticks_per_pair * params.period_s
-        lags = math.ceil(params.delay_s_max / step_s) + LEAD + 2
-        grid = LagGrid(step_s, lags, params.window_s)
-        self._by_disturbance, self._by_correlation = LagFit(grid), LagFit(grid)
-        self._keep = math.exp(-params.period_s / params.window_s)
+        self._pair_s = self._ticks_per_pair * params.period_s
+        lags = math.ceil(params.delay_s_max / self._pair_s) + LEAD + 2
+        grid = LagGrid(self._pair_s, lags, params.window_s)
+        half = grid.pairs_per_batch // 2  # so that they do not both take long at one tick
+        self._by_disturbance, self._by_correlation = LagFit(grid), LagFit(grid, begin=half)
+        self._keep = math.exp(-self._pair_s / params.window_s)
         self._weight = self._age_s = self._error_age_s = 0.0
         self._filters: DelayFilters | None = None
+        self._states: FilterStates = ()
         self._speed_m_s = 0.0
         self._waiting: list[Seen] = []
-        self._ticks = 0
-        self._unsettled_until = 0
-        self._offset_m = self._error_before_m = self._error_before_that_m = 0.0
+        self._block: list[tuple[float, float, float, float, bool]] = []
+        """Means of pairs: command, yaw rate, lateral error, curvature; and whether it is fresh."""
+        self._pairs = self._unsettled_until = 0
+        self._error_before_m = 0.0
         self.estimate = NOTHING_YET
 
     def on_tick(self, seen: Seen, skipped: int = 0) -> None:
         """Record a control period and the skipped periods before it."""
+        waiting, ticks_per_pair = self._waiting, self._ticks_per_pair
         if skipped:
-            self._waiting += [seen] * min(skipped, _SKIPPED_MAX)
-        self._waiting.append(seen)
-        # The estimate does not change earlier.
-        while len(self._waiting) >= self._ticks_to_peak:
-            self._take(self._waiting[: self._ticks_to_peak])
-            del self._waiting[: self._ticks_to_peak]
-            self._ticks_to_peak = self._ticks_per_peak - self._ticks % self._ticks_per_peak
+            waiting += [seen] * min(skipped, _SKIPPED_MAX)
+        waiting.append(seen)
+        while len(waiting) >= ticks_per_pair:
+            self._take_pair(waiting[:ticks_per_pair])
+            del waiting[:ticks_per_pair]
+            if len(self._block) == _PAIRS_PER_BLOCK:
+                self._take_block(seen)
+                self._block.clear()
 
-    def _take(self, block: Sequence[Seen]) -> None:
-        """Process control periods up to the point where a new estimate may be due."""
-        begin = 0
-        for index, (_, _, _, vehicle, _) in enumerate(block):
-            speed_m_s = vehicle.speed_m_s
-            if speed_m_s == self._speed_m_s or speed_m_s < _SPEED_M_S_MIN:
-                continue
-            if abs(speed_m_s - self._speed_m_s) > _SPEED_CHANGE * self._speed_m_s:
-                self._filter(block[begin:index])
-                self._design(block[index])
-                begin = index
-        self._filter(block[begin:])
-        if self._filters is not None and self._ticks % self._ticks_per_peak == 0:
-            self._estimate(self._filters, _is_fresh(block[-1]))
+    def _take_pair(self, periods: Sequence[Seen]) -> None:
+        """Take the means of the control periods of a pair."""
+        steer_rad = error_m = error_age_s = yaw_rate_rad_s = curvature_1_m = age_s = 0.0
+        for steer, error, error_age, (_, yaw_rate, curvature, _), age in periods:
+            steer_rad += steer
+            error_m += error
+            error_age_s += error_age
+            yaw_rate_rad_s += yaw_rate
+            curvature_1_m += curvature
+            age_s += age
+        count = len(periods)
+        is_fresh = _is_fresh(periods[-1])
+        if is_fresh:
+            self._weight = self._keep * self._weight + 1.0
+            self._age_s += (age_s / count - self._age_s) / self._weight
+            self._error_age_s += (error_age_s / count - self._error_age_s) / self._weight
+        means = steer_rad / count, yaw_rate_rad_s / count, error_m / count, curvature_1_m / count
+        self._block.append((*means, is_fresh))
 
-    def _design(self, seen: Seen) -> None:
-        """Design the filters for the present speed; the first ones start at rest."""
-        p = self._params
-        _, lateral_error_m, _, (speed_m_s, yaw_rate_rad_s, _, _), _ = seen
-        filters = design_filters(p.vehicle._replace(speed_m_s=speed_m_s), p.period_s)
-        if filters is not None and self._filters is None:
-            self._x_yaw: Sequence[SectionState] = cascade_3_at_rest(filters.command_to_yaw, 0.0)[0]
-            self._z_yaw: Sequence[SectionState] = cascade_2_at_rest(filters.yaw, yaw_rate_rad_s)[0]
-            self._x_error: Sequence[SectionState] = cascade_3_at_rest(
-                filters.command_to_error, 0.0
-            )[0]
-            at_rest: Sequence[SectionState] = (section_at_rest(filters.error, 0.0)[0],)
-            self._z_error = self._z_curvature = self._z_low = at_rest
-            self._offset_m = lateral_error_m
-        else:
-            self._unsettled_until = self._ticks + round(_SETTLING_S / p.period_s)
-        self._filters, self._speed_m_s = filters, speed_m_s
-
-    def _filter(self, block: Sequence[Seen]) -> None:
-        """Filter the data of control periods at one speed, and pass on the pairs in it."""
-        f = self._filters
-        if f is None or not block:
+    def _take_block(self, newest: Seen) -> None:
+        """Filter the pairs of a block, and pass them on to both fits."""
+        speed_m_s = newest[3].speed_m_s
+        change_m_s = abs(speed_m_s - self._speed_m_s)
+        if speed_m_s >= _SPEED_M_S_MIN and change_m_s > _SPEED_CHANGE * self._speed_m_s:
+            self._design(speed_m_s)
+        filters = self._filters
+        if filters is None:
             return
-        commands_rad = [steer_rad for steer_rad, *_ in block]
-        yaw_rates_rad_s = [yaw_rate_rad_s for _, _, _, (_, yaw_rate_rad_s, _, _), _ in block]
-        curvatures_1_m = [curvature_1_m for _, _, _, (_, _, curvature_1_m, _), _ in block]
-        errors_m, freshness = self._aligned(block)
-        self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
-        self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
-        self._z_curvature, drifts_m = sections_run(
-            (f.curvature,), self._z_curvature, curvatures_1_m
+        commands_rad, yaw_rates_rad_s, errors_m, curvatures_1_m, freshness = zip(
+            *self._block, strict=True
         )
-        moved_m = [swing_m + drift_m for swing_m, drift_m in zip(swings_m, drifts_m, strict=True)]
-        self._z_low, z_a = sections_run((f.error_lowpass,), self._z_low, moved_m)
-        self._x_yaw, x_b = sections_run(f.command_to_yaw, self._x_yaw, commands_rad)
-        self._z_yaw, z_b = sections_run(f.yaw, self._z_yaw, yaw_rates_rad_s)
-        to_pair = self._ticks_per_pair - self._ticks % self._ticks_per_pair - 1
-        for index in range(to_pair, len(block), self._ticks_per_pair):
-            ticks = self._ticks + index + 1
-            counts = freshness[index] and ticks >= self._unsettled_until
-            is_settled = ticks * self._params.period_s >= _ERROR_SETTLING_S
-            self._by_disturbance.push(x_a[index], z_a[index], counts=counts and is_settled)
-            self._by_correlation.push(x_b[index], z_b[index], counts=counts)
-        self._ticks += len(block)
+        before_m, self._error_before_m = (self._error_before_m, *errors_m[:-1]), errors_m[-1]
+        # The lateral error at the time of the curvature, up to a pair ago.
+        part = min(max((self._age_s - self._error_age_s) / self._pair_s, 0.0), 1.0)
+        aligned_m = [
+            error_m + part * (before_m - error_m)
+            for before_m, error_m in zip(before_m, errors_m, strict=True)
+        ]
+        self._states, (x_a, z_a, x_b, z_b) = filters_run(
+            filters, self._states, commands_rad, yaw_rates_rad_s, aligned_m, curvatures_1_m
+        )
+        self._pairs += _PAIRS_PER_BLOCK
+        nothing = (False,) * _PAIRS_PER_BLOCK
+        counts = freshness if self._pairs > self._unsettled_until else nothing
+        is_settled = self._pairs * self._pair_s > _ERROR_SETTLING_S
+        is_new = self._by_disturbance.push(x_a, z_a, counts if is_settled else nothing)
+        is_new |= self._by_correlation.push(x_b, z_b, counts)
+        if is_new:
+            self._estimate(filters, _is_fresh(newest))
 
-    def _aligned(self, block: Sequence[Seen]) -> tuple[list[float], list[bool]]:
-        """Return the lateral errors, and which measurements are fresh.
-
-        The lateral errors are those at the time of the curvature, up to two periods ago.
-        """
-        errors_m, freshness = [], []
-        period_s, keep, offset_m = self._params.period_s, self._keep, self._offset_m
-        weight, mean_age_s, mean_error_age_s = self._weight, self._age_s, self._error_age_s
-        before_m, before_that_m = self._error_before_m, self._error_before_that_m
-        for seen in block:
-            _, error_m, error_age_s, _, vehicle_age_s = seen
-            error_m -= offset_m
-            periods = (mean_age_s - mean_error_age_s) / period_s
-            if periods <= 0.0:
-                errors_m.append(error_m)
-            elif periods <= 1.0:
-                errors_m.append(error_m + periods * (before_m - error_m))
-            else:
-                part = periods - 1.0 if periods < 2.0 else 1.0
-                errors_m.append(before_m + part * (before_that_m - before_m))
-            before_m, before_that_m = error_m, before_m
-            is_fresh = _is_fresh(seen)
-            freshness.append(is_fresh)
-            if is_fresh:
-                weight = keep * weight + 1.0
-                mean_age_s += (vehicle_age_s - mean_age_s) / weight
-                mean_error_age_s += (error_age_s - mean_error_age_s) / weight
-        self._weight, self._age_s, self._error_age_s = weight, mean_age_s, mean_error_age_s
-        self._error_before_m, self._error_before_that_m = before_m, before_that_m
-        return errors_m, freshness
+    def _design(self, speed_m_s: float) -> None:
+        """Design the filters for a speed; the first ones start at rest."""
+        vehicle = self._params.vehicle._replace(speed_m_s=speed_m_s)
+        filters = design_filters(vehicle, self._pair_s)
+        if filters is not None and self._filters is None:
+            _, yaw_rate_rad_s, self._error_before_m, _, _ = self._block[0]
+            self._states = filters_at_rest(filters, yaw_rate_rad_s, self._error_before_m)
+        else:
+            self._unsettled_until = self._pairs + round(_SETTLING_S / self._pair_s)
+        self._filters, self._speed_m_s = filters, speed_m_s
 
     def _estimate(self, f: DelayFilters, is_fresh: bool) -> None:
         p = self._params
@@ -260,7 +236,7 @@ class DelayEstimator:
 
     def _believed(self, fit: LagFit, lag_deviation_s: float, slack_share: float) -> Estimate | None:
         """Return the estimate of a peak that can be the response to the command."""
-        p, peak = self._params, fit.peak()
+        p, peak = self._params, fit.peak
         if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
             return None
         is_recent = peak.age_s <= _AGE_IN_WINDOWS_MAX * p.window_s

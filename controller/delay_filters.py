@@ -17,11 +17,21 @@ With a network delay T, w = x_a(t) - x_a(t - T), so that z_a = x_a(t - T). In th
 divided by G_n, and stable poles of the vehicle suffice at any speed.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from .discretization import tustin_sections
 from .nominal_model import NominalVehicle, steer_to_lateral_error
-from .sections import Cascade2, Cascade3, Section
+from .sections import (
+    Cascade2,
+    Cascade3,
+    Section,
+    SectionState,
+    cascade_2_at_rest,
+    cascade_3_at_rest,
+    section_at_rest,
+    sections_run,
+)
 from .transfer_function import Factor, TransferFunction
 
 YAW_WASHOUT_RAD_S = 0.15
@@ -43,6 +53,10 @@ class DelayFilters(NamedTuple):
     curvature: Section
     error_lowpass: Section
     lag_s: float
+
+
+FilterStates = tuple[Sequence[SectionState], ...]
+"""States of the filters, in their order."""
 
 
 def design_filters(vehicle: NominalVehicle, period_s: float) -> DelayFilters | None:
@@ -79,6 +93,38 @@ def design_filters(vehicle: NominalVehicle, period_s: float) -> DelayFilters | N
         error_lowpass=low,
         lag_s=poles.s1 / poles.s0 - gain.s1 / gain.s0,
     )
+
+
+def filters_at_rest(p: DelayFilters, yaw_rate_rad_s: float, lateral_error_m: float) -> FilterStates:
+    """Return the states at a constant yaw rate and lateral error, and zero for all else."""
+    return (
+        cascade_3_at_rest(p.command_to_yaw, 0.0)[0],
+        cascade_2_at_rest(p.yaw, yaw_rate_rad_s)[0],
+        cascade_3_at_rest(p.command_to_error, 0.0)[0],
+        (section_at_rest(p.error, lateral_error_m)[0],),
+        (section_at_rest(p.curvature, 0.0)[0],),
+        (section_at_rest(p.error_lowpass, 0.0)[0],),
+    )
+
+
+def filters_run(
+    p: DelayFilters,
+    x: FilterStates,
+    commands_rad: Sequence[float],
+    yaw_rates_rad_s: Sequence[float],
+    lateral_errors_m: Sequence[float],
+    curvatures_1_m: Sequence[float],
+) -> tuple[FilterStates, Sequence[Sequence[float]]]:
+    """Advance by a period per value; returns the new states, and x_a, z_a, x_b, z_b."""
+    x_yaw, z_yaw, x_error, z_error, z_curvature, z_low = x
+    x_yaw, x_b = sections_run(p.command_to_yaw, x_yaw, commands_rad)
+    z_yaw, z_b = sections_run(p.yaw, z_yaw, yaw_rates_rad_s)
+    x_error, x_a = sections_run(p.command_to_error, x_error, commands_rad)
+    z_error, swings_m = sections_run((p.error,), z_error, lateral_errors_m)
+    z_curvature, drifts_m = sections_run((p.curvature,), z_curvature, curvatures_1_m)
+    moved_m = [swing_m + drift_m for swing_m, drift_m in zip(swings_m, drifts_m, strict=True)]
+    z_low, z_a = sections_run((p.error_lowpass,), z_low, moved_m)
+    return (x_yaw, z_yaw, x_error, z_error, z_curvature, z_low), (x_a, z_a, x_b, z_b)
 
 
 def _steer_to_yaw(vehicle: NominalVehicle, poles: Factor) -> TransferFunction:

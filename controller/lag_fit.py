@@ -6,7 +6,8 @@
 
 so J is least where the normalised cross-correlation ncc is largest. With the sums Σx, Σx², Σxz of
 each lag, and Σz, Σz² common to all, one more pair of values costs three multiplications per lag,
-whatever the window. The parabola through the least J and its neighbours gives the lag between two
+whatever the window. Pairs are added and J is evaluated a batch at a time, about every second. The
+parabola through the least J and its neighbours gives the lag between two
 points of the grid, and the information in the data: I = J''/2.
 
 The error of the lag follows from the residual e where the response is most sensitive to the lag:
@@ -25,23 +26,20 @@ samples). The arithmetic differs: openpilot uses a transform over the whole wind
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Values: TypeAlias = NDArray[np.float64]
-"""One value per lag."""
 BLOCK_S = 0.25
+_BLOCKS_PER_BATCH = 4
 LEAD = 2
 """Steps of the grid before lag 0, so that a peak at 0 has neighbours."""
 _BLOCKS_MIN = 4.0
 _PAIRS_MIN = 50.0
 """With fewer pairs, the fit of three parameters leaves too little data to judge it."""
-_WAITING_MAX = 50
-"""Pairs processed at once: numpy costs little more for all lags than for one."""
-_BACKWARDS = (-8, 8)
-"""Strides [bytes]: the next row begins a value earlier, the next column is the next value."""
+_ROW_OF_LAGS = (8, -8)
+"""Strides [bytes]: the next row begins a value later, the next column is the value before."""
 
 
 class LagGrid(NamedTuple):
@@ -54,6 +52,11 @@ class LagGrid(NamedTuple):
     step_s: float
     lags: int
     window_s: float
+
+    @property
+    def pairs_per_batch(self) -> int:
+        """Pairs added at once, after which the fit is evaluated."""
+        return _BLOCKS_PER_BATCH * max(1, round(BLOCK_S / self.step_s))
 
 
 class Peak(NamedTuple):
@@ -76,65 +79,150 @@ class Peak(NamedTuple):
     age_s: float
 
 
+class _Fit(NamedTuple):
+    """The best fit: its lag in steps, ``best`` + ``part``, g and c.
+
+    ``total``  Σ (z - c)², the J without a response
+    ``least``  J at ``best``, ``bend`` its second difference there
+    """
+
+    best: int
+    part: float
+    gain: float
+    offset: float
+    total: float
+    least: float
+    bend: float
+
+
 class LagFit:
-    """Finds the lag between command and response from pairs of values ``grid.step_s`` apart."""
+    """Finds the lag between command and response from pairs of values ``grid.step_s`` apart.
 
-    def __init__(self, grid: LagGrid) -> None:
+    ``begin``  how many pairs into its first batch it begins, so that two fits end theirs apart
+
+    ``peak``   the best fit of the response at the end of the last batch, None if there is none
+    """
+
+    def __init__(self, grid: LagGrid, begin: int = 0) -> None:
         self._grid = grid
-        self._keep = math.exp(-grid.step_s / grid.window_s)
-        self._block_steps = max(1, round(BLOCK_S / grid.step_s))
-        self._keep_block = self._keep**self._block_steps
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
-        lags = self._grid.lags
-        self._x = [0.0] * (lags + 1)  # newest first
-        self._sums = np.zeros((3, lags))
+        self._pairs = grid.pairs_per_batch
+        self._block = self._pairs // _BLOCKS_PER_BATCH
+        keep = math.exp(-grid.step_s / grid.window_s)
+        self._keep_block, self._keep_batch = keep**self._block, keep**self._pairs
+        self._weights = [keep**age for age in reversed(range(self._pairs))]
+        """Of the pairs of a batch, at its end."""
+        self._commands = [0.0] * (grid.lags - 1 + begin)
+        """Oldest first: as many as there are lags, and behind them those of the batch."""
+        self._responses = [0.0] * (begin + LEAD)
+        self._counts = [False] * (begin + LEAD)
+        self._sums = np.zeros((3, grid.lags))
         """Rows: sums of x, x², xz."""
-        self._sum_z = self._sum_zz = self._weight = 0.0
-        self._late_z: list[float] = []
-        self._waiting: list[tuple[float, bool]] = []
-        self._at: tuple[int, float, float, float] | None = None  # lag, part of a step, gain, offset
-        self._score = self._part = 0.0
-        self._in_block = 0
+        self._terms = np.empty((self._pairs, 3, grid.lags))
+        """Terms of the sums; new memory for them in every batch would take longer than the sums."""
+        self._sum_z = self._sum_zz = 0.0
+        self._weight = 0.0
+        self._fit: _Fit | None = None
         self._scores = self._parts = self._parts_squared = self._ages = 0.0
+        self.peak: Peak | None = None
 
-    def push(self, command: float, response: float, *, counts: bool) -> None:
-        """Add a pair of values; one that does not count only advances the time."""
-        self._x.insert(0, command)
-        self._late_z.append(response)
-        if len(self._late_z) > LEAD:
-            self._waiting.append((self._late_z.pop(0), counts))
-        else:
-            self._waiting.append((0.0, False))
-        if len(self._waiting) >= _WAITING_MAX:
-            self._take_pairs()
+    def push(
+        self, commands: Sequence[float], responses: Sequence[float], counts: Sequence[bool]
+    ) -> bool:
+        """Add pairs of values; one that does not count only advances the time.
 
-    def peak(self) -> Peak | None:
-        """Return the best fit of the response, None if it is not inside the grid."""
-        self._take_pairs()
-        if self._weight < _PAIRS_MIN:
+        Returns whether a batch has ended.
+        """
+        self._commands += commands
+        self._responses += responses
+        self._counts += counts
+        if len(self._commands) < self._grid.lags - 1 + self._pairs:
+            return False
+        self._add_batch()
+        found = self._best()
+        if found is not None:
+            self._fit = found
+        if self._fit is not None:
+            self._take_scores(self._fit)
+        self.peak = None if found is None else self._peak_of(found)
+        del self._commands[: self._pairs]
+        del self._responses[: self._pairs], self._counts[: self._pairs]
+        return True
+
+    def _take_scores(self, fit: _Fit) -> None:
+        """Add the scores of a batch's blocks."""
+        best, part, gain, offset, _, _, _ = fit
+        low = best if part >= 0.0 else best - 1
+        weight = part if part >= 0.0 else part + 1.0
+        newer = self._commands[self._grid.lags - 1 - low :]
+        older = self._commands[self._grid.lags - 2 - low :]
+        keep, slope_gain = self._keep_block, gain / self._grid.step_s
+        for begin in range(0, self._pairs, self._block):
+            score = sensitivity = 0.0
+            for index in range(begin, begin + self._block):
+                if self._counts[index]:
+                    change = older[index] - newer[index]
+                    slope = slope_gain * change
+                    fitted = offset + gain * (newer[index] + weight * change)
+                    score += (self._responses[index] - fitted) * slope
+                    sensitivity += slope * slope
+            self._scores = keep * keep * self._scores + score * score
+            self._ages = keep * (self._ages + self._parts * self._grid.step_s * self._block)
+            self._parts = keep * self._parts + sensitivity
+            self._parts_squared = keep * keep * self._parts_squared + sensitivity * sensitivity
+
+    def _add_batch(self) -> None:
+        """Add the pairs of a batch to the sums, all lags of them at once."""
+        pairs, lags = self._pairs, self._grid.lags
+        responses, counts = self._responses[:pairs], self._counts[:pairs]
+        weights = [age * count for age, count in zip(self._weights, counts, strict=True)]
+        commands = np.array(self._commands)
+        # One row of lags for each pair, the oldest first.
+        x = np.ndarray((pairs, lags), float, commands, (lags - 1) * 8, _ROW_OF_LAGS)
+        terms = self._terms
+        weighted = np.multiply(x, np.array(weights)[:, np.newaxis], out=terms[:, 0])
+        np.multiply(weighted, x, out=terms[:, 1])
+        np.multiply(weighted, np.array(responses)[:, np.newaxis], out=terms[:, 2])
+        self._sums *= self._keep_batch
+        # Sums over rows are formed row by row on every processor.
+        self._sums += terms.sum(axis=0)
+        sum_z = sum_zz = 0.0
+        for weight, response in zip(weights, responses, strict=True):
+            sum_z += weight * response
+            sum_zz += weight * response * response
+        self._sum_z = self._keep_batch * self._sum_z + sum_z
+        self._sum_zz = self._keep_batch * self._sum_zz + sum_zz
+        self._weight = self._keep_batch * self._weight + math.fsum(weights)
+
+    def _best(self) -> _Fit | None:
+        """Return the fit with the least J, None if it is not inside the grid."""
+        weight, sum_z = self._weight, self._sum_z
+        if weight < _PAIRS_MIN:
             return None
-        costs, products = self._costs()
-        best = int(costs.argmin())
-        product = float(products[best])
-        sum_x, sum_xx, _ = self._sums[:, best].tolist()
-        if not 0 < best < len(costs) - 1 or product <= 0.0:
+        sums = self._sums.T.tolist()
+        total = self._sum_zz - sum_z * sum_z / weight
+        costs = []
+        for sum_x, sum_xx, sum_xz in sums:
+            product = sum_xz - sum_x * sum_z / weight
+            variance = sum_xx - sum_x * sum_x / weight
+            explains = product > 0.0 and variance > 1e-12 * sum_xx
+            costs.append(total - product * product / variance if explains else total)
+        best = costs.index(min(costs))
+        if not 0 < best < len(costs) - 1:
             return None
-        before, least, after = costs[best - 1 : best + 2].tolist()
+        before, least, after = costs[best - 1 : best + 2]
         bend = before - 2.0 * least + after
         if bend <= 0.0:
             return None
         part = max(-0.5, min(0.5, 0.5 * (before - after) / bend))
-        variance_x = sum_xx - sum_x**2 / self._weight
-        gain = product / variance_x
-        offset = (self._sum_z - gain * sum_x) / self._weight
-        self._at = (best, part, gain, offset)
-        least_cost = max(least - 0.5 * bend * part * part, 0.0)
+        sum_x, sum_xx, sum_xz = sums[best]
+        gain = (sum_xz - sum_x * sum_z / weight) / (sum_xx - sum_x * sum_x / weight)
+        return _Fit(best, part, gain, (sum_z - gain * sum_x) / weight, total, least, bend)
+
+    def _peak_of(self, fit: _Fit) -> Peak:
+        """Return what a fit says of the lag."""
+        best, part, gain, _, total, least, bend = fit
         information = 0.5 * bend / self._grid.step_s**2
-        total = self._sum_zz - self._sum_z**2 / self._weight
-        slack_s = math.sqrt(least_cost / information)
+        slack_s = math.sqrt(max(least - 0.5 * bend * part * part, 0.0) / information)
         return Peak(
             (best - LEAD + part) * self._grid.step_s,
             min(2.0 * slack_s, self._deviation_s(information)) if self._parts > 0.0 else math.inf,
@@ -143,62 +231,6 @@ class LagFit:
             slack_s,
             self._ages / self._parts if self._parts > 0.0 else 0.0,
         )
-
-    def _take_pairs(self) -> None:
-        """Process the waiting pairs, all lags and sums of a pair at once."""
-        pairs, lags, keep = len(self._waiting), self._grid.lags, self._keep
-        x, responses = np.array(self._x), np.array([z for z, _ in self._waiting])
-        # One row of lags for each pair, the oldest first: each begins one place before the last.
-        lagged = np.ndarray((pairs, lags), x.dtype, x, max(pairs - 1, 0) * x.itemsize, _BACKWARDS)
-        terms = np.empty((pairs, 3, lags))
-        terms[:, 0] = lagged
-        np.multiply(lagged, lagged, out=terms[:, 1])
-        np.multiply(lagged, responses[:, np.newaxis], out=terms[:, 2])
-        # An array of no dimension: numpy takes twice the time with a Python number.
-        keep_sums, sums = np.array(keep), self._sums
-        for begin, (z, counts) in zip(range(pairs - 1, -1, -1), self._waiting, strict=True):
-            if not counts:
-                continue
-            sums *= keep_sums
-            sums += terms[-1 - begin]
-            self._sum_z = keep * self._sum_z + z
-            self._sum_zz = keep * self._sum_zz + z * z
-            self._weight = keep * self._weight + 1.0
-            if self._at is not None:
-                self._take_score(self._at, begin, z)
-        self._waiting.clear()
-        del self._x[lags + 1 :]
-
-    def _costs(self) -> tuple[Values, Values]:
-        """Return J and Σ(x - mean)(z - mean) of each lag."""
-        weight, sum_z = max(self._weight, 1e-300), self._sum_z
-        sum_x, sum_xx, sum_xz = self._sums
-        total = self._sum_zz - sum_z * sum_z / weight
-        products = sum_xz - sum_x * sum_z / weight
-        variance = sum_xx - sum_x * sum_x / weight
-        fits = (products > 0.0) & (variance > 1e-12 * sum_xx)
-        variance[~fits] = math.inf  # explains nothing
-        return total - products * products / variance, products
-
-    def _take_score(self, at: tuple[int, float, float, float], begin: int, z: float) -> None:
-        """Add the residual to its block; ``begin`` is the index of the pair's own command."""
-        best, part, gain, offset = at
-        low = best if part >= 0.0 else best - 1
-        weight = part if part >= 0.0 else part + 1.0
-        newer, older = self._x[begin + low : begin + low + 2]
-        slope = gain * (older - newer) / self._grid.step_s
-        residual = z - offset - gain * (newer + weight * (older - newer))
-        self._score += residual * slope
-        self._part += slope * slope
-        self._in_block += 1
-        if self._in_block == self._block_steps:
-            keep = self._keep_block
-            self._scores = keep * keep * self._scores + self._score**2
-            self._ages = keep * (self._ages + self._parts * self._grid.step_s * self._block_steps)
-            self._parts = keep * self._parts + self._part
-            self._parts_squared = keep * keep * self._parts_squared + self._part**2
-            self._score = self._part = 0.0
-            self._in_block = 0
 
     def _deviation_s(self, information: float) -> float:
         """Return the standard deviation of the lag [s], infinite with too few blocks."""

@@ -50,9 +50,9 @@ def fitted(
     for step in range(steps):
         time_s = step * GRID.step_s
         response = 0.7 * command(time_s - delay_s) + 0.2 + source.gauss(0.0, noise)
-        fit.push(command(time_s), response, counts=True)
+        fit.push([command(time_s)], [response], [True])
         if step % 5 == 4:
-            peak = fit.peak()
+            peak = fit.peak
     return peak
 
 
@@ -77,8 +77,8 @@ def test_the_deviation_is_that_of_many_fits() -> None:
         for step in range(700):
             time_s = step * GRID.step_s
             response = steer_rad(time_s - 0.2) + source.gauss(0.0, 0.01)
-            fit.push(steer_rad(time_s), response, counts=True)
-            peak = fit.peak() if step % 50 == 49 else None
+            fit.push([steer_rad(time_s)], [response], [True])
+            peak = fit.peak if step % 50 == 49 else None
         assert peak is not None
         lags_s.append(peak.lag_s)
         deviations_s.append(peak.deviation_s)
@@ -92,8 +92,8 @@ def test_nothing_is_found_in_a_constant_or_outside_the_grid() -> None:
     for noise in (0.0, 0.001):
         fit, source = LagFit(GRID), random.Random(1)
         for step in range(1000):
-            fit.push(0.1, 0.07 + source.gauss(0.0, noise), counts=step > 60)
-        assert fit.peak() is None
+            fit.push([0.1], [0.07 + source.gauss(0.0, noise)], [step > 60])
+        assert fit.peak is None
     late = fitted(steer_rad, 1.3, 0.0)
     assert late is None or late.correlation < 0.99
     assert fitted(steer_rad, 0.1, 0.0, steps=20) is None
@@ -106,8 +106,8 @@ def test_pairs_that_do_not_count_keep_the_time() -> None:
         counts = step % 100 < 50
         response = steer_rad(time_s - 0.15) if counts else 99.0
         late = (step - 2) % 100 < 50  # the response waits two steps
-        fit.push(steer_rad(time_s), response, counts=counts and late and step > 60)
-    peak = fit.peak()
+        fit.push([steer_rad(time_s)], [response], [counts and late and step > 60])
+    peak = fit.peak
     assert peak is not None
     assert peak.lag_s == pytest.approx(0.15, abs=1e-3)
 
@@ -117,8 +117,8 @@ def test_information_ages_where_nothing_moves() -> None:
     ages_s = []
     for step in range(2500):
         time_s = min(step * GRID.step_s, 20.0)
-        fit.push(steer_rad(time_s), steer_rad(time_s - 0.1), counts=True)
-        peak = fit.peak() if step % 250 == 249 else None
+        fit.push([steer_rad(time_s)], [steer_rad(time_s - 0.1)], [True])
+        peak = fit.peak if step % 250 == 249 else None
         if peak is not None:
             ages_s.append(peak.age_s)
     assert ages_s[-1] > ages_s[3] + 20.0
