@@ -113,9 +113,7 @@ class BusModel:
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
         self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
-        self._queue_limit = queue_limit
-        self._on_start = on_start
-        self._is_fifo = is_fifo
+        self._queue_limit, self._on_start, self._is_fifo = queue_limit, on_start, is_fifo
         self._errors, self._traffic = errors, traffic
         if traffic is not None:
             traffic.join(ticks)
@@ -132,8 +130,7 @@ class BusModel:
         self._behind: dict[int, deque[Waiting]] = {}
         self._on_wire: Waiting | None = None
         self._sequence = self._end_ticks = self._next_start_ticks = 0
-        self._settled_ticks = -1
-        self._completed: list[Delivery] = []
+        self._settled_ticks, self._completed = -1, list[Delivery]()
         self._frames = self._busy_ticks = self._refused = self.lost_in_bus_off = 0
         self._look_ahead()
 
@@ -145,6 +142,11 @@ class BusModel:
             frames, busy_ticks = frames + traffic.frames, busy_ticks + traffic.busy_ticks
             refused += traffic.refused
         return BusLoad(frames, self._ticks.whole_ns(busy_ticks), refused)
+
+    @property
+    def load_until_ns(self) -> int:
+        """Time that the totals cover, up to the last instant asked for or intermission."""
+        return self._ticks.whole_ns(max(self._settled_ticks, self._next_start_ticks))
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
@@ -185,11 +187,10 @@ class BusModel:
 
     def withdraw(self, sender: int) -> list[Frame]:
         """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
-        kept = [waiting for waiting in self._queue if waiting.sender != sender]
         withdrawn = [waiting.frame for waiting in self._queue if waiting.sender == sender]
         withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
-        heapify(kept)
-        self._queue = kept
+        self._queue = [waiting for waiting in self._queue if waiting.sender != sender]
+        heapify(self._queue)
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
             del self._waiting_of[buffer]
             if self._traffic is not None and sender < 0:
@@ -349,8 +350,7 @@ class BusModel:
         """When a frame that starts now leaves the bus, be it whole or destroyed."""
         start_ticks = self._next_start_ticks
         self.participation.come_back(start_ticks)
-        span = start_ticks, end_ticks
-        found = errors.transmission(sent.frame, sent.sender, *span, self._ticks)
+        found = errors.transmission(sent.frame, sent.sender, start_ticks, end_ticks, self._ticks)
         self._disturbed = found
         return end_ticks if found is None else start_ticks + self._ticks.of(found.bits)
 

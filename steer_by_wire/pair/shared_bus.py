@@ -207,6 +207,11 @@ class SharedBus:
         """When the next frame may be complete [ns]."""
         return self.model.next_event_ns
 
+    @property
+    def busy_share(self) -> float:
+        """Share of the time so far that the bus was busy, 0 to 1."""
+        return self.model.load.busy_ns / max(self.model.load_until_ns, 1)
+
     def advance(self, now_ns: int) -> Sequence[Delivery]:
         """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
         return self.model.advance(now_ns)

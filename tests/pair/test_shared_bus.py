@@ -201,3 +201,13 @@ def test_a_long_message_that_cannot_be_sent_is_refused(
 def test_a_database_may_list_what_carries_its_long_messages(tmp_path: Path) -> None:
     file = database(tmp_path, "BO_ 2632777495 TPCM: 8 ECU\nBO_ 2632711959 TPDT: 8 ECU\n" + J1939)
     assert [one.name for one in read_message_set(file)] == ["DM1", "CI", "EEC1", "OTHER"]
+
+
+@pytest.mark.parametrize("bit_error_rate", [0.0, 1e-3])
+def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> None:
+    settings = BusSettings(bitrate_bit_s=10_000, load=1.5, bit_error_rate=bit_error_rate)
+    bus = virtual_bus(settings, 1)
+    for now_ns in range(0, NS_PER_S, 7_654_321):
+        bus.advance(now_ns)
+        assert bus.busy_share <= 1.0
+    assert bus.busy_share > 0.95

@@ -15,6 +15,7 @@ from steer_by_wire.runtime.bus_model import BusOverflowError
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.simulation import simulate
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.scenario import Scenarios, pair_of_row
@@ -155,3 +156,13 @@ def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: 
     row = np.full(len(COLUMNS), np.nan)
     Computer(scenarios).run(pair, row)
     assert row[COLUMNS.index("samples")] == 1501  # one at both ends
+
+
+@pytest.mark.parametrize("controller", ["practical_pd", "practical_pd_ddob"])
+def test_a_busy_bus_changes_the_error_little_against_the_compiled_run(controller: str) -> None:
+    network = {"plant.latency.downlink.mean_s": 0.08}
+    bus = {"load": 0.9, "bit_error_rate": 1e-3}
+    over_it = simulate(controller=controller, duration_s=20.0, overrides=network, bus=bus)
+    without = simulate(controller=controller, duration_s=20.0, overrides=network, engine="compiled")
+    assert over_it.lateral_error_rms_m != without.lateral_error_rms_m
+    assert over_it.lateral_error_rms_m == pytest.approx(without.lateral_error_rms_m, rel=5e-3)

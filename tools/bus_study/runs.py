@@ -8,7 +8,6 @@ from ...pair.shared_bus import virtual_bus, with_clocks
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_settings import BusSettings, ClockSettings
-from ...runtime.node import NS_PER_S
 from ...runtime.settings import load_settings, read_preset
 
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
@@ -119,7 +118,7 @@ def _run(
         float(report["lateral_error_rms_m"]),
         float(controlled["round_trip"]["p99_s"] or 0.0),
         float(report["safety"]["longest_silence_s"] or 0.0),
-        load.busy_ns / (report["motion_s"] * NS_PER_S) if report["motion_s"] else 0.0,
+        bus.busy_share,
         detected,
         detected - bus_offs,
         errors.received_twice if errors else 0,

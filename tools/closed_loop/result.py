@@ -51,7 +51,7 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
         *plant_summary(plant),
     ]
     if run.shared is not None:
-        lines += _bus_lines(run.shared, plant["motion_s"])
+        lines += _bus_lines(run.shared)
     lines += [
         (
             program.replace("_", " "),
@@ -78,12 +78,12 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
 
 
-def _bus_lines(bus: SharedBus, duration_s: float) -> list[tuple[str, str]]:
+def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
     load = bus.model.load
     lines = [
         (
             "bus",
-            f"load {100 * load.busy_ns / (1e9 * duration_s):.1f} %, {load.frames} frames, "
+            f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, "
             f"{load.refused} lost in full transmit buffers",
         )
     ]
