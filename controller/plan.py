@@ -42,13 +42,16 @@ def limit_plan(
     """Limit angle and rate of a plan, in place.
 
     ``last_sent_rad``  the command of the period before, at the time at which it acts
-    ``acting``         index of the value for the time at which the present one acts
+    ``acting``         index of the value for the time at which the present one acts, a step from
+                       that at most; else the wheel would jump from one plan to the next
     """
     steer_rad_max, step_rad_max = p
     spacing_rad = step_rad_max * row[1] * periods_per_sample
     before_rad = last_sent_rad
     allowed = SteerLimits(steer_rad_max, step_rad_max + acting * spacing_rad)
     for index in range(2, ROW_LENGTH):
+        if index == 2 + acting:
+            before_rad, allowed = last_sent_rad, SteerLimits(steer_rad_max, step_rad_max)
         before_rad = limit_step(allowed, before_rad, row[index])
         row[index] = before_rad
         allowed = SteerLimits(steer_rad_max, spacing_rad)
