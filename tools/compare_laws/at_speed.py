@@ -75,59 +75,50 @@ def _mean(delay_s: float) -> list[str]:
     return [f"latency.downlink.mean_s={delay_s}"]
 
 
-def _spread(delay_s: float, model: str, share: float, *more: str) -> list[list[str]]:
+def _spread(delay_s: float, model: str, share: float) -> list[str]:
     spread = f"latency.downlink.spread_s={share * delay_s}"
-    return [[*_mean(delay_s), f"latency.downlink.model={model}", spread, *more]]
+    return [*_mean(delay_s), f"latency.downlink.model={model}", spread]
 
 
+def _ar1(delay_s: float) -> list[str]:
+    correlated = "latency.downlink.correlation_time_s=0.5"
+    return [*_spread(delay_s, "gamma", 0.4), correlated]
+
+
+def _bursts(delay_s: float) -> list[str]:
+    return [*_mean(delay_s), "latency.downlink.loss=0.25", "latency.downlink.burst_frames=15"]
+
+
+def _masses(
+    of: Callable[[float], Sequence[str]], *masses_kg: int
+) -> Callable[[float], list[list[str]]]:
+    return lambda delay_s: [
+        [*of(delay_s), f"vehicle.virtual_mass_kg={mass_kg}"] for mass_kg in masses_kg
+    ]
+
+
+_AR1 = "gamma ± 40 %, correlated over 0.5 s, newest wins"
+_BURSTS = "25 % lost in bursts of 15"
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
         "constant": Network("constant", lambda delay_s: [_mean(delay_s)]),
-        "ar1": Network(
-            "gamma ± 40 %, correlated over 0.5 s, newest wins",
-            lambda delay_s: _spread(
-                delay_s, "gamma", 0.4, "latency.downlink.correlation_time_s=0.5"
-            ),
-            is_random=True,
-        ),
+        "ar1": Network(_AR1, lambda delay_s: [_ar1(delay_s)], is_random=True),
         "in_order": Network(
             "normal ± 30 %, in order",
-            lambda delay_s: _spread(delay_s, "normal", 0.3, "latency.downlink.order=in_order"),
+            lambda delay_s: [[*_spread(delay_s, "normal", 0.3), "latency.downlink.order=in_order"]],
             is_random=True,
         ),
-        "bursts": Network(
-            "25 % lost in bursts of 15",
-            lambda delay_s: [
-                [
-                    *_mean(delay_s),
-                    "latency.downlink.loss=0.25",
-                    "latency.downlink.burst_frames=15",
-                ]
-            ],
-            is_random=True,
-        ),
+        "bursts": Network(_BURSTS, lambda delay_s: [_bursts(delay_s)], is_random=True),
         "lag": Network(
             "constant, 20 ms of unknown steering lag",
             lambda delay_s: [[*_mean(delay_s), "actuator.lag_s=0.02"]],
         ),
-        "mass": Network(
-            "constant, 1600 and 5000 kg",
-            lambda delay_s: [
-                [*_mean(delay_s), f"vehicle.virtual_mass_kg={mass_kg}"] for mass_kg in (1600, 5000)
-            ],
-        ),
-        "bursts_5000": Network(
-            "25 % lost in bursts of 15, 5000 kg",
-            lambda delay_s: [
-                [
-                    *_mean(delay_s),
-                    "latency.downlink.loss=0.25",
-                    "latency.downlink.burst_frames=15",
-                    "vehicle.virtual_mass_kg=5000",
-                ]
-            ],
-            is_random=True,
-        ),
+        "mass": Network("constant, 1600 and 5000 kg", _masses(_mean, 1600, 5000)),
+        **{
+            f"{key}_{mass_kg}": Network(f"{title}, {mass_kg} kg", _masses(of, mass_kg), True)
+            for key, title, of in (("ar1", _AR1, _ar1), ("bursts", _BURSTS, _bursts))
+            for mass_kg in (1600, 5000)
+        },
     }
 )
 
