@@ -120,6 +120,7 @@ def _own(law: Law, settings: "LawSettings") -> LawDesign:
         initial_state=partial(guard.at_rest, design.params),
         step=guard.step,
         recovered_state=None if law.after_hold is None else after_hold,
+        plan=None if law.plan is None else guard.plan,
         mistake=lambda: guard.mistake,
     )
 

@@ -66,6 +66,14 @@ class Guard:
             self._note(error)
             return state, _NO_NUMBER
 
+    def plan(self, params: Any, state: Any, seen: LawInput) -> int:
+        """Write the law's plan; without one, -1, if it raises."""
+        try:
+            return -1 if self._law.plan is None else self._law.plan(params, state, seen)
+        except Exception as error:
+            self._note(error)
+            return -1
+
     def at_rest(self, params: Any, lateral_error_m: float) -> Any:
         """Return the law's state at rest; None, on which every step fails, if it raises."""
         return self._state(self._law.at_rest, params, lateral_error_m)

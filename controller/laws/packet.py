@@ -26,8 +26,9 @@ from pydantic import Field
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
 from ..estimator import command_from, estimate_to, step_on_path
-from ..law_interface import LawInput, LawOutput
+from ..law_interface import LawInput, LawOutput, Link
 from ..law_record import Law, LookingBack, Schedule
+from ..link import LinkParams
 from ..measured_vehicle import measured_gains
 from ..plan import SPACING_MAX, VALUES
 from ..prediction import horizon_samples, steer_for
@@ -69,6 +70,19 @@ def packet_step(
     return predictor_step(p.predictor, x, seen)
 
 
+def plan_times(
+    p: LinkParams, reserve_samples: int, link: Link, newest: int
+) -> tuple[int, int, int]:
+    """Return first sample and spacing of a plan, and the index of the value that acts first.
+
+    ``newest``  sample of the newest measurement, which the plan reaches back to
+    """
+    lead = max(-int(-horizon_samples(p, link, newest) // 1.0), 0)
+    spacing = min(max(-(-(lead + reserve_samples) // (VALUES - 2)), 1), SPACING_MAX)
+    acting = -(-lead // spacing)
+    return newest + lead - acting * spacing, spacing, acting
+
+
 def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
     """Write the plan of this period into the history; returns the index of the value acting first.
 
@@ -80,14 +94,10 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
     if not x.is_predicting or x.fade_rad != 0.0:
         return -1
     z = estimate_to(inside.link, gains, x.estimate, link, history, link.error_sample)
-    ahead = horizon_samples(inside.link, link, z.sample)
-    lead = max(-int(-ahead // 1.0), 0)
-    acts = z.sample + lead
-    spacing = min(max(-(-(lead + p.reserve_samples) // (VALUES - 2)), 1), SPACING_MAX)
-    acting = -(-lead // spacing)
+    first, spacing, acting = plan_times(inside.link, p.reserve_samples, link, z.sample)
     if acting >= VALUES - 1:
         return -1
-    newest, first = z.sample, acts - acting * spacing
+    newest, acts = z.sample, first + acting * spacing
     row = history.plans[link.tick & history.plan_mask]
     row[0], row[1] = float(first), float(spacing)
     last = first + (VALUES - 1) * spacing

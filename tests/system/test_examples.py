@@ -90,6 +90,21 @@ def check_own_law(runs: Any) -> None:
     assert 9.0 < own_mm < 13.0
 
 
+def check_networked_prediction(runs: Any) -> None:
+    ours_m, published_m = (run.lateral_error_peak_m for run in runs.values())
+    assert 0.02 < ours_m < 0.06
+    assert 0.15 < published_m < 0.3
+
+
+def check_packetised_mpc(runs: Any) -> None:
+    lq, mpc = runs.values()
+    assert lq.lateral_error_peak_m > 1.0
+    assert 0.2 < mpc.lateral_error_peak_m < 0.4
+    for run in (lq, mpc):  # the limit is reached, and holds for the wheel across plans
+        rate_rad_s = np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01
+        assert rate_rad_s == pytest.approx(0.2, rel=1e-3)
+
+
 CHECKS: dict[str, Callable[[Any], None]] = {
     "first_loop": check_first_loop,
     "own_network_from_a_log": check_own_network,
@@ -99,6 +114,8 @@ CHECKS: dict[str, Callable[[Any], None]] = {
     "own_vehicle": check_own_vehicle,
     "own_disturbance": check_own_disturbance,
     "own_law": check_own_law,
+    "networked_prediction": check_networked_prediction,
+    "packetised_mpc": check_packetised_mpc,
 }
 
 

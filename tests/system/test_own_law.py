@@ -111,6 +111,22 @@ def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
     assert node.report()["law_failures"] == 0
 
 
+def test_a_plan_that_raises_leaves_single_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    example = import_module("networked_prediction")
+
+    def raises(*_: object) -> int:
+        raise ValueError
+
+    monkeypatch.setattr(example, "RAISES", example.LAW._replace(plan=raises), raising=False)
+    planned, alone = (
+        run_nodes(controller_preset("highway_packet", [f"law=networked_prediction:{name}"]))[0]
+        for name in ("LAW", "RAISES")
+    )
+    assert planned.report()["plans_sent"] > 100
+    assert alone.report()["plans_sent"] == alone.report()["law_failures"] == 0
+    assert alone.report()["commands_sent"] == planned.report()["commands_sent"]
+
+
 def test_its_settings_are_read_written_and_hashed(tmp_path: Path) -> None:
     settings = controller(OWN, "own_law.tracking_time_s=2")
     file = tmp_path / "own.toml"
