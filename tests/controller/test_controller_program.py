@@ -15,6 +15,7 @@ from steer_by_wire.controller.settings import PRESETS, ControllerSettings, limit
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+from tests.support.one_mean import one_mean as one_mean
 
 Capture = pytest.CaptureFixture[str]
 MINIMAL = """
@@ -92,6 +93,7 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
 # --check
 
 
+@pytest.mark.usefixtures("one_mean")
 @pytest.mark.parametrize("name", preset_names(PRESETS))
 def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -162,6 +164,7 @@ def test_check_says_that_the_published_cdob_drifts(capsys: Capture) -> None:
     assert "#   stable at     no delay" in out
 
 
+@pytest.mark.usefixtures("one_mean")
 def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
     gap = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
     gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")

@@ -165,27 +165,28 @@ def simulated(
 ) -> FloatArray:
     """Return lateral errors, shape (ticks, runs), the latency drawn anew for each command.
 
-    Independent of the analysis but for the matrices of law and plant: at every tick it looks for
-    the newest command that has come.
+    Independent of the analysis but for the matrices of law and plant: at every tick the newest
+    command that has come is held.
     """
     loop = loop_of(chosen)
     system, plant = law_system(design_law(chosen)), held_plant(loop.model, loop.period_ns, 0)
     shape = (mean_ms / spread_ms) ** 2
     random = np.random.default_rng(3)
     late = gamma.rvs(shape, scale=mean_ms / 1e3 / shape, size=(ticks, runs), random_state=random)
-    due = np.arange(ticks)[:, None] + np.ceil(late / PERIOD_S - 0.5)
+    command, run = np.indices(late.shape)
+    due = command + np.ceil(late / PERIOD_S - 0.5).astype(int)
+    come = np.full((max(ticks, due.max() + 1), runs), -1)
+    np.maximum.at(come, (due, run), command)
+    newest = np.maximum.accumulate(come)
     sent = np.zeros((ticks, runs))
     law_state = np.zeros((runs, len(system.b)))
     state = np.tile(np.linalg.pinv(plant.c[None, :])[:, 0], (runs, 1))
     errors = np.zeros((ticks, runs))
-    newest = np.full(runs, -1)
     for tick in range(ticks):
         errors[tick] = state @ plant.c
         sent[tick] = law_state @ system.c + system.d * errors[tick]
         law_state = law_state @ system.a.T + np.outer(errors[tick], system.b)
-        for command in range(max(0, tick - 60), tick + 1):
-            newest = np.where(due[command] <= tick, np.maximum(newest, command), newest)
-        held = np.where(newest >= 0, sent[newest, np.arange(runs)], 0.0)
+        held = np.where(newest[tick] >= 0, sent[newest[tick], run[0]], 0.0)
         state = state @ plant.a.T + np.outer(held, plant.b_new)
     return errors
 

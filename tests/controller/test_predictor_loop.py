@@ -10,7 +10,11 @@ from steer_by_wire.compiled.engine import BatchRun
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.looking_back import Rig
-from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
+from steer_by_wire.controller.analysis.predictor_loop import (
+    Answers,
+    PredictorLoop,
+    stable_constant_delays,
+)
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.design import design_law, link_of
@@ -33,8 +37,15 @@ def controller(*overrides: str) -> ControllerSettings:
 def loop_of(
     overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float = 0.0, uplink_ns: int = 0
 ) -> PredictorLoop:
-    settings = controller(*overrides)
-    return PredictorLoop(design_law(settings), link_of(settings), Rig(vehicle, lag_s, uplink_ns))
+    settings, rig = controller(*overrides), Rig(vehicle, lag_s, uplink_ns)
+    answers = answers_of(overrides)
+    return PredictorLoop(design_law(settings), link_of(settings), rig, answers=answers)
+
+
+@cache
+def answers_of(_overrides: tuple[str, ...]) -> Answers:
+    """What a law answers is the same around every vehicle."""
+    return {}
 
 
 def run(

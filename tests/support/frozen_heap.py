@@ -1,11 +1,11 @@
-"""Keeps all that has been imported and collected out of garbage collections.
+"""Keeps all that is imported and collected out of garbage collections.
 
 There are a million objects, and a program that a test runs in this process collects first. At its
 end it unfreezes all that was frozen, also what was before it.
 """
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
 
@@ -16,6 +16,14 @@ class FrozenHeap:
     def __init__(self) -> None:
         self._unfreeze = gc.unfreeze
         self._is_frozen = False
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collection(self) -> Generator[None, object, object]:
+        gc.disable()  # what is imported and collected stays
+        try:
+            return (yield)
+        finally:
+            gc.enable()
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self) -> None:

@@ -14,6 +14,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
 from steer_by_wire.tools.closed_loop.__main__ import main as run_main
+from tests.support.one_mean import one_mean as one_mean
 from tests.support.running_program import ORDINARY, UNSUPERVISED
 from tests.support.unrendered import unrendered as unrendered
 
@@ -83,6 +84,7 @@ def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys:
     assert verdict.startswith("safe state: controller: ")
 
 
+@pytest.mark.usefixtures("one_mean")
 @pytest.mark.parametrize(
     ("setting", "verdict", "status"),
     [

@@ -16,6 +16,7 @@ from steer_by_wire.command import main
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from tests.support.running_program import ORDINARY
 from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
+from tests.support.unrendered import unrendered as unrendered
 
 NOT_RUN = {
     "goes on in real time": 14,
@@ -57,7 +58,7 @@ def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
             del sys.modules[name]
 
 
-@pytest.mark.usefixtures("_folder")
+@pytest.mark.usefixtures("_folder", "unrendered")
 @pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_shows_runs(
     page: str, broker: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -24,6 +24,8 @@ from steer_by_wire.tools.reproduce_paper.registry import (
 )
 from steer_by_wire.tools.reproduce_paper.result import Comparison, Picture, Reproduction, Verdict
 from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
+from tests.support.same_process import same_process as same_process
+from tests.support.unrendered import unrendered as unrendered
 
 PNG = b"\x89PNG\r\n\x1a\n"
 COMPARISONS = (
@@ -142,6 +144,7 @@ def test_only_what_can_agree_is_counted() -> None:
     assert agreement(COMPARISONS[2:]) == "-"
 
 
+@pytest.mark.usefixtures("same_process", "unrendered")
 def test_a_figure_that_fails_does_not_keep_the_others_from_being_written(tmp_path: Path) -> None:
     broken = Entry("figure_99", "figure", "99", "no_module", "figure_99")
     with pytest.raises(KeyError, match="figure_99"):
