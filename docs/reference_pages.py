@@ -95,5 +95,4 @@ def _tables_in(annotation: object) -> Iterator[type[Settings]]:
 
 
 def _shown(default: object) -> str:
-    """Return a default as a settings file has it; nothing for none."""
     return "" if default is None else f"`{json.dumps(default, default=str)}`"

@@ -97,7 +97,6 @@ def _corners(corners: Sequence[Figures]) -> Iterator[str]:
 
 
 def _looking_back(figures: Figures) -> Iterator[str]:
-    """Return the analysis of a law that is linear at a constant latency only."""
     yield from figures["opening"]
     yield ""
     if figures["not_analysed"]:
@@ -189,7 +188,6 @@ def _margin(delays: Figures) -> str:
 
 
 def _jitter(means: Sequence[Figures]) -> Iterator[str]:
-    """Return which standard deviations of the latency are tolerated at some mean latencies."""
     for at in means:
         heading = f"  mean {_PER_MS * at['mean_s']:>3.0f} ms   "
         if at["not_analysed"]:

@@ -125,7 +125,6 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 def _looking_back(
     settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
 ) -> Figures:
-    """Return the analysis of a law that is linear at a constant latency only."""
     link, rig = link_of(settings), Rig(vehicle_of(settings).vehicle)
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
     if law.fallback is not None and settings.model is not None:
@@ -191,7 +190,6 @@ def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> 
 
 
 def _jitter(loop: SampledLoop, mean_ms: int, progress: Progress) -> Figures:
-    """Return which standard deviations of a gamma latency are tolerated at a mean."""
     # Imports scipy for the gamma distribution, which a running node has no use for.
     from .jitter import JitterTooLargeError, stable_spreads
 

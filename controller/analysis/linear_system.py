@@ -145,8 +145,7 @@ def companion_form(
 
     Raises ValueError for one that is not strictly proper: it would answer before the hold.
     """
-    numerator = _product(model.numerator, max(0, model.power_of_s))
-    denominator = _product(model.denominator, max(0, -model.power_of_s))
+    numerator, denominator = polynomials(model)
     order = len(denominator) - 1
     if len(numerator) > order:
         raise ValueError("the plant has to be strictly proper")
@@ -157,6 +156,14 @@ def companion_form(
     c = np.zeros(order)
     c[: len(numerator)] = numerator[::-1] / denominator[0]
     return a, b, c
+
+
+def polynomials(model: TransferFunction) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients of numerator and denominator, of the highest power of s first."""
+    return (
+        _product(model.numerator, max(0, model.power_of_s)),
+        _product(model.denominator, max(0, -model.power_of_s)),
+    )
 
 
 def _product(factors: tuple[Any, ...], power_of_s: int) -> FloatArray:
@@ -176,7 +183,6 @@ def floats_of(nested: Any) -> Iterator[float]:
 
 
 def _filled(form: Any, values: Iterator[float]) -> Any:
-    """Return a nested tuple of the same types as ``form``, filled with ``values``."""
     if not isinstance(form, tuple):
         return next(values)
     members = [_filled(member, values) for member in form]

@@ -13,6 +13,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ..design import LawDesign
 from ..law_interface import History, LawInput, Link, VehicleReading
+from .linear_system import floats_of
 from .looking_back import Timing, rows_read_at
 
 _RING = 4096
@@ -30,7 +31,7 @@ def unit_answers(
     wire = _Wire(timing, speed_m_s)
     rest = _settled_at_rest(design, params, wire, timing, tick)
     ticks, samples = rows_read_at(timing, tick)
-    at_rest = list(_leaves(rest))
+    at_rest = _leaves(rest)
     answers = [design.step(params, rest, wire.seen(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
@@ -62,8 +63,8 @@ def _settled_at_rest(
         first = (tick - periods) // timing.ticks * timing.ticks
         for before in range(first, tick):
             rest, _ = design.step(params, rest, wire.seen(before))
-        if all(_truths(rest)):  # it predicts, or takes its derivative from the filter
-            break
+        if not any(value is False for value in floats_of(rest)):
+            break  # it predicts, or takes its derivative from the filter
     return rest
 
 
@@ -105,30 +106,17 @@ class _Wire:
         )
 
 
-def _leaves(nested: Any) -> Iterator[float]:
+def _leaves(state: Any) -> list[float]:
     """Return the floats of a law's state; whole numbers and truth values are not its own."""
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from _leaves(member)
-    elif isinstance(nested, float):
-        yield nested
+    return [value for value in floats_of(state) if isinstance(value, float)]
 
 
-def _truths(nested: Any) -> Iterator[bool]:
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from _truths(member)
-    elif isinstance(nested, bool):
-        yield nested
-
-
-def floats_in(nested: Any) -> int:
+def floats_in(state: Any) -> int:
     """Return the number of floats in a law's state."""
-    return sum(1 for _ in _leaves(nested))
+    return len(_leaves(state))
 
 
 def _filled(form: Any, values: Iterator[float]) -> Any:
-    """Return a state of the same types, its floats replaced."""
     if isinstance(form, tuple):
         members = [_filled(member, values) for member in form]
         return type(form)(*members) if hasattr(form, "_fields") else tuple(members)

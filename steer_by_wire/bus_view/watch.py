@@ -7,7 +7,7 @@ its own waiting; on a machine that is not overloaded that is some hundredths of 
 import math
 from collections import deque
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from ..dbc.messages import (
     CYCLE_TIMES_MS,
@@ -16,9 +16,7 @@ from ..dbc.messages import (
     ControllerStatus,
     DelayStatus,
     LateralError,
-    Law,
     Message,
-    Mode,
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
@@ -36,6 +34,7 @@ STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
 _IN_FLIGHT_MAX = 4096
+_M = TypeVar("_M", bound=Message)
 
 
 class MessageView(NamedTuple):
@@ -74,9 +73,6 @@ class View(NamedTuple):
     safety: ControllerSafety | None
     delay: DelayStatus | None
     plant: PlantStatus | None
-    mode: Mode | None
-    law: Law | None
-    actuator: SteeringStatusCode | None
     strips: Mapping[str, Strip]
     round_trip: Spread | None
     lateness: Spread | None
@@ -153,27 +149,27 @@ class BusWatch:
         late_ages_ns, lateness_s = self._lateness.arrays(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
-        newest = {type(message): message for message, _ in self._newest.values()}
-        error, command = newest.get(LateralError), newest.get(SteeringCommand)
-        steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
-        controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
-        delay, safety = newest.get(DelayStatus), newest.get(ControllerSafety)
+        newest: dict[type, Message] = {
+            type(message): message for message, _ in self._newest.values()
+        }
+
+        def shown(kind: type[_M]) -> _M | None:
+            message = newest.get(kind)
+            return message if isinstance(message, kind) else None
+
         return View(
             elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
             frames=self._frames,
             frames_per_s=self.frames_per_s(now_ns),
-            error=error if isinstance(error, LateralError) else None,
+            error=shown(LateralError),
             cg_deviation_m=self.cg_deviation_m,
-            command=command if isinstance(command, SteeringCommand) else None,
-            steering=steering if isinstance(steering, SteeringStatus) else None,
-            vehicle=vehicle if isinstance(vehicle, VehicleState) else None,
-            controller=controller if isinstance(controller, ControllerStatus) else None,
-            safety=safety if isinstance(safety, ControllerSafety) else None,
-            delay=delay if isinstance(delay, DelayStatus) else None,
-            plant=plant if isinstance(plant, PlantStatus) else None,
-            mode=controller.mode if isinstance(controller, ControllerStatus) else None,
-            law=controller.law if isinstance(controller, ControllerStatus) else None,
-            actuator=steering.status if isinstance(steering, SteeringStatus) else None,
+            command=shown(SteeringCommand),
+            steering=shown(SteeringStatus),
+            vehicle=shown(VehicleState),
+            controller=shown(ControllerStatus),
+            safety=shown(ControllerSafety),
+            delay=shown(DelayStatus),
+            plant=shown(PlantStatus),
             strips=strips,
             round_trip=self._recent["round_trip_s"].spread(now_ns),
             lateness=spread_of(lateness_s),

@@ -277,7 +277,6 @@ def _collected(
     ticks: int,
     outcome: Outcome,
 ) -> BatchRun:
-    """Return the samples since the motion's start and the ticks done."""
     first = len(plan.sample_ns) - len(plan.time_s)
     window = slice(first, samples)
     return BatchRun(

@@ -1,9 +1,8 @@
 """The input of a law that looks back in a compiled run, tick by tick, besides the newest error.
 
 Most laws read only the newest error and their last command: their wire is None, which costs
-nothing. For a law that looks back, the messages of each sample are recorded when it is taken. They
-are passed, in order of arrival (``compiled.wire_plan``), to the steps of
-``controller.link_history``.
+nothing. For a law that looks back, the messages of each sample are recorded when it is taken, and
+passed in order of arrival (``compiled.wire_plan``) to the steps of ``controller.link_history``.
 """
 
 import math
@@ -136,23 +135,20 @@ def on_wire(value: float, resolution: float) -> float:
     return float((np.rint(value / resolution) + 0.0) * resolution)
 
 
-def _choosing(with_wire: Callable[..., Any], without: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function for compiled code that calls one of two functions, chosen by the type of
-    its first argument: a wire or None.
-    """
+def _choosing(with_wire: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
+    """Return a function for compiled code: ``with_wire``, or a constant where the wire is None."""
 
     def chosen(*_: Any) -> Any:
         raise NotImplementedError("for compiled code")
 
+    def constant(*_: Any) -> Any:
+        return without
+
     def of_type(wire: Any, *_: Any) -> Callable[..., Any]:
-        return without if isinstance(wire, types.NoneType) else with_wire
+        return constant if isinstance(wire, types.NoneType) else with_wire
 
     overload(chosen, strict=False, jit_options={"forceinline": True})(of_type)
     return chosen
-
-
-def _nothing(*_: Any) -> None:
-    return None
 
 
 @compiled_inside
@@ -241,11 +237,9 @@ def _write_plan(w: Wire, limits: SteerLimits, acting: int, tick: int, before_rad
 
 
 def _carries_plan(w: Wire, tick: int) -> bool:
-    """Whether a tick has sent a plan, which is then the one in the buffer."""
-    plan_mask = len(w.rings.plans) - 1
-    if plan_mask == 0 or w.rings.plans[tick & plan_mask][1] == 0.0:
+    row = w.rings.plans[tick & (len(w.rings.plans) - 1)]
+    if len(w.rings.plans) == 1 or row[1] == 0.0:
         return False
-    row = w.rings.plans[tick & plan_mask]
     w.buffer[0], w.buffer[1] = row[0], row[1]
     for index in range(2, ROW_LENGTH):
         w.buffer[index] = on_wire(row[index], w.steer_resolution_rad)
@@ -253,7 +247,6 @@ def _carries_plan(w: Wire, tick: int) -> bool:
 
 
 def _play(w: Wire, sample: int) -> float:
-    """Return what the buffer has for a sample, NaN if it has run out [rad]."""
     age, spacing = (sample - int(w.buffer[0])) % COUNTERS, int(w.buffer[1])
     if has_run_out(age, spacing):
         return math.nan
@@ -265,24 +258,12 @@ def _record_played(w: Wire, sample: int, steer_rad: float) -> None:
     w.played_rad[sample] = steer_rad
 
 
-def _no_plan(_wire: None, _tick: int) -> bool:
-    return False
-
-
-def _plays_nothing(_wire: None, _sample: int) -> float:
-    return math.nan
-
-
 def _all_known(_wire: Wire) -> Known:
     return NOTHING_KNOWN
 
 
 def _rings(w: Wire) -> History:
     return history_of(w.rings)
-
-
-def _no_history(_wire: None) -> History:
-    return NO_HISTORY
 
 
 def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
@@ -297,23 +278,23 @@ def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
     write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), link))
 
 
-record_wire = _choosing(_record, _nothing)
+record_wire = _choosing(_record)
 """(wire, sample, linear, guard): records the signals of a sample other than the lateral error."""
-take_arrivals = _choosing(_take_arrivals, _nothing)
+take_arrivals = _choosing(_take_arrivals)
 """(wire, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
-take_command = _choosing(_take_command, _nothing)
+take_command = _choosing(_take_command)
 """(wire, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
-write_plan = _choosing(_write_plan, _nothing)
+write_plan = _choosing(_write_plan)
 """(wire, limits, acting, tick, before_rad): limits the plan of a tick, if there is one."""
-carries_plan = _choosing(_carries_plan, _no_plan)
+carries_plan = _choosing(_carries_plan, without=False)
 """(wire, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
-play = _choosing(_play, _plays_nothing)
+play = _choosing(_play, without=math.nan)
 """(wire, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
-record_played = _choosing(_record_played, _nothing)
+record_played = _choosing(_record_played)
 """(wire, sample, steer_rad): records what a plan lets act at a sample."""
-nothing_known = _choosing(_all_known, _nothing)
+nothing_known = _choosing(_all_known)
 """(wire): returns the knowledge at the start."""
-wire_history = _choosing(_rings, _no_history)
+wire_history = _choosing(_rings, without=NO_HISTORY)
 """(wire): returns the history that laws read."""
-note_now = _choosing(_note_now, _nothing)
+note_now = _choosing(_note_now)
 """(wire, now, known, tick, now_ns): writes what is known at a tick."""

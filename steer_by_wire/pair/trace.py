@@ -1,7 +1,7 @@
 """Time histories of one run: read from the plant's trace file or taken from its samples."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -50,17 +50,14 @@ class Trace(NamedTuple):
             missing = [name for name in cls._fields if name not in (reader.fieldnames or ())]
             if missing:
                 raise ValueError(f"{path}: no column {', '.join(missing)}")
-            return cls._from_rows([_cells(row, cls._fields) for row in reader])
+            return cls._from_rows(
+                [[float(row[name] or "nan") for name in cls._fields] for row in reader]
+            )
 
     @classmethod
     def _from_rows(cls, rows: Sequence[Sequence[float]]) -> Self:
         table = np.asarray(rows, dtype=np.float64).reshape(len(rows), len(cls._fields))
         return cls(*table.T)
-
-
-def _cells(row: Mapping[str, str], names: Sequence[str]) -> list[float]:
-    """Return the named cells as numbers; an empty cell is NaN."""
-    return [float(row[name] or "nan") for name in names]
 
 
 def rms(values: FloatArray) -> float:

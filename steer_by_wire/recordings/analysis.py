@@ -97,10 +97,6 @@ class _Modular:
         self._last = value
 
 
-def _modular(message_type: type[Message], field: str) -> _Modular:
-    return _Modular(int(limits(message_type)[field].maximum) + 1)
-
-
 class LogAnalysis:
     """Analyses one log.
 
@@ -134,7 +130,10 @@ class LogAnalysis:
         self._modes_ns = Counter[Mode]()
         self._mode: tuple[Mode, int] | None = None
         self._laws: dict[str, None] = {}
-        self._counts = {name: _modular(*counted) for name, counted in COUNTED.items()}
+        self._counts = {
+            name: _Modular(int(limits(message_type)[field].maximum) + 1)
+            for name, (message_type, field) in COUNTED.items()
+        }
 
     def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
         """Take the next frame; returns the time since the start [s] and the message.

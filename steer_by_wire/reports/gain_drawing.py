@@ -47,8 +47,7 @@ def draw_gamma(axes: Axes, spec: DStability) -> None:
         )
     colour = _BOUND_COLOURS[Bound.RADIUS]
     axes.plot(*circle.T, color=colour, label=f"R = {radius:g} rad/s")
-    axes.set_aspect("equal")
-    axes.set(xlim=(-1.6 * radius, 0.5 * radius), ylim=(-1.3 * radius, 1.3 * radius))
+    axes.set(aspect="equal", xlim=(-1.6 * radius, 0.5 * radius), ylim=(-1.3 * radius, 1.3 * radius))
     axes.set(xlabel="Re s [rad/s]", ylabel="Im s [rad/s]")
 
 

@@ -18,6 +18,7 @@ from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_settings import BusSettings
 from ..runtime.settings import Settings, SettingsError
 from ..runtime.settings_mistakes import KeyPath, explain
+from .base_tables import Tables
 from .factors import Label
 from .sampling import replicate_seed
 from .study import Study
@@ -116,12 +117,8 @@ class Scenarios:
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
-        tables = {
-            "plant": _laid_over(self.study.plant, case.overrides, "plant."),
-            "controller": _laid_over(self.study.controllers[name], case.overrides, "controller."),
-        }
-        if self.study.bus is not None:
-            tables["bus"] = _laid_over(self.study.bus, case.overrides, "bus.")
+        study = self.study
+        tables = _pair_tables(study.plant, study.controllers[name], study.bus, case.overrides)
         try:
             return Pair.model_validate_json(json.dumps(tables), strict=True)
         except ValidationError as error:
@@ -215,15 +212,20 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     ``row``       of the results
     """
     overrides = json.loads(row["overrides"])
-    tables = {
-        "plant": _laid_over(identity["plant"], overrides, "plant."),
-        "controller": _laid_over(
-            identity["controllers"][row["controller"]], overrides, "controller."
-        ),
-    }
-    if "bus" in identity:
-        tables["bus"] = _laid_over(identity["bus"], overrides, "bus.")
+    controller = identity["controllers"][row["controller"]]
+    tables = _pair_tables(identity["plant"], controller, identity.get("bus"), overrides)
     return Pair.model_validate_json(json.dumps(tables), strict=True)
+
+
+def _pair_tables(
+    plant: Tables, controller: Tables, bus: Tables | None, overrides: Tables
+) -> dict[str, Tables]:
+    given = {"plant": plant, "controller": controller, "bus": bus}
+    return {
+        name: _laid_over(table, overrides, f"{name}.")
+        for name, table in given.items()
+        if table is not None
+    }
 
 
 def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:
@@ -247,9 +249,7 @@ def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[
     return found
 
 
-def _laid_over(
-    base: Mapping[str, Any], overrides: Mapping[str, Any], prefix: str
-) -> dict[str, Any]:
+def _laid_over(base: Tables, overrides: Tables, prefix: str) -> dict[str, Any]:
     """Return tables with values on top; those they do not change are shared, not copied."""
     tables = dict(base)
     for dotted, value in overrides.items():

@@ -28,9 +28,10 @@ from steer_by_wire.tools.design_gains.search import Found, confirm
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.study import Study, judge_candidate, make_study
 from steer_by_wire.tools.design_gains.virtual_check import (
-    constant_drives,
+    constant,
     drive,
-    jitter_drives,
+    drives,
+    jittered,
     plant_settings,
 )
 from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
@@ -88,7 +89,9 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
     stated = [float(value) for value in re.findall(r"# +jitter +([\d.]+) m", text)]
     assert len(stated) == len(spec.jitter) == 2
     worst = [
-        asked for asked in jitter_drives(spec, vehicle, settings) if asked.corner == FAST_HEAVY
+        asked
+        for asked in drives(spec, vehicle, settings, map(jittered, spec.jitter))
+        if asked.corner == FAST_HEAVY
     ]
     for asked, rms in zip(worst, stated, strict=True):
         assert drive(asked).rms_m == pytest.approx(rms, abs=6e-5)
@@ -118,7 +121,7 @@ def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
     # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
     runs = [
         run_batch(plant_settings(asked), settings)
-        for asked in constant_drives(spec, vehicle, settings, [delay_ms * 1_000_000])
+        for asked in drives(spec, vehicle, settings, [constant(delay_ms * 1_000_000)])
     ]
     assert all(run.outcome is Outcome.COMPLETE for run in runs)
     assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX

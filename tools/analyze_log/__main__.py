@@ -258,7 +258,6 @@ def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, float | None], None]]:
-    """Show the progress of reading, on a terminal and when it takes longer than a moment."""
     console = Console(stderr=True)
     start_s = time.monotonic()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -38,6 +38,7 @@ acted: one that the emulated downlink lost, and one that a newer one overtook, l
 log. A counter that is missing was lost before it came to the bus (the emulated uplink loses
 measurements, and drops one that a newer one overtook; a full transmit queue may lose any frame) or
 missed by the recorder. Quantiles are within 0.4 %."""
+_SPREAD = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
 _CONSTANT = {
     True: "It is taken from PLANT_STATUS, in which the plant reports the latency it injects "
     "(resolution 0.5 ms), by setting the medians equal.",
@@ -115,8 +116,7 @@ def _latency(figures: Mapping[str, Any]) -> Section:
     rows = []
     for name, text in LATENCY_ROWS.items():
         report = latency[name]
-        keys = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
-        cells = [milliseconds(report[key]) for key in keys]
+        cells = [milliseconds(report[key]) for key in _SPREAD]
         rows.append((text, *cells, str(report["samples"])))
     heads = ("[ms]", "least", "median", "mean", "99 %", "most", "jitter (std)", "samples")
     acted = f"{latency['commands_seen_to_act']} of {latency['commands']} commands were seen to act."
@@ -128,13 +128,12 @@ def _messages(figures: Mapping[str, Any]) -> Section:
     rows = []
     for name, message in figures["messages"].items():
         cycle = message["cycle"]
-        keys = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
         rows.append(
             (
                 f"{name} ({message['can_id']})",
                 str(message["accepted"]),
                 milliseconds(message["cycle_dbc_s"], 0),
-                *(milliseconds(cycle[key]) for key in keys),
+                *(milliseconds(cycle[key]) for key in _SPREAD),
                 str(message["gaps"]),
             )
         )
@@ -157,16 +156,15 @@ def _refused(figures: Mapping[str, Any]) -> Section:
         ("refused by the plant, by its own count", str(figures["plant_rejected"])),
         ("lost to the controller, by its own count", str(figures["controller_lost"])),
         ("refused by the controller, by its own count", str(figures["controller_rejected"])),
-        ("samples that the plant seems to have skipped", _skipped(figures)),
+        (
+            "samples that the plant seems to have skipped",
+            str(figures["latency"]["samples_skipped"]) if figures["has_times"] else "-",
+        ),
         ("control periods skipped, by the controller's own count", str(figures["skipped_ticks"])),
         ("times that run backwards", str(figures["times_backwards"])),
     ]
     heads = ("", "missing counters", "of them late", "refused, by cause")
     return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)))
-
-
-def _skipped(figures: Mapping[str, Any]) -> str:
-    return str(figures["latency"]["samples_skipped"]) if figures["has_times"] else "-"
 
 
 def _counts(counts: Mapping[str, int]) -> str:

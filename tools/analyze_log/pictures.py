@@ -61,8 +61,7 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
                 f"peak {1e3 * report['peak']:.1f} mm at {report['peak_at_s']:.2f} s"
             )
             above.plot(time_s, 1e3 * deviation_m, color=colour, lw=1.2, label=label)
-    above.set_title("Deviation from the path")
-    above.set_ylabel("off the path [mm]")
+    above.set(title="Deviation from the path", ylabel="off the path [mm]")
     above.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), ncols=2)
     above.axhline(0.0, color="black", lw=0.6)
     for label, colour, text in (

@@ -16,11 +16,10 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from steer_by_wire.benchmarking.measurement import Line, calibration
+from steer_by_wire.benchmarking.measurement import calibration
 from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.host import StealClock
@@ -61,7 +60,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _benchmark(json_file: Path | None) -> dict[str, float]:
-    """Time everything; returns the ratios to the calibration loop by name."""
     console, steal = Console(), StealClock()
     loop = calibration()
     lines = [
@@ -83,15 +81,13 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
         console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
     console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
     console.print(steal_text(stolen))
-    records = [_as_json(line, loop.median) for line in lines]
+    records = [
+        {**line_record(line), "ratio_to_calibration": line.ratio(loop.median)} for line in lines
+    ]
     if json_file is not None:
         content = {"machine": machine, "calibration_us": loop.median, "lines": records}
         write_json(json_file, content | {"heavy_modules": heavy})
     return ratios_of(records)
-
-
-def _as_json(line: Line, calibration_us: float) -> dict[str, Any]:
-    return {**line_record(line), "ratio_to_calibration": line.ratio(calibration_us)}
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import control
 import numpy as np
 
+from ...controller.analysis.linear_system import polynomials
 from ...controller.discretization import q_order_2, q_type_2, washout
 from ...controller.nominal_model import steer_to_lateral_error, vehicle_model
 from ...controller.settings import ControllerSettings
@@ -64,13 +65,4 @@ def linear_blocks(controller: ControllerSettings) -> list[Any]:
 
 
 def _block(transfer: TransferFunction, source: str, sink: str) -> Any:
-    numerator = _polynomial(transfer.numerator, max(0, transfer.power_of_s))
-    denominator = _polynomial(transfer.denominator, max(0, -transfer.power_of_s))
-    return control.ss(control.tf(numerator, denominator), inputs=source, outputs=sink)
-
-
-def _polynomial(factors: tuple[Any, ...], power_of_s: int) -> Any:
-    product = np.array([1.0, *[0.0] * power_of_s])
-    for factor in factors:
-        product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))
-    return product
+    return control.ss(control.tf(*polynomials(transfer)), inputs=source, outputs=sink)

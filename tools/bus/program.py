@@ -73,7 +73,6 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
 
 
 def _beside(options: argparse.Namespace) -> Beside:
-    """Return what happens beside the clients' frames; raises SettingsError."""
     settings = bus_settings(options)
     for client in settings.receiver_bit_error_rate:
         try:

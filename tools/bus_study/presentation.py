@@ -109,9 +109,7 @@ def draw(runs: Sequence[BusRun]) -> bytes:
                 )  # fmt: skip
         titles = ("lateral error, RMS [mm]", "round trip, silence (dotted) [ms]", "in a run")
         for axes, title in zip((left, middle, right), titles, strict=True):
-            axes.set_xscale("log")
-            axes.set_xlabel("bit error rate")
-            axes.set_title(title)
+            axes.set(xscale="log", xlabel="bit error rate", title=title)
         for axes in (left, middle):
             axes.set_ylim(bottom=0.0)
         right.set_yscale("log")

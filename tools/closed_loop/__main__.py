@@ -253,7 +253,6 @@ def _run_in_real_time(
 
 
 def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the report of one node, in the layout of the two programs."""
     return {
         "program": NAME,
         "ended_by": run.ended_by,

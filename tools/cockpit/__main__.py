@@ -67,7 +67,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--log-channel", metavar="NAME", help="of a recording with several")
     parser.add_argument(
-        "--scenario", metavar="TITLE", help=f"to begin with: {', '.join(_titles())}"
+        "--scenario",
+        metavar="TITLE",
+        help=f"to begin with: {', '.join(one.title for one in scenarios())}",
     )
     parser.add_argument(
         "--bus",
@@ -88,10 +90,6 @@ def _parser() -> argparse.ArgumentParser:
     add_traffic_arguments(parser)
     add_error_arguments(parser)
     return parser
-
-
-def _titles() -> Sequence[str]:
-    return [scenario.title for scenario in scenarios()]
 
 
 def _run(options: argparse.Namespace) -> int:

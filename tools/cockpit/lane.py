@@ -89,7 +89,6 @@ class Lane:
                 self._port.shutdown()
 
     def _turn(self) -> None:
-        """Wait for a frame or the next row, and take what is due."""
         received = self._port.recv((self._row_ns - time.monotonic_ns()) / NS_PER_S)
         now_ns = time.monotonic_ns()
         if received is not None:

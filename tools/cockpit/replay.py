@@ -59,8 +59,6 @@ class _Thinned:
 
 
 class _Replay:
-    """Takes the frames of a recording in order."""
-
     def __init__(self) -> None:
         self._sampler = Sampler(0)
         self._start_ns: int | None = None

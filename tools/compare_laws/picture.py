@@ -67,8 +67,7 @@ def draw_comparison(
                 )
             if not of_cg:
                 panel.axhline(1e3 * BROKEN_M, color="0.5", lw=0.8, ls=":")
-            panel.set_yscale("log")
-            panel.set_title(network.title)
+            panel.set(yscale="log", title=network.title)
         if not of_cg:
             panels[0].annotate(
                 "above: does not hold the path",

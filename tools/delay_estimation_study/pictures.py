@@ -79,5 +79,4 @@ def _panel(axis: Axes, history: History) -> None:
     low_ms = truth_ms - _SPAN_MS
     nothing = np.where(np.isnan(history.estimate_s), low_ms + 1.0, np.nan)
     axis.plot(history.time_s, nothing, color=COLOURS[3], linewidth=4.0, label="not observable now")
-    axis.set_ylim(low_ms, truth_ms + _SPAN_MS)
-    axis.set_xlim(0.0, DURATION_S)
+    axis.set(ylim=(low_ms, truth_ms + _SPAN_MS), xlim=(0.0, DURATION_S))

@@ -107,7 +107,6 @@ def _demo(options: argparse.Namespace) -> int:
 def _run_live(
     channels: Channels, files: Mapping[DemoLaw, PairFiles], duration_s: float, console: Console
 ) -> dict[DemoLaw, PairResult]:
-    """Run all pairs side by side until their plants have finished."""
     with ExitStack() as stack:
         pairs = {
             law: stack.enter_context(LivePair(bus, pair_files))
@@ -126,7 +125,7 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
     columns = (TextColumn("{task.description}"), BarColumn(40), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(f"{len(pairs)} pairs in real time", total=duration_s)
-        while _running(pairs):
+        while sum(pair.plant_is_running for pair in pairs):
             elapsed_s = time.monotonic() - start_s
             if elapsed_s > duration_s + GRACE_S:
                 raise ProcessError(f"a plant still runs {GRACE_S:g} s after it should have ended")
@@ -135,17 +134,12 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
         progress.update(task, completed=duration_s)
 
 
-def _running(pairs: Sequence[LivePair]) -> int:
-    return sum(pair.plant_is_running for pair in pairs)
-
-
 def _run_virtual(
     plants: Mapping[DemoLaw, PlantSettings],
     controllers: Mapping[DemoLaw, ControllerSettings],
     bus: BusSettings,
     console: Console,
 ) -> dict[DemoLaw, PairResult]:
-    """Run the same in virtual time, each law in one of a few processes."""
     start_s = time.monotonic()
     with (
         worker_pool(VIRTUAL_WORKERS) as pool,

@@ -171,7 +171,6 @@ def _design_predictor(
     sources: tuple[str, str],
     options: argparse.Namespace,
 ) -> int:
-    """Design the predictor around the pd_ddob that it falls back to; write and print it."""
     if table.fallback is not None:
         fallback = controller_preset(table.fallback)
     if fallback is None:
@@ -212,7 +211,6 @@ def _watch(
     futures: Sequence[Future[Design]],
     shared: SharedProgress,
 ) -> None:
-    """Show how far every law is until all are done."""
     with _bars(console, TextColumn("{task.description:8}")) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)

@@ -18,7 +18,7 @@ from .search import Found, Progress, find, find_any
 from .specification import Specification
 from .study import DEMANDS, Study, make_study
 from .vehicle_file import VehicleFile
-from .virtual_check import drive, jitter_drives
+from .virtual_check import drive, drives, jittered
 
 
 class NoDesignError(Exception):
@@ -67,8 +67,8 @@ def describe(study: Study, found: Found) -> Design:
     spec, vehicle, law = study.spec, study.vehicle, found.candidate.law
     settings = controller_settings(spec, vehicle, law, found.candidate.values())
     by_delay = rms_by_delay(study, settings, found)
-    drives = jitter_drives(spec, vehicle, settings)
-    jitter_m = np.array([drive(asked).rms_m for asked in drives])
+    asked = drives(spec, vehicle, settings, map(jittered, spec.jitter))
+    jitter_m = np.array([drive(one).rms_m for one in asked])
     worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
     return Design(
         law,

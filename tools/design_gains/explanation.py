@@ -28,20 +28,13 @@ _NUMBER_UNITS = {
 }
 
 
-class Move(NamedTuple):
-    """A parameter moved by a tenth, all others kept."""
-
-    value: float
-    judgement: Judgement
-
-
 class Reason(NamedTuple):
-    """A parameter and what happens to the law when it is moved down or up."""
+    """A parameter, and the law when it alone is moved down or up by a tenth."""
 
     key: str
     value: float
-    down: Move
-    up: Move
+    down: Judgement
+    up: Judgement
 
 
 def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
@@ -49,8 +42,8 @@ def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
     values = candidate.values()
     for key, value in values.items():
         down, up = (
-            Move(moved, judge_law(study, candidate.law, {**values, key: moved}))
-            for moved in (value * (1.0 - _MOVE), value * (1.0 + _MOVE))
+            judge_law(study, candidate.law, {**values, key: value * factor})
+            for factor in (1.0 - _MOVE, 1.0 + _MOVE)
         )
         yield Reason(key, value, down, up)
 
@@ -78,8 +71,8 @@ def reason_lines(found: Reason, now: float) -> Iterator[str]:
     """Yield the lines of one parameter; ``now`` is the objective it has."""
     unit = _UNITS.get(found.key, "rad/s")
     yield f"  {SETTINGS_KEYS[found.key]} = {found.value:g} {unit}"
-    for label, move in (("10 % less", found.down), ("10 % more", found.up)):
-        yield f"      {label}: {outcome(move.judgement, now)}"
+    for label, moved in (("10 % less", found.down), ("10 % more", found.up)):
+        yield f"      {label}: {outcome(moved, now)}"
 
 
 def demand_lines(judgement: Judgement) -> Iterator[str]:

@@ -27,7 +27,6 @@ from .evolution import evolve
 from .predictor_runs import (
     LEFT_M,
     Task,
-    constant,
     largest_error_m,
     peak_sensitivity,
     runs,
@@ -35,7 +34,7 @@ from .predictor_runs import (
 )
 from .specification import PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import jittered
+from .virtual_check import constant, jittered
 
 _THREADS = 2
 _START = {

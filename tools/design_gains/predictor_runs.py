@@ -26,7 +26,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import Drive, plant_settings
+from .virtual_check import Drive, constant, plant_settings
 
 LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""
@@ -54,11 +54,6 @@ class Run(NamedTuple):
     settled_rms_m: float
     largest_m: float
     sent_rad: FloatArray
-
-
-def constant(delay_ns: int) -> LatencySettings:
-    """Return a constant latency of the commands."""
-    return LatencySettings(mean_s=delay_ns * 1e-9)
 
 
 def runs(

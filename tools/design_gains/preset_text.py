@@ -155,7 +155,6 @@ def path_in_words(path: PathSettings) -> str:
 
 
 def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
-    """Yield a heading and a figure, line by line."""
     demands = {demand.name: demand for demand in design.found.judgement.demands}
     worst_m = design.rms.rms_m.max(axis=0)
     last = design.rms.delays_ns.index(spec.delays_ns[-1])

@@ -25,6 +25,11 @@ _DELAYS_MAX = 500
 DelayMs = Annotated[float, Field(ge=0.0, le=2000.0)]
 
 
+def _up_to_ns(step_ms: float, last_ms: float) -> tuple[int, ...]:
+    step_ns, last_ns = round(step_ms * NS_PER_MS), round(last_ms * NS_PER_MS)
+    return (*range(0, last_ns, step_ns), last_ns)
+
+
 class DelayTable(Settings):
     """`[delay]`: the constant delays from command to wheel angle for which the loop is designed.
 
@@ -49,8 +54,7 @@ class DelayTable(Settings):
 
     def up_to_ns(self, last_ms: float) -> tuple[int, ...]:
         """Return 0, step, 2 step, ..., and the last one itself [ns]."""
-        step_ns, last_ns = round(self.step_ms * NS_PER_MS), round(last_ms * NS_PER_MS)
-        return (*range(0, last_ns, step_ns), last_ns)
+        return _up_to_ns(self.step_ms, last_ms)
 
 
 class ActuatorTable(Settings):
@@ -151,10 +155,7 @@ class PredictorTable(Settings):
     @property
     def delays_ns(self) -> tuple[int, ...]:
         """The delays that are judged [ns]."""
-        step_ns, last_ns = (
-            round(value * NS_PER_MS) for value in (self.delay_step_ms, self.delay_ms_max)
-        )
-        return (*range(0, last_ns, step_ns), last_ns)
+        return _up_to_ns(self.delay_step_ms, self.delay_ms_max)
 
 
 class RmsTable(Settings):

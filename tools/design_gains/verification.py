@@ -9,7 +9,7 @@ from ...runtime.node import NS_PER_MS
 from .design import Design
 from .specification import Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import constant_drives, drive
+from .virtual_check import constant, drive, drives
 
 _CHUNK = 8
 
@@ -34,8 +34,8 @@ def verify(
     pool: Executor, spec: Specification, vehicle: VehicleFile, design: Design
 ) -> Verification:
     """Run the range of delays at all corners and on all paths."""
-    drives = constant_drives(spec, vehicle, design.settings, spec.delays_ns)
-    driven = list(pool.map(drive, drives, chunksize=_CHUNK))
+    asked = drives(spec, vehicle, design.settings, map(constant, spec.delays_ns))
+    driven = list(pool.map(drive, asked, chunksize=_CHUNK))
     shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
     rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
     columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]

@@ -4,7 +4,7 @@ The linear analysis leaves out limits, quantisation and jitter; this has them al
 takes about half a second, so the constant delays are run only on request.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from itertools import product
 from typing import NamedTuple
 
@@ -94,7 +94,7 @@ def refuse_what_the_rig_does_not_drive(
     """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
     for path in spec.course.paths:
         build_path(path)
-    for asked in constant_drives(spec, vehicle, settings, [0]):
+    for asked in drives(spec, vehicle, settings, [LatencySettings()]):
         try:
             plant_settings(asked)
         except ValidationError as error:
@@ -106,22 +106,9 @@ def refuse_what_the_rig_does_not_drive(
             ) from error
 
 
-def constant_drives(
-    spec: Specification,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-    delays_ns: Sequence[int],
-) -> list[Drive]:
-    """Return a run for each path, corner and constant delay, in this order."""
-    latencies = [LatencySettings(mean_s=delay_ns / NS_PER_S) for delay_ns in delays_ns]
-    return _drives(spec, vehicle, settings, latencies)
-
-
-def jitter_drives(
-    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
-) -> list[Drive]:
-    """Return a run for each path, corner and jitter of the specification, in this order."""
-    return _drives(spec, vehicle, settings, [jittered(table) for table in spec.jitter])
+def constant(delay_ns: int) -> LatencySettings:
+    """Return a constant latency of the commands."""
+    return LatencySettings(mean_s=delay_ns / NS_PER_S)
 
 
 def jittered(table: JitterTable) -> LatencySettings:
@@ -134,12 +121,13 @@ def jittered(table: JitterTable) -> LatencySettings:
     )
 
 
-def _drives(
+def drives(
     spec: Specification,
     vehicle: VehicleFile,
     settings: ControllerSettings,
-    latencies: Sequence[LatencySettings],
+    latencies: Iterable[LatencySettings],
 ) -> list[Drive]:
+    """Return a run for each path, corner and latency, in this order."""
     cells = product(spec.course.paths, vehicle.box.vertices(), latencies)
     return [
         Drive(settings, corner, path, spec.course.duration_s, latency)

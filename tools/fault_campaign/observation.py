@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -165,11 +165,12 @@ class Watch(Wrapper[ReportingNode]):
         self._look(now_ns)
         return self._noted(sent, now_ns)
 
-    def expect_false(self, frames: Iterable[Frame]) -> None:
+    def expect_false(self, sent: Frame, frames: Sequence[Frame]) -> None:
         """Record frames on the way to the node that differ from what their sender has just sent."""
         for frame in frames:
-            self._false[frame] += 1
-            self.false_frames += 1
+            if frame != sent:
+                self._false[frame] += 1
+                self.false_frames += 1
 
     def counted(self) -> dict[str, int]:
         """Return how far each count has risen since the onset, those that have."""
@@ -242,7 +243,6 @@ class Watch(Wrapper[ReportingNode]):
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
 
     def _check_plan(self, plan: SteeringPlan) -> None:
-        """Check the angles of a plan, and their changes."""
         self._last_command = None  # which of the angles acts at its time is not on the wire
         angles_rad = plan[-PLAN_VALUES:]
         if max(map(abs, angles_rad)) > self._bounds.command_rad:
@@ -257,7 +257,6 @@ class Watch(Wrapper[ReportingNode]):
         return before is not None and rejected != before
 
     def _note_report(self, now_ns: int, is_wrong: bool) -> None:
-        """Record that a frame reports a fault on the bus."""
         if is_wrong:
             self.reported_ns.append(now_ns)
 

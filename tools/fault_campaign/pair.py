@@ -1,7 +1,7 @@
 """The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
 
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ...bus_faults.babbling import BabbledBus
@@ -14,7 +14,6 @@ from ...plant_emulator.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
 from ...runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.virtual_time import VirtualTimeExecutor
 from .detectability import MECHANISM_OF, Sight, is_unreceived, sight_of
@@ -94,7 +93,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     for stage in edge.stages:
         is_down = stage.settings.direction is FaultDirection.DOWNLINK
         if stage.settings.kind in _FALSIFYING:
-            stage.on_change = partial(_note_false, plant_watch if is_down else controller_watch)
+            stage.on_change = (plant_watch if is_down else controller_watch).expect_false
     way = way_of(plant, controller, scenario.point, 1e-3 * scenario.spec.ftti_ms)
     sight = sight_of(plant, controller)
     return Pair(node, edge, plant_watch, controller_watch, bus, sight, way)
@@ -112,11 +111,6 @@ def onset_ns_of(case: Case) -> int:
         return case.node_fault.window_ns[0]
     # The stage's clock starts with the first command, some periods after this one.
     return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
-
-
-def _note_false(receiver: Watch, frame: Frame, out: Sequence[Frame]) -> None:
-    """Announce the frames that take the place of a frame, or accompany it."""
-    receiver.expect_false(one for one in out if one != frame)
 
 
 def with_ftti(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:

@@ -234,7 +234,6 @@ class _WayBack(NamedTuple):
 
 
 def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
-    """Return how both nodes came back into control after the fault, and what is allowed."""
     case, way = scenario.case, pair.way
     own = case.node_fault
     is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
@@ -281,7 +280,6 @@ def _recovery_s(pair: Pair, effect_ns: int, end_ns: int) -> float | None:
 
 
 def _steer_rate_peak(samples: Sequence[PlantSample]) -> float:
-    """Return the largest rate of the wheel between two samples [rad/s]."""
     rates = [
         abs(b.wheel_angle_rad - a.wheel_angle_rad) / (b.time_s - a.time_s)
         for a, b in pairwise(samples)

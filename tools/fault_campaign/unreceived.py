@@ -50,7 +50,6 @@ def _digest_of(scenario: Scenario) -> str:
 
 
 def _digest(pair: Pair) -> str:
-    """Return what identifies a motion: samples with all their bits, and commands."""
     digest = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
     commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id in COMMAND_IDS)
     digest.update(b"".join(commands))

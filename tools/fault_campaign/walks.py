@@ -159,7 +159,6 @@ def _json_of(fault: WalkFault) -> str:
 def _draw_fault(
     table: CaseSettings | NodeCaseSettings, draw: random.Random, place: int
 ) -> WalkFault:
-    """Draw where a fault of a table acts, how strongly, when it begins and how long it lasts."""
     where = draw.choice(table.nodes if isinstance(table, NodeCaseSettings) else table.messages)
     onset_s = round(draw.uniform(FIRST_S, LAST_S), 3)
     duration_s = round(draw.uniform(0.02, DURATION_S_MAX), 3)

@@ -113,7 +113,6 @@ def fuzz_bus_client(data: bytes) -> None:
 
 
 def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socket]) -> None:
-    """Let one intruder come, go, or send something."""
     deed = choices.integer(0, 9)
     if deed < 2 or not intruders:
         if len(intruders) >= INTRUDERS_MAX:
@@ -140,7 +139,6 @@ def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socke
 
 
 def _hello(choices: Choices) -> bytes:
-    """Return a hello that is right in most cases."""
     channel = CHANNEL if choices.chance(192) else f"c{choices.integer(0, 255)}"
     rates = (0, BITRATE_BIT_S, 1) if choices.chance(32) else (0,)
     raw = Hello(
@@ -152,7 +150,6 @@ def _hello(choices: Choices) -> bytes:
 
 
 def _records(choices: Choices) -> bytes:
-    """Return records of either size: frames, filters, noise, or a part of one."""
     record = CLASSIC_RECORD if choices.chance(160) else FD_RECORD
     kind = choices.integer(0, 5)
     if kind < 3:
@@ -179,7 +176,6 @@ def _records(choices: Choices) -> bytes:
 
 
 def _pose_as_broker(listener: socket.socket, said: bytes) -> None:
-    """Accept one client and send it ``said``."""
     connection, _ = listener.accept()
     with connection, suppress(OSError):
         connection.sendall(said)

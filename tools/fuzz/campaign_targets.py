@@ -111,7 +111,6 @@ def fuzz_results(data: bytes) -> None:
 
 
 def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
-    """Make everything that is printed and written of results."""
     comparison, groups = compare(earlier, results), group(results)
     findings = findings_of(results, 150.0)
     lines = [*table_lines(groups), *finding_lines(findings), *comparison_lines(comparison)]
@@ -121,7 +120,6 @@ def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
 
 
 def _line(choices: Choices) -> bytes:
-    """Return a line of results: noise, or a complete one with some fields changed."""
     if choices.chance(48):
         return choices.raw(choices.integer(0, 40))
     record: dict[str, Any] = {"specification": choices.pick(("a", "b")), **whole_result()._asdict()}
@@ -134,7 +132,6 @@ def _line(choices: Choices) -> bytes:
 
 
 def _table(choices: Choices, model: type[Settings]) -> list[str]:
-    """Return the lines of one table, whose values mostly have the right type."""
     lines = []
     for key, field in model.model_fields.items():
         if field.is_required() or choices.chance(64):

@@ -98,7 +98,6 @@ class FuzzedBus:
         return connection
 
     def _listen(self) -> None:
-        """Take what both orderly clients have received."""
         if not hasattr(self, "_listener"):
             return
         with suppress(BlockingIOError):

@@ -134,7 +134,6 @@ def _damaged(choices: Choices, content: bytes) -> bytes:
 
 
 def _candump_line(choices: Choices) -> str:
-    """Return a line as candump prints it, more or less."""
     if choices.chance(48):
         return choices.text(60)
     stamp = choices.pick(_STAMPS)

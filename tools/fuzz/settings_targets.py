@@ -205,7 +205,6 @@ _WORDS = (
 
 
 def _table(choices: Choices, header: str) -> bytes:
-    """Return a CSV file: in most cases numbers below the right header."""
     if choices.chance(48):
         return choices.rest()
     columns = header.count(",") + 1

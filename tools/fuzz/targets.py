@@ -15,22 +15,11 @@ from .log_targets import fuzz_candump, fuzz_contract, fuzz_log
 from .node_targets import fuzz_controller, fuzz_plant
 from .settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 
+_FUZZERS: tuple[Callable[[bytes], None], ...] = (
+    *(fuzz_authentication, fuzz_broker, fuzz_bus_client, fuzz_candump, fuzz_command_line),
+    *(fuzz_contract, fuzz_controller, fuzz_log, fuzz_plant, fuzz_protocol, fuzz_results),
+    *(fuzz_settings, fuzz_specification, fuzz_trace, fuzz_waypoints),
+)
 TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
-    {
-        "authentication": fuzz_authentication,
-        "broker": fuzz_broker,
-        "bus_client": fuzz_bus_client,
-        "candump": fuzz_candump,
-        "command_line": fuzz_command_line,
-        "contract": fuzz_contract,
-        "controller": fuzz_controller,
-        "log": fuzz_log,
-        "plant": fuzz_plant,
-        "protocol": fuzz_protocol,
-        "results": fuzz_results,
-        "settings": fuzz_settings,
-        "specification": fuzz_specification,
-        "trace": fuzz_trace,
-        "waypoints": fuzz_waypoints,
-    }
+    {fuzzer.__name__.removeprefix("fuzz_"): fuzzer for fuzzer in _FUZZERS}
 )

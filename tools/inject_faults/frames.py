@@ -62,7 +62,7 @@ class FrameSource:
         react: Callable[[Frame], Sequence[Frame]] | None = None,
     ) -> None:
         self.fault = fault
-        self._onset_ns = start_ns + round(fault.onset_s * NS_PER_S)
+        self.onset_ns = start_ns + round(fault.onset_s * NS_PER_S)
         self.end_ns = start_ns + round(fault.end_s * NS_PER_S)
         self._produce = produce
         self._offset_ns = offset_ns
@@ -70,14 +70,9 @@ class FrameSource:
         self._index = 0
 
     @property
-    def onset_ns(self) -> int:
-        """When it begins [ns]."""
-        return self._onset_ns
-
-    @property
     def next_due_ns(self) -> int:
         """When it has the next frame [ns]; NEVER_NS when there is none."""
-        due_ns = self._onset_ns + self._offset_ns(self._index)
+        due_ns = self.onset_ns + self._offset_ns(self._index)
         return due_ns if due_ns < self.end_ns else NEVER_NS
 
     def due(self, now_ns: int) -> Iterator[Frame]:
@@ -90,7 +85,7 @@ class FrameSource:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Return the frames that follow a frame of another participant."""
-        if self._react is None or not self._onset_ns <= now_ns < self.end_ns:
+        if self._react is None or not self.onset_ns <= now_ns < self.end_ns:
             return ()
         return self._react(frame)
 
@@ -111,7 +106,9 @@ def frame_source(
     if fault.kind is LiveKind.REPLAY:
         return _replay(fault, start_ns, recording)
     if fault.kind is LiveKind.SPOOF_NEXT:
-        return FrameSource(fault, start_ns, _nothing, _never, lambda one: _next_of(fault, one))
+        return FrameSource(
+            fault, start_ns, lambda _: (), lambda _: NEVER_NS, lambda one: _next_of(fault, one)
+        )
     if fault.kind is LiveKind.BABBLE:
         return FrameSource(fault, start_ns, _babble, _babble_times(fault, bitrate_bit_s))
     period_ns = PERIOD_NS
@@ -155,14 +152,6 @@ def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
     bits = frame_bits(_babble(0)[0]).nominal + INTERMISSION_BITS
     period_ns = round(bits * NS_PER_S / bitrate_bit_s / fault.magnitude)
     return lambda index: index * period_ns
-
-
-def _never(_index: int) -> int:
-    return NEVER_NS
-
-
-def _nothing(_index: int) -> Sequence[Frame]:
-    return ()
 
 
 def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:

@@ -44,21 +44,19 @@ def screen_lines(
 
 def one_line(view: View) -> str:
     """Return the most important of a view on one line, for a file or a pipe."""
-    plant = view.plant
-    one_way = (
-        "-/-" if plant is None else f"{_ms(plant.downlink_latency_s)}/{_ms(plant.uplink_latency_s)}"
-    )
-    round_trip = view.round_trip
-    trip = "-/-" if round_trip is None else f"{_ms(round_trip.p50_s)}/{_ms(round_trip.p99_s)}"
+    plant, trip = view.plant, view.round_trip
+    one_way_s = () if plant is None else (plant.downlink_latency_s, plant.uplink_latency_s)
+    round_trip_s = () if trip is None else (trip.p50_s, trip.p99_s)
     error = "-" if view.error is None else f"{_ONE_MS * view.error.lateral_error_m:+.2f}"
     cg = "-" if math.isnan(view.cg_deviation_m) else f"{_ONE_MS * view.cg_deviation_m:+.2f}"
     steer = "-" if view.command is None else f"{_ONE_MS * view.command.steer_rad:+.2f}"
     missing = sum(row.missing - row.late for row in view.messages)
-    mode = "-" if view.mode is None else view.mode.name
+    mode = "-" if view.controller is None else view.controller.mode.name
     return (
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  CG {cg} mm  steer {steer} mrad  "
-        f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
-        f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
+        f"down/up {_pair_ms(one_way_s)} ms  round trip {_pair_ms(round_trip_s)} ms  "
+        f"{view.frames_per_s:.0f} frames/s  missing {missing}  "
+        f"refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
         f"{_second_senders(view)}"
     )
 
@@ -87,7 +85,6 @@ def scaled_strip(strip: Strip, width: int, blocks: str, scale: float) -> str:
 
 
 def _largest_of_groups(strip: Strip, width: int) -> list[float | None]:
-    """Return ``width`` values, each the largest of its share of the strip."""
     shown: list[float | None] = []
     for index in range(width):
         group = strip[index * len(strip) // width : (index + 1) * len(strip) // width]
@@ -107,10 +104,11 @@ def _title(view: View, bus: str, width: int) -> Text:
 
 
 def _state(view: View) -> Text:
-    mode = "not received" if view.mode is None else view.mode.name
-    law = "" if view.law is None else f" {view.law.name}"
-    skipped = "-" if view.controller is None else str(view.controller.skipped_ticks)
-    actuator = "not received" if view.actuator is None else view.actuator.name
+    mode, law, skipped = "not received", "", "-"
+    if view.controller is not None:
+        mode, law = view.controller.mode.name, f" {view.controller.law.name}"
+        skipped = str(view.controller.skipped_ticks)
+    actuator = "not received" if view.steering is None else view.steering.status.name
     text = Text("controller ").append(mode, style=_MODE_STYLES.get(mode, "bold"))
     text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
     text.append("   actuator ").append(actuator, style="bold")
@@ -119,19 +117,15 @@ def _state(view: View) -> Text:
 
 def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
     error, command, steering = view.error, view.command, view.steering
-    vehicle, controller = view.vehicle, view.controller
+    vehicle, status = view.vehicle, view.controller
 
     def strip(name: str) -> str:
         return scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS)
 
     blank = " " * strip_width
     cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
-    of_vehicle = _value(
-        "disturbance", controller and controller.disturbance_rad, _ONE_MS, 0, "mrad"
-    )
-    of_network = _value(
-        "network", controller and controller.network_disturbance_rad, _ONE_MS, 0, "mrad"
-    )
+    of_vehicle = _value("disturbance", status and status.disturbance_rad, _ONE_MS, 0, "mrad")
+    of_network = _value("network", status and status.network_disturbance_rad, _ONE_MS, 0, "mrad")
     return [
         _pair(
             _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
@@ -258,22 +252,19 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    """Return what is reported: second senders, and the controller's stale messages and faults."""
     safety = view.safety
     if safety is None:
         return _second_senders(view)
-    ages = {
-        "LATERAL_ERROR": safety.lateral_error_freshness,
-        "STEERING_STATUS": safety.steering_status_freshness,
-        "VEHICLE_STATE": safety.vehicle_state_freshness,
-    }
-    stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
+    stale = "".join(
+        f", {name.upper()} stale"
+        for name in ("lateral_error", "steering_status", "vehicle_state")
+        if getattr(safety, f"{name}_freshness") is Freshness.STALE
+    )
     fault = "" if safety.fault is ControllerFault.NONE else f", fault {safety.fault.name}"
     return stale + fault + _second_senders(view)
 
 
 def _second_senders(view: View) -> str:
-    """Name the nodes of whose messages somebody has noticed a second sender."""
     own, peer = SecondSender.OWN, SecondSender.PEER
     nodes = (view.safety, view.plant)
     seen = [SecondSender.NONE if node is None else node.second_sender for node in nodes]
@@ -298,6 +289,10 @@ def _choice(choice: LatencyChoice, sent: int) -> Text:
 
 
 _KEYS = "+ - mean  [ ] spread  < > loss  m model  d direction  0 no latency  q quit"
+
+
+def _pair_ms(values_s: tuple[float, ...]) -> str:
+    return "/".join(map(_ms, values_s)) or "-/-"
 
 
 def _ms(value_s: float) -> str:

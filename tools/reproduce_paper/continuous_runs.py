@@ -48,6 +48,11 @@ class DrivenEllipse(NamedTuple):
     semi_minor_axis_m: float
     duration_s: float
 
+    def __str__(self) -> str:
+        return (
+            f"{self.semi_major_axis_m:g} m by {self.semi_minor_axis_m:g} m, {self.duration_s:g} s"
+        )
+
 
 PD = Observer((0.0,), (1.0,), True, paper_eq19())
 """No observer: Q = 0."""

@@ -227,7 +227,6 @@ def _steers_alike(item: Compared) -> Comparison:
 def _two_laps(
     name: str, laws: tuple[tuple[Law, float], ...], *, steer: bool
 ) -> tuple[Picture, list[Comparison]]:
-    """Drive two laps and return where each law is after the first and after the second."""
     lap = lap_s(delayed_plant(DURATION_S))
     runs: dict[str, History] = {}
     comparisons = []
@@ -240,7 +239,6 @@ def _two_laps(
 
 
 def _drift(label: str, run: History, lap: float | None) -> Comparison:
-    """Return the error at the ends of both laps and the drift rate between them."""
     if lap is None:
         middle_m, end_m = run.lateral_error_m[run.time_s.size // 2], run.lateral_error_m[-1]
         text = (

@@ -46,8 +46,7 @@ def filter_scan(name: str) -> Picture:
         axes.plot(_FILTERS_RAD_S, rms_m, "o-", color=colour, label=label)
         axes.axvline(last_rad_s, color=colour, lw=0.8, ls=":")
     axes.set(xlabel="derivative filter N [rad/s]", ylabel="RMS lateral error, 60 s [m]")
-    axes.set_ylim(bottom=0.0)
-    axes.set_title("80 ms of delay: where CDOB has the smaller error")
+    axes.set(ylim=(0.0, None), title="80 ms of delay: where CDOB has the smaller error")
     axes.legend(loc="upper left")
     return Picture(name, figure, columns)
 
@@ -109,8 +108,7 @@ def step_picture(name: str, plant: PlantSettings) -> Picture:
             step.time_s[::stride], step.steer_rad[::stride], color=colour, lw=0.8, label=label
         )
     left.axhline(0.0, color="black", lw=0.6)
-    left.set(xlabel="time [s]", ylabel="y - r [m]")
-    left.set_title("Reference step of 0.1 m, straight road")
+    left.set(xlabel="time [s]", ylabel="y - r [m]", title="Reference step of 0.1 m, straight road")
     right.set(xlabel="time [s]", ylabel="steering angle [rad]")
     figure.legend(loc="outside lower center", ncols=3)
     return Picture(name, figure, columns)
@@ -142,7 +140,6 @@ def _steps(plant: PlantSettings) -> dict[str, Step]:
 
 
 def _model_of(plant: PlantSettings) -> VehicleModelSettings:
-    """Return the model of (4) with the parameters of the plant's own vehicle."""
     nominal = paper_box().nominal._asdict()
     speed_m_s = plant.vehicle.speed_m_s
     return VehicleModelSettings(kind="vehicle", **(nominal | {"speed_m_s": speed_m_s}))

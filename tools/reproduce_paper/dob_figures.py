@@ -6,7 +6,6 @@ adds the curvature ρ_ref as external disturbance. Since it acts in the others t
 as the nominal vehicle, whose model has no uncertainty but the one that (19) introduces.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -57,20 +56,17 @@ def figure_20() -> Reproduction:
 def _corner_figure(number: int) -> Reproduction:
     column = published.TABLE_2[number - 16]
     preset = f"paper_corner_{column.corner}"
-    corrected, printed = (_run(preset, stiffness) for stiffness in (CORRECTED, PRINTED))
+    runs = [_run(preset, stiffness) for stiffness in (CORRECTED, PRINTED)]
     comparisons = (
-        _falls(corrected),
-        _falls(printed),
-        _against(column.pd_m, "PD", corrected, lambda run: run.pd),
-        _against(column.pd_m, "PD", printed, lambda run: run.pd),
-        _against(column.pd_dob_m, "PD+DOB", corrected, lambda run: run.pd_dob),
-        _against(column.pd_dob_m, "PD+DOB", printed, lambda run: run.pd_dob),
+        *map(_falls, runs),
+        *(_against(column.pd_m, "PD", run, run.pd) for run in runs),
+        *(_against(column.pd_dob_m, "PD+DOB", run, run.pd_dob) for run in runs),
     )
     return Reproduction(
         f"figure_{number}",
         f"Lateral deviation with and without DOB at corner {column.corner} for model uncertainty",
         _CAPTION.format(vehicle=f"{column.speed_km_h:g} km/h and {column.virtual_mass_kg:g} kg"),
-        (_picture(f"figure_{number}", [corrected, printed]),),
+        (_picture(f"figure_{number}", runs),),
         comparisons,
         verdict_of(comparisons, is_corrected=True),
         "That the DOB reduces the error holds with either C_r. The numbers are unknown: "
@@ -106,10 +102,8 @@ def _falls(runs: _Runs) -> Comparison:
     )
 
 
-def _against(
-    published_m: float, law: str, runs: _Runs, of: Callable[[_Runs], History]
-) -> Comparison:
-    ours_m = rms(of(runs).lateral_error_m)
+def _against(published_m: float, law: str, runs: _Runs, own: History) -> Comparison:
+    ours_m = rms(own.lateral_error_m)
     return Comparison(
         f"RMS error of {law} (Table II), {_name(runs)}",
         f"{published_m:.4f} m",
@@ -137,8 +131,7 @@ def _picture(name: str, all_runs: list[_Runs]) -> Picture:
             stiffness = f"{runs.rear_cornering_stiffness_n_rad:.0f}_n_rad"
             columns[f"{law} c_r_{stiffness} lateral_error_m"] = shown.lateral_error_m
         axes.axhline(0.0, color="black", lw=0.6)
-        axes.set(xlabel="time [s]")
-        axes.set_title(_name(runs))
+        axes.set(xlabel="time [s]", title=_name(runs))
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2)
     figure.axes[0].set_ylabel("lateral deviation [m]")
     return Picture(name, figure, columns)

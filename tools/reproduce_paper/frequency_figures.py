@@ -158,7 +158,6 @@ def _decibels(ratio: float) -> float:
 
 
 def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
-    """Return spreads at 0.1 rad/s, and where they are largest below the cutoff of Q."""
     rows = []
     for name, responses in (("y/r", spreads.closed_loop), (inner, spreads.regulated)):
         ratio = responses.spread_at(SPREAD_AT_RAD_S)
@@ -196,7 +195,6 @@ def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
 
 
 def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
-    """Return the spread over the vertices against ω, without and with DOB, in both readings."""
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
     columns = {"omega_rad_s": without.closed_loop.omega_rad_s}

@@ -197,7 +197,6 @@ def _delays_picture(name: str, laws: tuple[ControllerSettings, ...]) -> Picture:
 
 
 def _law_name(settings: ControllerSettings) -> str:
-    """Return the two parameters that the pictures differ in."""
     filter_rad_s = required(settings.pd).derivative_filter_rad_s
     derivative = "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
     cutoff_rad_s = 0.0 if settings.cdob is None else settings.cdob.q_cutoff_rad_s

@@ -45,8 +45,6 @@ _READING = (
 
 
 class _Case(NamedTuple):
-    """One or several loops with a name."""
-
     name: str
     loops: tuple[GainLoop, ...]
 
@@ -176,8 +174,6 @@ def figure_8_beyond() -> Reproduction:
 
 
 def _corners() -> tuple[_Case, ...]:
-    """Return the continuous loop around each corner of the uncertainty box."""
-
     def name(vehicle: NominalVehicle) -> str:
         return f"{vehicle.speed_m_s * 3.6:.0f} km/h, {vehicle.virtual_mass_kg:.0f} kg"
 
@@ -188,7 +184,6 @@ def _corners() -> tuple[_Case, ...]:
 
 
 def _sampled_cases(filter_rad_s: float | None) -> tuple[_Case, ...]:
-    """Return the loop around (19) at 100 Hz with each delay."""
     return tuple(
         _Case(
             f"sampled, {_filter_text(filter_rad_s)}, {delay_ms} ms",
@@ -235,7 +230,6 @@ def _judged(case: _Case, spec: DStability) -> Comparison:
 
 
 def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
-    """Return how far each boundary of the region is from the published gains."""
     return tuple(
         unpublished(
             f"distance to the boundary {margin.bound}, {margin.kind} root",

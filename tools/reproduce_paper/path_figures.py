@@ -7,8 +7,6 @@ chosen such that Table II's PD row comes out, from the end of the major axis on,
 not the only ones: 86.8 m by 32.3 m in 100 s does the same, which the comparisons show.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -33,22 +31,9 @@ _WHY = (
 )
 
 
-class _Fit(NamedTuple):
-    """An ellipse that reproduces the PD row, and how long it is driven."""
-
-    semi_major_axis_m: float
-    semi_minor_axis_m: float
-    duration_s: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.semi_major_axis_m:g} m by {self.semi_minor_axis_m:g} m, {self.duration_s:g} s"
-        )
-
-
 _FITS = (
-    _Fit(EllipseSettings().semi_major_axis_m, EllipseSettings().semi_minor_axis_m, 200.0),
-    _Fit(86.8, 32.3, 100.0),
+    DrivenEllipse(EllipseSettings().semi_major_axis_m, EllipseSettings().semi_minor_axis_m, 200.0),
+    DrivenEllipse(86.8, 32.3, 100.0),
 )
 
 
@@ -68,9 +53,7 @@ def figure_14() -> Reproduction:
     axes.annotate(
         "start", (_FITS[0].semi_major_axis_m, 0.0), xytext=(-40, 4), textcoords="offset points"
     )
-    axes.set_aspect("equal")
-    axes.set(xlabel="x [m]", ylabel="y [m]")
-    axes.set_title("Desired path")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="Desired path")
     axes.legend(loc="center", title=_LEGEND)
     return Reproduction(
         "figure_14",
@@ -100,8 +83,7 @@ def figure_15() -> Reproduction:
         style = {"color": colour} if index == 0 else {"color": "0.5", "ls": "--", "lw": 1.0}
         axes.plot(s_m, rho_1_m, label=f"{fit}", **style)
         columns |= {_column("arc_length_m", index): s_m, _column("curvature_1_m", index): rho_1_m}
-    axes.set(xlabel="arc length [m]", ylabel="curvature of the path [1/m]")
-    axes.set_ylim(bottom=0.0)
+    axes.set(xlabel="arc length [m]", ylabel="curvature of the path [1/m]", ylim=(0.0, None))
     axes.set_title("Curvature of the desired path")
     axes.legend(loc="upper center", bbox_to_anchor=(0.27, 1.0), title=_LEGEND)
     a, b, _ = _FITS[0]
@@ -127,18 +109,17 @@ def figure_15() -> Reproduction:
     )
 
 
-def _path(fit: _Fit) -> Path:
+def _path(fit: DrivenEllipse) -> Path:
     return ellipse(fit.semi_major_axis_m, fit.semi_minor_axis_m)
 
 
 def _column(name: str, index: int) -> str:
-    """Return the header of a column; those of the second ellipse get names of their own."""
     return name if index == 0 else f"other_{name}"
 
 
-def _fit_comparison(fit: _Fit) -> Comparison:
+def _fit_comparison(fit: DrivenEllipse) -> Comparison:
     """Compare the PD row that an ellipse gives with the published one."""
-    ours_m = table_2_row(PD, DrivenEllipse(*fit))
+    ours_m = table_2_row(PD, fit)
     theirs_m = [column.pd_m for column in published.TABLE_2]
     worst_m = max(abs(ours - theirs) for ours, theirs in zip(ours_m, theirs_m, strict=True))
     return Comparison(

@@ -141,7 +141,6 @@ def common_delays(sets: Sequence[tuple[DelayInterval, ...]]) -> tuple[DelayInter
 
 
 def _comparison(row: Row) -> Comparison:
-    """Return the worst over the corners of everything, as text."""
     common = common_delays([corner.stable for corner in row.corners])
     margin_ns = delay_margin_ns(common)
     if margin_ns == 0:

@@ -181,7 +181,6 @@ def _reduction(pd: Sequence[Row], dob: Sequence[Row]) -> Comparison:
 
 
 def _is_reduced(pd: Row, dob: Row) -> Comparison:
-    """Check the text's statement: with DOB the error is smaller in every corner."""
     pairs = list(zip(dob.rms_m, pd.rms_m, strict=True))
     return Comparison(
         "RMS without → with DOB",
@@ -215,8 +214,7 @@ def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:
             axes.bar_label(bars, fmt="%.4f", fontsize=7.5, rotation=90, padding=3)
         axes.set_xticks(range(4), _corner_labels())
         axes.set_ylabel("RMS lateral error [m]")
-        axes.set_ylim(0.0, 1.3 * max(max(row.rms_m) for row in shown))
-        axes.set_title(law)
+        axes.set(ylim=(0.0, 1.3 * max(max(row.rms_m) for row in shown)), title=law)
         axes.grid(visible=False, axis="x")
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
@@ -231,8 +229,7 @@ def _draw_attempts(theirs: Row, tried: Sequence[Row]) -> Figure:
     for row, colour, marker in zip(tried, (*COLOURS[:4], "#56B4E9", "0.6"), "svD^Px", strict=False):
         axes.plot(places, row.rms_m, marker=marker, color=colour, lw=1.2, label=row.label)
     axes.set_xticks(places, _corner_labels())
-    axes.set(ylabel="RMS lateral error [m]")
-    axes.set_ylim(bottom=0.0)
+    axes.set(ylabel="RMS lateral error [m]", ylim=(0.0, None))
     axes.set_title("PD+DOB row: what was tried, none adopted")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     return figure

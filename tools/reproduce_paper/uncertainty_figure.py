@@ -75,7 +75,6 @@ def exact_cutoffs(family: QFamily, model: TransferFunction, delay_s: float) -> t
 
 
 def _condition_comparisons(model: TransferFunction, name: str) -> tuple[Comparison, ...]:
-    """Return how far the condition is met at 5 rad/s, and which cutoffs meet it."""
     plants = corner_plants()
     q = q_order_2(CUTOFF_RAD_S)
     ratios = [condition_23(q, largest_uncertainty((plant,), model)).size for plant in plants]

@@ -139,7 +139,6 @@ def _start_babbler(programs: Processes, plan: Plan) -> None:
 
 
 def _wait(programs: Processes, watch: MemoryWatch, duration_s: float) -> None:
-    """Let it run, and sample the memory at intervals."""
     start_s = time.monotonic()
     period_s = max(duration_s / SAMPLES, min(1.0, duration_s / 10.0))
     index = 0

@@ -89,7 +89,6 @@ def main() -> int:
 
 
 def _empty(vandal: socket.socket) -> None:
-    """Receive what has arrived, without waiting."""
     try:
         while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
             pass

@@ -276,7 +276,6 @@ def _report(console: Console, folder: Path) -> None:
 
 
 def _duration(seconds: float) -> str:
-    """Return a time in words that fit it."""
     if seconds < 90.0:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)

@@ -135,7 +135,6 @@ def live_line(one: LiveRun) -> str:
 
 
 def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], bool]) -> bool:
-    """Run both programs to the end; returns whether they reached it."""
     with LivePair(bus, files) as live:
         end_s = time.monotonic() + pair.plant.duration_s + GRACE_S
         while live.plant_is_running:

@@ -23,7 +23,6 @@ def compute_block(payload: str, ids: Sequence[int]) -> Computed:
 
 @lru_cache(maxsize=2)
 def _computer(payload: str) -> Computer:
-    """Return the computer of a study's runs, from the output of ``payload_of``."""
     study = json.loads(payload)
     settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
     design = make_design(study_factors(settings, study["file"]), settings.sampling)

@@ -102,11 +102,10 @@ def _virtual(
     plant, controller = made.plant, made.controller
     samples, ticks = compiled["samples"], compiled["commands_sent"]
     is_complete = end is RunEnd.COMPLETE
-
-    def has_run() -> bool:
-        return not is_complete and len(plant.samples) > samples > 0
-
-    run_virtual_nodes(made.edge, controller, None, None, has_run)
+    run_virtual_nodes(
+        *(made.edge, controller, None, None),
+        lambda: not is_complete and len(plant.samples) > samples > 0,
+    )
     trace = Trace.of_node(plant)
     sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
     judged_by = computer.scenarios.study.settings.verdict

@@ -51,8 +51,7 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
     panel.set_yticks(ticks_ms, [f"{tick:g}" for tick in ticks_ms])
     panel.set_yticks([], minor=True)
     panel.set_xticks(range(len(chosen)), [axes.jitter.labels[place] for place in chosen])
-    panel.set_xlabel(axes.jitter.title)
-    panel.set_ylabel("largest mean latency held [ms]")
+    panel.set(xlabel=axes.jitter.title, ylabel="largest mean latency held [ms]")
     panel.set_title(
         f"Markers: median over seeds with its {100 * CONFIDENCE:g} % interval.  "
         f"Bars: held by at least {100 * HELD_SHARE:g} % of seeds, {100 * CONFIDENCE:g} % sure",

@@ -132,7 +132,6 @@ class _Search:
         return list(map(_break_point, searched, found))
 
     def _next(self, conditions: _Conditions, seed: int, steps: list[int]) -> int:
-        """Return the break-point with a further seed, of which some are known."""
         if steps and self._is_fixed(conditions):
             return steps[0]
         return self._edge(conditions, seed, steps[-1] if steps else conditions.guess)
@@ -162,7 +161,6 @@ class _Search:
         )
 
     def _at(self, conditions: _Conditions, mean_s: float) -> list[dict[str, Any]]:
-        """Return the overrides with another mean latency, the jitter as it is."""
         return [
             dict(overrides) | latency_overrides(self._axes, conditions.jitter, mean_s)
             for overrides in conditions.overrides
@@ -178,7 +176,6 @@ class _Search:
         return verdict_of(scenarios.study.settings.verdict, end, row) is Verdict.HOLDS
 
     def _is_fixed(self, conditions: _Conditions) -> bool:
-        """Whether nothing in the runs is random."""
         plants = [
             self._computer.scenarios.plant(case_of(overrides | {"plant.seed": 0}))
             for overrides in self._at(conditions, 0.1)

@@ -209,7 +209,6 @@ def _costs(
 
 
 def _expected(plant: PlantSettings, controller: ControllerSettings) -> ExpectedCost | str:
-    """Return the expected cost, or why there is none."""
     try:
         return expected_cost(plant, controller)
     except SettingsError as error:

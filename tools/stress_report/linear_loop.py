@@ -25,7 +25,7 @@ from ...plant_emulator.disturbance import disturbance_intervals
 from ...plant_emulator.latency import Distribution
 from ...plant_emulator.latency_settings import LatencySettings, Order
 from ...plant_emulator.motion_design import vehicle_params
-from ...plant_emulator.path import Path, curvature
+from ...plant_emulator.path import curvature
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.rig_settings import DisturbanceSettings
 from ...plant_emulator.settings import PlantSettings
@@ -74,7 +74,8 @@ def linear_loop(
     a, b = _plant_matrices(params, plant.actuator.lag_s)
     transition, (hold, at_start, *disturbed), rise = _over_step(a, b, step_s)
     ends_s = step_s * np.arange(periods * steps_per_period + 1, dtype=np.float64)
-    rho_1_m = _curvatures(build_path(plant.path), params.speed_m_s * ends_s)
+    path = build_path(plant.path)
+    rho_1_m = np.array([curvature(path, s_m) for s_m in (params.speed_m_s * ends_s).tolist()])
     driven = np.outer(rho_1_m[:-1], at_start) + np.outer(np.diff(rho_1_m) / step_s, rise)
     driven += _disturbances(plant.disturbance, params, ends_s) @ np.array(disturbed)
     design = design_law(controller)
@@ -134,12 +135,7 @@ def _disturbances(
     return np.asarray(np.diff(since_s @ jumps, axis=0) / np.diff(ends_s)[:, None])
 
 
-def _curvatures(path: Path, arc_lengths_m: FloatArray) -> FloatArray:
-    return np.array([curvature(path, arc_m) for arc_m in arc_lengths_m.tolist()])
-
-
 def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
-    """Return why a run is not a jump-linear loop."""
     down, actuator = plant.latency.downlink, plant.actuator
     conditions = {
         "law: must read the lateral error and its own commands alone": design_law(

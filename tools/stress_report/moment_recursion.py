@@ -53,7 +53,7 @@ def move_second(r: Any, x: Any, driven: Any, noise: Any) -> None:
     one = x.shape[1] - 1
     for mode in range(x.shape[0]):
         _decide_rows(r, x[mode], work)
-        _decide_columns(r, x[mode], work)
+        _decide_rows(r, x[mode].T, work)
         probability = x[mode, one, one]
         for i in range(r.plant_end, r.law_end + 1):
             for j in range(r.plant_end, r.law_end + 1):
@@ -63,7 +63,7 @@ def move_second(r: Any, x: Any, driven: Any, noise: Any) -> None:
         _choose(x, r.chosen[step], r.kept[step])
         for mode in range(x.shape[0]):
             _move_rows(r, x[mode], r.held + mode, driven[step], work)
-            _move_columns(r, x[mode], r.held + mode, driven[step], work)
+            _move_rows(r, x[mode].T, r.held + mode, driven[step], work)
 
 
 @compiled
@@ -82,21 +82,6 @@ def _decide_rows(r: Any, x: Any, work: Any) -> None:
 
 
 @compiled
-def _decide_columns(r: Any, x: Any, work: Any) -> None:
-    start, end, last = r.plant_end, r.law_end, x.shape[1] - 3
-    for row in range(x.shape[0]):
-        v = x[row]
-        for i in range(last, end, -1):
-            v[i] = v[i - 1]
-        for i in range(len(r.decision)):
-            work[i] = r.decision[i, 0] * v[3]
-            for j in range(end - start):
-                work[i] += r.decision[i, 1 + j] * v[start + j]
-        for i in range(len(r.decision)):
-            v[start + i] = work[i]
-
-
-@compiled
 def _move_rows(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
     """Move the plant by one step, the command of state ``held`` acting."""
     order, one = len(r.hold), x.shape[0] - 1
@@ -107,19 +92,6 @@ def _move_rows(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
                 work[i] += r.transition[i, j] * x[j, column]
         for i in range(order):
             x[i, column] = work[i]
-
-
-@compiled
-def _move_columns(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
-    order, one = len(r.hold), x.shape[1] - 1
-    for row in range(x.shape[0]):
-        v = x[row]
-        for i in range(order):
-            work[i] = r.hold[i] * v[held] + driven[i] * v[one]
-            for j in range(order):
-                work[i] += r.transition[i, j] * v[j]
-        for i in range(order):
-            v[i] = work[i]
 
 
 @compiled

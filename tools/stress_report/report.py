@@ -83,7 +83,6 @@ def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
 
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
-    """Draw a picture, write it beside the page, and return it for the page."""
     with plot_style():
         png = png_of(draw())
     (study.folder / f"{name}.png").write_bytes(png)

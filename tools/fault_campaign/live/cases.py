@@ -5,7 +5,7 @@ frame with the counter that is due is accepted; the true frame, which follows wi
 is then refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -56,9 +56,13 @@ class LiveCase(NamedTuple):
         return f"{kind},{times}{comma}{rest}"
 
 
-def _by(**seen: frozenset[str]) -> Mapping[str, frozenset[str]]:
+def _by(**seen: Collection[str]) -> Mapping[str, frozenset[str]]:
     names = {"plant": PLANT, "controller": CONTROLLER}
-    return MappingProxyType({names[who]: causes for who, causes in seen.items()})
+    return MappingProxyType({names[who]: frozenset(causes) for who, causes in seen.items()})
+
+
+def _by_both(*causes: str) -> Mapping[str, frozenset[str]]:
+    return _by(plant=causes, controller=causes)
 
 
 def _at_plant(
@@ -80,39 +84,20 @@ _STREAMS = MappingProxyType(
         "downlink": ("STEERING_COMMAND", "steer_rad"),
     }
 )
-_SILENCE, _SKIPPED = frozenset({SILENCE}), frozenset({SKIPPED})
+_SILENCE, _SKIPPED = {SILENCE}, {SKIPPED}
 CASES = (
     LiveCase("golden", "", _by()),
-    LiveCase("babbling node", LiveKind.BABBLE, _by(plant=_SILENCE, controller=_SILENCE)),
+    LiveCase("babbling node", LiveKind.BABBLE, _by_both(SILENCE)),
     LiveCase("spoofed, own counter", LiveKind.SPOOF, _by(plant=_COUNTER)),
     LiveCase("spoofed, next counter", LiveKind.SPOOF_NEXT, _by(plant=_COUNTER)),
     LiveCase(
-        "spoofed, pair with a key",
-        LiveKind.SPOOF,
-        _by(plant=frozenset({"unauthenticated"})),
-        with_key=True,
+        "spoofed, pair with a key", LiveKind.SPOOF, _by(plant={"unauthenticated"}), with_key=True
     ),
-    LiveCase("replayed recording", LiveKind.REPLAY, _by(plant=_COUNTER, controller=_COUNTER)),
-    LiveCase(
-        "bit flips",
-        LiveKind.BIT_FLIPS,
-        _by(plant=frozenset({"bad_crc"}), controller=frozenset({"bad_crc"})),
-    ),
-    LiveCase(
-        "wrong length",
-        LiveKind.WRONG_LENGTH,
-        _by(plant=frozenset({"wrong_length"}), controller=frozenset({"wrong_length"})),
-    ),
-    LiveCase(
-        "wrong identifier",
-        LiveKind.WRONG_IDENTIFIER,
-        _by(plant=frozenset({"masqueraded"}), controller=frozenset({"masqueraded"})),
-    ),
-    LiveCase(
-        "random noise",
-        LiveKind.NOISE,
-        _by(plant=_CONTENT, controller=_CONTENT),
-    ),
+    LiveCase("replayed recording", LiveKind.REPLAY, _by_both(*_COUNTER)),
+    LiveCase("bit flips", LiveKind.BIT_FLIPS, _by_both("bad_crc")),
+    LiveCase("wrong length", LiveKind.WRONG_LENGTH, _by_both("wrong_length")),
+    LiveCase("wrong identifier", LiveKind.WRONG_IDENTIFIER, _by_both("masqueraded")),
+    LiveCase("random noise", LiveKind.NOISE, _by_both(*_CONTENT)),
     LiveCase("plant paused", LiveKind.PAUSE, _by(controller=_SILENCE), (PLANT,)),
     LiveCase(
         "controller paused", LiveKind.PAUSE, _by(plant=_SILENCE, controller=_SKIPPED), (CONTROLLER,)
@@ -143,30 +128,27 @@ CASES = (
     LiveCase(
         "controller in bus-off",
         f"{LiveKind.BUS_OFF},of=controller",
-        _by(plant=_SILENCE, controller=frozenset({BUS_OFF})),
+        _by(plant=_SILENCE, controller={BUS_OFF}),
         reconnects=True,
     ),
     LiveCase(
         "controller in bus-off, not kept",
         f"{LiveKind.BUS_OFF},of=controller",
-        _by(plant=_SILENCE, controller=frozenset({BUS_OFF})),
+        _by(plant=_SILENCE, controller={BUS_OFF}),
         ends=MappingProxyType({CONTROLLER: STATUS_BUS_FAILED}),
     ),
     _at_plant("measurements lost", "uplink", "drop", 1.0, _by(controller=_SILENCE)),
     _at_plant("commands lost", "downlink", "drop", 1.0, _by(plant=_SILENCE)),
-    _at_plant("bursts of 8 lost", "uplink", "burst_loss", 8, _by(controller=frozenset({LOST}))),
+    _at_plant("bursts of 8 lost", "uplink", "burst_loss", 8, _by(controller={LOST})),
     _at_plant("commands twice", "downlink", "duplicate", 0.5, _by(plant=_COUNTER)),
     _at_plant("commands reordered", "downlink", "reorder", 3, _by(plant=_COUNTER)),
     _at_plant("measurements 0.3 s late", "uplink", "delay_spike", 0.3, _by(controller=_SILENCE)),
     _at_plant("measurements frozen", "uplink", "freeze", 1.0, _by(controller=_COUNTER)),
     _at_plant(
-        "measurements out of range",
-        "uplink",
-        "out_of_range",
-        0.5,
-        _by(controller=frozenset({"out_of_range", "not_available"})),
+        *("measurements out of range", "uplink", "out_of_range", 0.5),
+        _by(controller={"out_of_range", "not_available"}),
     ),
-    _at_plant("commands 0.9 rad off", "downlink", "offset", 0.9, _by(plant=frozenset({LIMITED}))),
+    _at_plant("commands 0.9 rad off", "downlink", "offset", 0.9, _by(plant={LIMITED})),
     # A receiver cannot detect a plausible value with a valid CRC and counter.
     _at_plant("measurements stuck", "uplink", "stuck", 1.0, _by()),
     _at_plant("measurements 0.1 m off", "uplink", "offset", 0.1, _by()),
