@@ -59,18 +59,14 @@ class EchoDelay:
 
 
 class DelayWatch:
-    """Measures the delay in both ways; ``params`` None switches the estimate off."""
+    """Measures the delay in both ways: by ``echo`` and, unless ``params`` is None, by estimate."""
 
     def __init__(self, params: DelayEstimationParams | None, echo: EchoDelay) -> None:
         self._estimator = None if params is None else DelayEstimator(params)
-        self._echo = echo
+        self.echo = echo
         self._period: int | None = None
         self._ticks = self._ticks_observable = 0
         self._first_observable_ticks: int | None = None
-
-    def on_echo(self, sent_ns: int, now_ns: int) -> None:
-        """Take an echo of a command by when that was sent."""
-        self._echo.on_echo(sent_ns, now_ns)
 
     def on_tick(self, now_ns: int, period: int, sent_steer_rad: float, received: Received) -> None:
         """Record a control period: the command in effect until now and the newest measurements."""
@@ -95,7 +91,7 @@ class DelayWatch:
 
     def echo_s(self, now_ns: int) -> float | None:
         """Return the delay by the echo [s]; None while unknown."""
-        return self._echo.delay_s(now_ns)
+        return self.echo.delay_s(now_ns)
 
     @property
     def estimate_state(self) -> EstimateState:

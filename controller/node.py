@@ -139,17 +139,17 @@ class ControllerNode:
             if self._commands.sent.count:
                 self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
-            before_rad = self._sent_steer_rad
+            mode, before_rad = self._supervisor.mode, self._sent_steer_rad
             sent_rad = limit_step(self._limits, before_rad, wanted_rad)
             self._sent_steer_rad = sent_rad
-            if self._supervisor.mode is _ACTIVE:
+            if mode is _ACTIVE:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
                 self._figures.on_law(self._received.lateral_error_m, limit)
-            if self._supervisor.mode is not _WAITING:
+            if mode is not _WAITING:
                 frames.append(self._command_frame(now_ns, period, before_rad))
             facts = self._safety_facts(now_ns)
             is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
-            self.finished = facts.fault is not _NO_FAULT and self._sent_steer_rad == 0.0
+            self.finished = facts.fault is not _NO_FAULT and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             skipped = self._control_timer.skipped
@@ -230,7 +230,7 @@ class ControllerNode:
         echo = self._commands.sent.on_echo(status.applied_counter)
         if echo is not None:
             sent_ns, is_first = echo
-            self._delay.on_echo(sent_ns, now_ns)
+            self._delay.echo.on_echo(sent_ns, now_ns)
             if is_first:
                 self._figures.round_trip.record(now_ns - sent_ns)
 

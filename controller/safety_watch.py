@@ -52,14 +52,14 @@ class SafetyWatch:
         ``must_stop``  whether the vehicle must, whatever the validity
         """
         received, validity = self._received, self.validity
-        refused, request = received.refused, request_of(validity, must_stop=must_stop)
-        seen = (refused, fault, validity, request)
+        seen = (received.reception.refused, received.unauthenticated, fault, validity, must_stop)
         if now_ns <= self._fresh_until_ns and seen == self._seen:
             return self.facts
         self._seen = seen
+        request = request_of(validity, must_stop=must_stop)
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        found = (refused, *freshness, fault, second_sender, validity, request)
+        found = (received.refused, *freshness, fault, second_sender, validity, request)
         if found != self.facts:
             self.facts = new_record(SafetyFacts, found)
         # A stale message may return at any time, and a second sender is forgotten after a while.
