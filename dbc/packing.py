@@ -12,7 +12,7 @@ kind they are
             if (
                 -500 <= speed_m_s <= 500
                 and 0 <= number <= 15
-                and type(mode) is Mode and 0 <= mode <= 1
+                and type(mode) is Mode
                 and 0 <= counter <= 255
             ):
                 content = (
@@ -181,9 +181,11 @@ def _raw_of(name: str, signal: PackedSignal) -> str:
 def _carried(name: str, signal: PackedSignal) -> str:
     """Return the condition that a signal can carry a raw, or a member of an enum."""
     in_range = f"{signal.raw_minimum} <= {name} <= {signal.raw_maximum}"
-    if issubclass(signal.kind, IntEnum):
-        return f"type({name}) is {signal.kind.__name__} and {in_range}"
-    return in_range
+    if not issubclass(signal.kind, IntEnum):
+        return in_range
+    is_member = f"type({name}) is {signal.kind.__name__}"
+    is_every = signal.raw_minimum <= min(signal.kind) and max(signal.kind) <= signal.raw_maximum
+    return is_member if is_every else f"{is_member} and {in_range}"
 
 
 def _placed(name: str, signal: PackedSignal, begin: int) -> str:

@@ -41,6 +41,7 @@ _CLASSIC_TRAILER_BITS = 1 + 2 + 7
 
 _HEADER_BITS = 19
 """Start of frame to the data length code, with 11 bits of identifier."""
+_BASE_ID_MAX = 0x7FF
 _EIGHT_BYTES_BITS = _HEADER_BITS + 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
 _STUFFED_MAX = 24
 """Most stuff bits in such a frame: after the first five bits, every four."""
@@ -156,9 +157,9 @@ def frame_bits(frame: Frame) -> FrameBits:
     payload too long for the format, a remote frame with a payload or with FD.
     """
     can_id, data, flags = frame
-    if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
+    if not flags and len(data) == 8:
         return new_record(FrameBits, (bits_of_eight_bytes(can_id, data), 0))
-    limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
+    limit = 0x1FFFFFFF if flags & EXTENDED else _BASE_ID_MAX
     dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
         raise ValueError(f"not a frame that can be sent: {frame}")
@@ -188,6 +189,7 @@ def bits_of_eight_bytes(can_id: int, data: bytes) -> int:
     """Length of the frame most sent, with 11 bits of identifier and 8 bytes: written out [bits].
 
     The CRC is linear: it is that of the header and zeros, and of each byte and the zeros after it.
+    Raises ValueError for a longer identifier.
     """
     crc, row = _before_eight_bytes(can_id)
     a, b, c, d, e, f, g, h = data
@@ -200,7 +202,9 @@ def bits_of_eight_bytes(can_id: int, data: bytes) -> int:
 
 @lru_cache(maxsize=4096)
 def _before_eight_bytes(can_id: int) -> tuple[int, _CountedRow]:
-    """CRC of header and 8 zeros, and the row after the header."""
+    """CRC of header and 8 zeros, and the row after the header; raises ValueError."""
+    if not 0 <= can_id <= _BASE_ID_MAX:
+        raise ValueError(f"not a frame that can be sent: its identifier is {can_id:#x}")
     register, row, sent = _after_header(can_id, 8, 0)
     state = next(state for state, one in enumerate(_STUFF_ROWS) if one is row)
     return crc15(bytes(8), register), _counted_rows()[sent - _HEADER_BITS][state]

@@ -55,7 +55,7 @@ class QuietBus:
         Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
         """
         can_id, data, flags = frame
-        if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
+        if not flags and len(data) == 8:
             bits, arbitration = bits_of_eight_bytes(can_id, data), can_id << 21
         else:
             bits, arbitration = sum(frame_bits(frame)), arbitration_field(frame)
