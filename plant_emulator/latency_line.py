@@ -7,7 +7,7 @@ Order (``Order``) is kept per key; frames of one key are those of one message.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
@@ -73,7 +73,7 @@ class LatencyLine(Generic[Item]):
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: defaultdict[int, int] = defaultdict(int)
         self._drawn_ns: tuple[int, ...] = (0,)
-        self._pushed = self._duplicated = self._released = 0
+        self._pushed = self._duplicated = self._settled = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency, self._injected = DurationStatistics(), DurationStatistics()
         # Durations not in the statistics yet.
@@ -86,7 +86,7 @@ class LatencyLine(Generic[Item]):
         return LineCounts(
             self._pushed,
             self._duplicated,
-            self._released,
+            self._settled + len(self._latencies_ns),
             self._lost,
             self._superseded,
             self._overflowed,
@@ -114,31 +114,33 @@ class LatencyLine(Generic[Item]):
         self._settle()
         self._draw.reconfigure(model, mean_s, spread_s, loss)
 
-    def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
-        """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
-        pushed, waiting, draw = self._pushed, self._waiting, self._draw
-        latencies_ns = draw.constant_ns
-        if not latencies_ns:
-            latencies_ns = draw.latencies_ns(pushed, now_ns, motion_ns)
-            self._lost += not latencies_ns
-            self._duplicated += len(latencies_ns) > 1
-        self._pushed = pushed + 1
-        if latencies_ns:
-            self._drawn_ns = latencies_ns
-        for latency_ns in latencies_ns:
-            self._injected_ns.append(latency_ns)
-            if len(waiting) >= WAITING_MAX:
-                self._overflowed += 1
-                continue
-            due_ns = now_ns + latency_ns
-            if self._in_order:
-                due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
-                self._last_due_ns[key] = due_ns
-            self._sequence = sequence = self._sequence + 1
-            heappush(waiting, (due_ns, sequence, now_ns, key, item))
-            if due_ns < self.next_due_ns:
-                self.next_due_ns = due_ns
-        if not pushed % _BLOCK:
+    def push(self, frames: Sequence[tuple[int, Item]], now_ns: int, motion_ns: int) -> None:
+        """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion.
+
+        ``frames``  the key and the item of each
+        """
+        waiting, injected_ns, in_order = self._waiting, self._injected_ns, self._in_order
+        constant_ns, sequence = self._draw.constant_ns, self._sequence
+        if constant_ns:
+            self._drawn_ns = constant_ns
+        for key, item in frames:
+            latencies_ns = constant_ns or self._drawn(now_ns, motion_ns)
+            self._pushed += 1
+            for latency_ns in latencies_ns:
+                injected_ns.append(latency_ns)
+                if len(waiting) >= WAITING_MAX:
+                    self._overflowed += 1
+                    continue
+                due_ns = now_ns + latency_ns
+                if in_order:
+                    due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
+                    self._last_due_ns[key] = due_ns
+                sequence += 1
+                heappush(waiting, (due_ns, sequence, now_ns, key, item))
+        self._sequence = sequence
+        if waiting:
+            self.next_due_ns = waiting[0][0]
+        if len(injected_ns) >= _BLOCK:
             self._settle()
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
@@ -159,12 +161,21 @@ class LatencyLine(Generic[Item]):
                 if newest_wins:
                     newest[key] = sequence
             heappop(waiting)
-        self._released += len(released)
         return released
+
+    def _drawn(self, now_ns: int, motion_ns: int) -> tuple[int, ...]:
+        """Draw the next frame's latency, and that of its duplicate; none if it is lost."""
+        latencies_ns = self._draw.latencies_ns(self._pushed, now_ns, motion_ns)
+        if latencies_ns:
+            self._drawn_ns = latencies_ns
+        self._lost += not latencies_ns
+        self._duplicated += len(latencies_ns) > 1
+        return latencies_ns
 
     def _settle(self) -> None:
         """Do what can wait: draw what decides nothing, and count durations."""
         self._draw.catch_up(self._pushed)
+        self._settled += len(self._latencies_ns)
         self._latency.record_all(self._latencies_ns)
         self._injected.record_all(self._injected_ns)
         self._latencies_ns.clear()

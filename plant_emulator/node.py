@@ -130,7 +130,7 @@ class PlantNode:
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
-            self._network.downlink.push(_COMMAND_ID, received, now_ns, self._motion_ns(now_ns))
+            self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns

@@ -59,21 +59,21 @@ class Sampling:
         ``code``       of the steering
         ``motion_ns``  time since the start of motion [ns]
         """
-        messages, push = self._messages, self._uplink.push
+        messages = self._messages
         z = motion.linear
         _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z
         error_m, heading_rad, yaw_rate_rad_s = messages.measured(
             (error_m, heading_rad, yaw_rate_rad_s)
         )
-        frame = messages.lateral_error(error_m, heading_rad, is_finite=motion.is_finite)
-        push(_ERROR_ID, frame, time_ns, motion_ns)
-        push(_STATUS_ID, messages.steering_status(wheel_rad, applied, code), time_ns, motion_ns)
+        error = messages.lateral_error(error_m, heading_rad, is_finite=motion.is_finite)
+        status = messages.steering_status(wheel_rad, applied, code)
+        frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
-            frame = messages.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
-            push(_STATE_ID, frame, time_ns, motion_ns)
+            state = messages.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
+            frames.append((_STATE_ID, state))
             if self._ahead_m is not None:
                 at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
                 ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
-                frame = messages.path_ahead(self._ahead_m, ahead_1_m)
-                push(_PATH_ID, frame, time_ns, motion_ns)
+                frames.append((_PATH_ID, messages.path_ahead(self._ahead_m, ahead_1_m)))
+        self._uplink.push(frames, time_ns, motion_ns)

@@ -136,7 +136,7 @@ def test_without_latency_a_frame_is_due_at_the_very_instant_it_came(order: str) 
     tested = line(order=order)
     now_ns = 123_456_789_012_345_677
     for key in (3, 1, 3):
-        tested.push(key, key, now_ns, 0)
+        tested.push([(key, key)], now_ns, 0)
     assert tested.next_due_ns == now_ns
     assert tested.pop_due(now_ns - 1) == []
     popped = tested.pop_due(now_ns)
@@ -163,7 +163,7 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
         LatencySettings.model_validate(network), stream, uniforms(1, Channel.UPLINK_DUPLICATES)
     )
     for number in range(frames):
-        tested.push(0, number, number, number)
+        tested.push([(0, number)], number, number)
     assert stream.taken == 2 * frames
 
 
@@ -175,7 +175,7 @@ def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None
     kept = a_line(0.51, 0.25)
     assert injected_ns(kept, 1) == [round((0.1 - 0.5 * 3**0.5 * 0.01) * 1e9)]
     lost = a_line(0.49, 0.25)
-    lost.push(0, 0, 0, 0)
+    lost.push([(0, 0)], 0, 0)
     assert lost.counts.lost == 1
 
 
@@ -245,7 +245,7 @@ def test_frames_that_come_at_one_instant_share_the_state_of_a_correlated_network
     latencies = []
     for number in range(6):
         now_ns = number // 3 * PERIOD_NS
-        tested.push(number, number, now_ns, 0)
+        tested.push([(number, number)], now_ns, 0)
         latencies.append(tested.latest_latency_ns)
     assert len(set(latencies[:3])) == 1
     assert len(set(latencies[3:])) == 1
@@ -259,7 +259,7 @@ def test_a_line_that_is_full_counts_what_it_cannot_take(monkeypatch: pytest.Monk
     monkeypatch.setattr(latency_line, "WAITING_MAX", 3)
     tested = line(mean_s=1.0)
     for number in range(5):
-        tested.push(0, number, 0, 0)
+        tested.push([(0, number)], 0, 0)
     assert tested.counts.overflowed == 2
     assert [item for *_, item in tested.pop_due(1_000_000_000)] == [0, 1, 2]
 
@@ -271,8 +271,8 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     tested: LatencyLine[int] = LatencyLine(
         LatencySettings.model_validate(table), stream, repeat(0.5)
     )
-    tested.push(0, 0, 0, 0)
-    tested.push(0, 1, 1, 1)
+    tested.push([(0, 0)], 0, 0)
+    tested.push([(0, 1)], 1, 1)
     (popped,) = tested.pop_due(tested.next_due_ns)
     assert popped[-1] == 1
     assert tested.next_due_ns == NEVER_NS
@@ -296,7 +296,7 @@ def test_a_constant_latency_leaves_the_draws_as_they_are(
                 uplink.reconfigure(Distribution.NORMAL, 0.05, 0.02, 0.1)
             if number == numbers * 3 // 4:
                 uplink.reconfigure(Distribution.CONSTANT, mean_s, 0.0, 0.0)
-            uplink.push(1, number, now_ns, now_ns)
+            uplink.push([(1, number)], now_ns, now_ns)
             left += uplink.pop_due(now_ns)
         return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
 

@@ -16,10 +16,10 @@ def test_a_schedule_follows_the_time_of_motion_and_not_of_the_clock() -> None:
         "schedule": [{"time_s": 0.0, "mean_s": 0.01}, {"time_s": 1.0, "mean_s": 0.02, "loss": 1.0}]
     }
     tested = line(**table)
-    tested.push(0, 0, 5_000_000_000, 999_999_999)
+    tested.push([(0, 0)], 5_000_000_000, 999_999_999)
     assert tested.latest_latency_ns == 10 * MS_NS
     assert tested.counts.lost == 0
-    tested.push(0, 1, 5_000_000_001, 1_000_000_000)
+    tested.push([(0, 1)], 5_000_000_001, 1_000_000_000)
     assert tested.counts.lost == 1
 
 
@@ -70,12 +70,12 @@ def test_reconfiguring_changes_the_next_frame_and_no_earlier_one(
         "trace": {"trace_file": file},
     }
     tested = line(**table[before])
-    tested.push(0, 0, 0, 0)
+    tested.push([(0, 0)], 0, 0)
     tested.reconfigure(Distribution.CONSTANT, 0.07, 0.0, 0.0)
-    tested.push(1, 1, 0, 0)
+    tested.push([(1, 1)], 0, 0)
     assert [due_ns for due_ns, *_ in tested.pop_due(NEVER_NS - 1)] == [50 * MS_NS, 70 * MS_NS]
     tested.reconfigure(Distribution.CONSTANT, 0.07, 0.0, 1.0)
-    tested.push(0, 2, 0, 0)
+    tested.push([(0, 2)], 0, 0)
     assert tested.counts.lost == 1
 
 

@@ -39,7 +39,7 @@ def run(
         now_ns = number * period_ns
         pop_until(tested, now_ns, came, left)
         came[number] = now_ns
-        tested.push(number % keys, number, now_ns, now_ns)
+        tested.push([(number % keys, number)], now_ns, now_ns)
     pop_until(tested, NEVER_NS - 1, came, left)
     return left
 
@@ -62,6 +62,6 @@ def injected_ns(tested: LatencyLine[int], frames: int) -> list[int]:
     """The latency drawn for each frame, lost ones not counted."""
     drawn = []
     for number in range(frames):
-        tested.push(0, number, number * PERIOD_NS, number * PERIOD_NS)
+        tested.push([(0, number)], number * PERIOD_NS, number * PERIOD_NS)
         drawn.append(tested.latest_latency_ns)
     return drawn

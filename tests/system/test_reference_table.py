@@ -175,7 +175,7 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
         seen = LawInput(motion.lateral_error_m, steer_rad)
         state, output = design.step(design.params, state, seen)
         steer_rad = limit_step(limits, steer_rad, output.steer_rad)
-        line.push(0, steer_rad, now_ns, now_ns)
+        line.push([(0, steer_rad)], now_ns, now_ns)
         apply_due(line, motion, now_ns)
     return math.sqrt(squares_m2 / periods)
 
