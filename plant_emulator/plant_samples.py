@@ -150,7 +150,8 @@ class RunRecord:
             _,
             _,
         ) = motion.linear
-        cg_m = motion_cg_m(motion)
+        at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
+        cg_m = cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
         self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
@@ -162,7 +163,7 @@ class RunRecord:
                 PlantSample,
                 (
                     motion.time_ns * 1e-9,
-                    motion.arc_length_m,
+                    at_m,
                     error_m,
                     heading_rad,
                     yaw_rate_rad_s,

@@ -172,7 +172,8 @@ class SharedBus:
     ``seed``      of their phases
     ``errors``    of the bus, if it has any
 
-    ``refused``   frames of the nodes that found their transmit buffer full and are lost
+    ``next_event_ns``  when the next frame may be complete [ns]
+    ``refused``        frames of the nodes that found their transmit buffer full and are lost
 
     The nodes do not get the others' frames: their receive filters keep them away.
     """
@@ -187,6 +188,7 @@ class SharedBus:
         self.traffic = BackgroundTraffic(messages, seed) if messages else None
         self.errors = errors
         self.model = BusModel(bitrate_bit_s, errors=errors, traffic=self.traffic)
+        self.next_event_ns = self.model.next_event_ns
         self.refused = 0
 
     def ear(self, node: Node, index: int) -> Node:
@@ -203,18 +205,15 @@ class SharedBus:
             )
 
     @property
-    def next_event_ns(self) -> int:
-        """When the next frame may be complete [ns]."""
-        return self.model.next_event_ns
-
-    @property
     def busy_share(self) -> float:
         """Share of the time so far that the bus was busy, 0 to 1."""
         return self.model.load.busy_ns / max(self.model.load_until_ns, 1)
 
     def advance(self, now_ns: int) -> Sequence[Delivery]:
         """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
-        return self.model.advance(now_ns)
+        completed = self.model.advance(now_ns)
+        self.next_event_ns = self.model.next_event_ns
+        return completed
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Take a frame of a node, if there is room."""
@@ -222,6 +221,7 @@ class SharedBus:
             self.model.submit(frame, sender, now_ns)
         except BusOverflowError:
             self.refused += 1
+        self.next_event_ns = self.model.next_event_ns
 
 
 def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
