@@ -71,10 +71,10 @@ class QuietBus:
         if len(queue) >= self._queue_limit:
             self._refuse_overflow(frame, sender, arbitration)
         self._submitted = number = self._submitted + 1
-        duration_ticks = bits * self._bit_ticks
-        heappush(queue, (arbitration, number, duration_ticks, sender, frame))
-        if queue[0][1] == number and not self._completed:
-            self.next_event_ns = -(-(self._free_ticks + duration_ticks) // self._per_ns)
+        entry = arbitration, number, bits * self._bit_ticks, sender, frame
+        heappush(queue, entry)
+        if queue[0] is entry and not self._completed:
+            self.next_event_ns = -(-(self._free_ticks + entry[2]) // self._per_ns)
 
     def advance(self, now_ns: int) -> list[Delivered]:
         """Return what is complete up to ``now_ns``, in order.

@@ -118,9 +118,8 @@ class VirtualTimeExecutor:
         while events < EVENTS_PER_INSTANT_MAX:
             next_ns = wire.next_event_ns
             if next_ns <= now_ns:
-                completed = advance(now_ns)
-                events += len(completed)
-                for end_ns, busy_index, frame in completed:
+                for end_ns, busy_index, frame in advance(now_ns):
+                    events += 1
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
                     for index, node in listeners_of(busy_index, nodes):
