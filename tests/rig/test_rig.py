@@ -101,7 +101,7 @@ def test_a_program_that_speaks_the_contract_holds_the_path(tmp_path: Path) -> No
 
 
 def test_a_command_that_is_not_there_never_drives_the_plant(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, overrides=SHORT, bus="emulated")
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0}, bus="emulated")
     outcome = rig.run(["./no-such-controller"])
     ending, undriven, *_ = failure_of(outcome)
     assert ending.startswith("controller has ended with status 127: ./no-such-controller: No such")

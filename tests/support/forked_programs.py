@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, NoReturn
 from steer_by_wire.vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
-FORKED = ("steer_by_wire", "can")
+FORKED = ("steer_by_wire", "can", "pytest")
 STREAMS = 3
 PRELOADED = (
     "can",
