@@ -37,7 +37,7 @@ from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.overruns import OverrunSettings
 from tests.support.running_program import PATIENCE_S
 
-DURATION_S = 6.0
+DURATION_S = 4.0
 CONTROL_PERIOD_S = 0.01
 DOWNLINK_S, UPLINK_S = 0.08, 0.02
 ATTEMPTS = 3
