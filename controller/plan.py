@@ -43,18 +43,17 @@ def limit_plan(
 
     ``last_sent_rad``  the command of the period before, at the time at which it acts
     ``acting``         index of the value for the time at which the present one acts, a step from
-                       that at most; else the wheel would jump from one plan to the next
+                       that at most: the wheel must not jump from one plan to the next. The others
+                       are limited from there on, in both directions
     """
     steer_rad_max, step_rad_max = p
-    spacing_rad = step_rad_max * row[1] * periods_per_sample
-    before_rad = last_sent_rad
-    allowed = SteerLimits(steer_rad_max, step_rad_max + acting * spacing_rad)
-    for index in range(2, ROW_LENGTH):
-        if index == 2 + acting:
-            before_rad, allowed = last_sent_rad, SteerLimits(steer_rad_max, step_rad_max)
-        before_rad = limit_step(allowed, before_rad, row[index])
-        row[index] = before_rad
-        allowed = SteerLimits(steer_rad_max, spacing_rad)
+    first = 2 + acting
+    row[first] = limit_step(p, last_sent_rad, row[first])
+    spacing = SteerLimits(steer_rad_max, step_rad_max * row[1] * periods_per_sample)
+    for index in range(first + 1, ROW_LENGTH):
+        row[index] = limit_step(spacing, row[index - 1], row[index])
+    for index in range(first - 1, 1, -1):
+        row[index] = limit_step(spacing, row[index + 1], row[index])
 
 
 def hold(row: MutableSequence[float], steer_rad: float) -> None:

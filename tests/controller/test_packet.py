@@ -39,7 +39,7 @@ def test_a_plan_is_limited_from_the_command_before_on() -> None:
     limit_plan(SteerLimits(0.5, 0.02), 0.5, 0.1, 2, row)
     # A spacing is 2.5 periods: 0.05 rad; the value that acts first is a step away.
     assert row[4:14] == pytest.approx([0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47, 0.5, 0.5])
-    assert row[2:4] == pytest.approx([0.22, 0.27])  # for earlier samples: two spacings more
+    assert row[2:4] == pytest.approx([0.22, 0.17])
 
 
 def controller(*overrides: str) -> ControllerSettings:
