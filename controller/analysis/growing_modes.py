@@ -131,9 +131,7 @@ class GrowingModes:
         log_z = self._log_radius + 1j * theta
         whole_periods, rest_ns = divmod(delay_ns, self._period_ns)
         new = self._held_for((self._period_ns - rest_ns) / NS_PER_S)
-        # Not p @ new: numpy gives that to threads, which takes longer on shared processors.
-        newer = np.einsum("ij,j->i", p, new)
-        older = np.einsum("ij,j->i", p, self._whole - new)
+        newer, older = _times(p, new), _times(p, self._whole - new)
         return np.asarray(
             q
             - newer * np.exp(-whole_periods * log_z)
@@ -153,7 +151,8 @@ class GrowingModes:
         for part in range(_PARTS_OF_PERIOD):
             share = part / _PARTS_OF_PERIOD
             new = self._held_for((1.0 - share) * period_s)
-            r = (gain @ new + gain @ (self._whole - new) * np.exp(-log_z)) * np.exp(share * log_z)
+            older = _times(gain, self._whole - new)
+            r = (_times(gain, new) + older * np.exp(-log_z)) * np.exp(share * log_z)
             log_modulus, phase = np.log(np.abs(r)), np.unwrap(np.angle(r))
             at = np.flatnonzero(np.signbit(log_modulus[:-1]) != np.signbit(log_modulus[1:]))
             along = log_modulus[at] / (log_modulus[at] - log_modulus[at + 1])
@@ -192,3 +191,8 @@ class GrowingModes:
         beside, _ = transfer(theta + _THETA_STEP)
         by_theta = np.asarray(np.log(beside / value) / _THETA_STEP, dtype=np.complex128)
         return np.asarray(np.log(value), dtype=np.complex128), by_theta, by_delay / value
+
+
+def _times(rows: ComplexArray, vector: FloatArray) -> ComplexArray:
+    """Return ``rows @ vector``, which numpy would give to threads: slower on shared processors."""
+    return np.asarray(np.einsum("ij,j->i", rows, vector), dtype=np.complex128)
