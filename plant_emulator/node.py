@@ -70,8 +70,9 @@ class PlantNode:
                      here unless given
     ``samples_max``  largest number of samples stored in ``samples``
 
-    ``deadline_ns``  when the next event is due [ns]
-    ``finished``     whether the motion has reached its duration, or a fault has ended it
+    ``motion_start_ns``  start of the motion [ns]; NEVER_NS before
+    ``deadline_ns``      when the next event is due [ns]
+    ``finished``         whether the motion has reached its duration, or a fault has ended it
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class PlantNode:
     ) -> None:
         self._seed = settings.seed
         self._duration_ns = settings.duration_ns
-        self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
+        self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         params = motion_params(settings) if params is None else params
         self._motion = make_motion(settings.vehicle, params)
         self._disturbing = Disturbing(settings, params)
@@ -107,11 +108,6 @@ class PlantNode:
         self.finished = False
 
     @property
-    def motion_start_ns(self) -> int:
-        """Start of the motion [ns]; NEVER_NS before."""
-        return self._motion_start_ns
-
-    @property
     def samples(self) -> Sequence[PlantSample]:
         """One sample a sensor period since the start of motion, oldest first."""
         return self._record.samples
@@ -127,8 +123,8 @@ class PlantNode:
         if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
             received = self._reception.undisputed(_STEERING_TYPES[frame.can_id])
         if isinstance(received, STEERING):
-            if self._motion_start_ns == NEVER_NS:
-                self._motion_start_ns = now_ns
+            if self.motion_start_ns == NEVER_NS:
+                self.motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
@@ -156,7 +152,7 @@ class PlantNode:
             command_ns = downlink.next_due_ns
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
-            guard_ns = self._motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
+            guard_ns = self.motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
             due_ns = status_timing.deadline_ns
             if command_ns < due_ns:
                 due_ns = command_ns
@@ -229,7 +225,7 @@ class PlantNode:
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
-        motion_ns = time_ns - self._motion_start_ns
+        motion_ns = time_ns - self.motion_start_ns
         return motion_ns if motion_ns > 0 else 0
 
     def _advance(self, due_ns: int) -> int:
@@ -284,7 +280,7 @@ class PlantNode:
                 self._follow(command, time_ns, motion_ns, is_new=is_new)
         motion, is_limited = self._motion, self._motion.is_limited
         self._unit.on_wheel(motion.wheel_rad, motion_ns)
-        if time_ns >= self._motion_start_ns:
+        if time_ns >= self.motion_start_ns:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)

@@ -32,7 +32,13 @@ class BitTicks(NamedTuple):
 
 
 def bit_ticks(bitrate_bit_s: int, data_bitrate_bit_s: int) -> BitTicks:
-    """Return the tick of a bus with these rates [bit/s]."""
+    """Return the tick of a bus with these rates [bit/s].
+
+    Raises ValueError for a rate that is not positive.
+    """
+    if bitrate_bit_s <= 0 or data_bitrate_bit_s <= 0:
+        rates = f"{bitrate_bit_s} and {data_bitrate_bit_s} bit/s"
+        raise ValueError(f"bit rates must be positive, not {rates}")
     per_ns = lcm(
         bitrate_bit_s // gcd(bitrate_bit_s, NS_PER_S),
         data_bitrate_bit_s // gcd(data_bitrate_bit_s, NS_PER_S),

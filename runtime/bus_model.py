@@ -3,9 +3,8 @@
 Rules:
 
 1. Whenever the bus is free, all waiting frames compete, including those submitted at that instant.
-   The lowest arbitration field wins; of equal ones, the first submitted. A sender has a transmit
-   buffer for each identifier, so that none of its frames waits behind one of lower priority. With
-   a FIFO, as SocketCAN has, only the sender's oldest frame competes.
+   The lowest arbitration field wins; of equal ones, the first submitted. ``transmit_queue`` says
+   which frames of a sender compete.
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Someone always acknowledges; clock tolerance is not modelled.
@@ -21,60 +20,28 @@ rounding. An end is rounded up to the next nanosecond only when it is returned.
 It serves the emulated bus, by the real clock, and virtual time where ``quiet_bus`` does not do.
 """
 
-from collections import deque
 from collections.abc import Callable
-from heapq import heapify, heappop, heappush
-from typing import NamedTuple
 
 from .arbitration import NO_FIELD, arbitration_field
-from .background_traffic import BackgroundTraffic, Ready
+from .background_traffic import BackgroundTraffic
 from .bit_ticks import bit_ticks
 from .bus_errors import BusErrors
+from .bus_records import BusLoad, Delivery, Waiting
 from .disturbed_frame import Disturbed
 from .frame import Frame
 from .frame_length import INTERMISSION_BITS, frame_bits
 from .node import NEVER_NS
-from .participation import Participation, Waiting, is_awaited
+from .participation import Participation, is_awaited
 from .record import new_record
-
-
-class BusOverflowError(RuntimeError):
-    """A sender's transmit buffer is full."""
-
-
-class Delivery(NamedTuple):
-    """A frame that is complete on the wire.
-
-    ``end_ns``  time of its end of frame [ns]
-    ``sender``  who submitted it
-    """
-
-    end_ns: int
-    sender: int
-    frame: Frame
-
-
-class BusLoad(NamedTuple):
-    """Totals of the bus.
-
-    ``frames``   complete frames
-    ``busy_ns``  time they took, intermissions included [ns]
-    ``refused``  frames not taken because their transmit buffer was full
-    """
-
-    frames: int
-    busy_ns: int
-    refused: int
+from .transmit_queue import TransmitQueue
 
 
 class BusModel:
     """A bus. ``now_ns`` must never decrease from one call to the next.
 
     ``bitrate_bit_s``       nominal bit rate [bit/s]
-    ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
-                            the nominal one unless given
-    ``queue_limit``         frames of one identifier that a sender may have waiting; with
-                            ``is_fifo``, of all
+    ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
+    ``queue_limit``         size of each transmit buffer [frames]
     ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
                             the time from its submission to its start of frame [ns]
     ``is_fifo``             whether the frames of one sender keep their order
@@ -104,16 +71,10 @@ class BusModel:
         traffic: BackgroundTraffic | None = None,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
-        if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
-            raise ValueError(
-                f"bit rates and queue limit must be positive, not {bitrate_bit_s} bit/s, "
-                f"{data_rate} bit/s and {queue_limit}"
-            )
-        # A time without a unit is in 1/_per_ns of a nanosecond.
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
         self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
-        self._queue_limit, self._on_start, self._is_fifo = queue_limit, on_start, is_fifo
+        self._on_start, self._queue = on_start, TransmitQueue(queue_limit, traffic, is_fifo=is_fifo)
         self._errors, self._traffic = errors, traffic
         if traffic is not None:
             traffic.join(ticks)
@@ -124,20 +85,16 @@ class BusModel:
         self._disturbed: Disturbed | None = None
         self.participation = Participation(errors, ticks)
         self.missed: set[tuple[int, int]] = set()
-        self._queue: list[Waiting] = []
-        # By sender and identifier; with FIFOs by sender, without its oldest frame.
-        self._waiting_of: dict[tuple[int, int], int] = {}
-        self._behind: dict[int, deque[Waiting]] = {}
         self._on_wire: Waiting | None = None
-        self._sequence = self._end_ticks = self._next_start_ticks = 0
+        self._end_ticks = self._next_start_ticks = 0
         self._settled_ticks, self._completed = -1, list[Delivery]()
-        self._frames = self._busy_ticks = self._refused = self.lost_in_bus_off = 0
+        self._frames = self._busy_ticks = self.lost_in_bus_off = 0
         self._look_ahead()
 
     @property
     def load(self) -> BusLoad:
         """Totals so far."""
-        frames, busy_ticks, refused = self._frames, self._busy_ticks, self._refused
+        frames, busy_ticks, refused = self._frames, self._busy_ticks, self._queue.refused
         if (traffic := self._traffic) is not None:
             frames, busy_ticks = frames + traffic.frames, busy_ticks + traffic.busy_ticks
             refused += traffic.refused
@@ -161,40 +118,19 @@ class BusModel:
         if self._errors is not None and self.participation.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
             return
-        arbitration = arbitration_field(frame)
-        buffer = (sender, 0 if self._is_fifo else arbitration)
-        waiting = self._waiting_of.get(buffer, 0)
-        if waiting >= self._queue_limit:
-            self._refused += 1
-            of = "" if self._is_fifo else f"of identifier 0x{frame.can_id:03X} "
-            raise BusOverflowError(f"sender {sender} has {waiting} frames {of}waiting for the bus")
-        self._waiting_of[buffer] = waiting + 1
+        duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
+        queue, arbitration = self._queue, arbitration_field(frame)
+        entry = queue.push(arbitration, duration_ticks, sender, frame, now_ticks)
         if self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
-        self._sequence += 1
-        duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
-        entry = new_record(
-            Waiting,
-            (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer),
-        )
-        if waiting and self._is_fifo:
-            self._behind.setdefault(sender, deque()).append(entry)
-        else:
-            heappush(self._queue, entry)
-            is_next = self._on_wire is None and self._queue[0] is entry
+        if entry is not None:
+            is_next = self._on_wire is None and queue.competing[0] is entry
             if is_next or self.next_event_ns == NEVER_NS or not self.participation.is_calm:
                 self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
         """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
-        withdrawn = [waiting.frame for waiting in self._queue if waiting.sender == sender]
-        withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
-        self._queue = [waiting for waiting in self._queue if waiting.sender != sender]
-        heapify(self._queue)
-        for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
-            del self._waiting_of[buffer]
-            if self._traffic is not None and sender < 0:
-                self._traffic.release(buffer[1])
+        withdrawn = self._queue.withdraw(sender)
         self._look_ahead()
         return withdrawn
 
@@ -212,8 +148,8 @@ class BusModel:
         if self._on_wire is not None:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
-        elif self._queue:
-            start_ticks, winner = self.participation.next_start(self._queue, self._next_start_ticks)
+        elif competing := self._queue.competing:
+            start_ticks, winner = self.participation.next_start(competing, self._next_start_ticks)
             self._decided_until_ticks = start_ticks
             end_ticks = start_ticks + winner.duration_ticks
         else:
@@ -221,7 +157,7 @@ class BusModel:
         if self._traffic is not None:
             if self._on_wire is None:
                 self._decided_until_ticks = self._settled_ticks
-            if not is_awaited(self._on_wire, self._queue):
+            if not is_awaited(self._on_wire, self._queue.competing):
                 end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
@@ -233,25 +169,18 @@ class BusModel:
 
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
-        queue, on_wire, end_ticks = self._queue, self._on_wire, self._end_ticks
-        errors, traffic = self._errors, self._traffic
+        competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
+        errors, traffic, next_start = self._errors, self._traffic, self.participation.next_start
         while True:
             if on_wire is None:
                 if traffic is not None and self._next_start_ticks < now_ticks:
                     self._send_traffic(traffic, now_ticks)
-                if not queue:
+                if not competing:
                     break
-                start_ticks, on_wire = self.participation.next_start(
-                    self._queue, self._next_start_ticks
-                )
+                start_ticks, on_wire = next_start(competing, self._next_start_ticks)
                 if start_ticks >= now_ticks:
                     on_wire = None
                     break
-                if on_wire is queue[0]:
-                    heappop(queue)
-                else:
-                    queue.remove(on_wire)
-                    heapify(queue)
                 self._next_start_ticks = start_ticks
                 end_ticks = start_ticks + on_wire.duration_ticks
                 self._on_arbitration(on_wire)
@@ -267,7 +196,7 @@ class BusModel:
                 if self._disturbed is None and self.participation.is_calm:
                     errors.sent[on_wire.sender] += 1
                 elif self._end_attempt(on_wire, end_ticks, errors):
-                    on_wire, queue = None, self._queue  # bus-off makes a new one
+                    on_wire = None
                     continue
             _, _, duration_ticks, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
@@ -283,26 +212,26 @@ class BusModel:
 
     def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
-        free_ticks, errors = self._next_start_ticks, self._errors
+        free_ticks, errors, competing = self._next_start_ticks, self._errors, self._queue.competing
         if not self.participation.is_calm_at(free_ticks):
             self._take_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
                 if (
-                    self._queue
+                    competing
                     and due_ticks
-                    > self.participation.next_start(self._queue, self._next_start_ticks)[0]
+                    > self.participation.next_start(competing, self._next_start_ticks)[0]
                 ):
                     return
                 self._next_start_ticks = max(self._next_start_ticks, due_ticks)
                 self._admit(traffic, due_ticks + 1)
             return
-        rival = self._queue[0].arbitration if self._queue else NO_FIELD
+        rival = competing[0].arbitration if competing else NO_FIELD
         free_ns = free_ticks // self._ticks_per_ns
         hit_ns = NEVER_NS if errors is None else errors.next_hit_ns(free_ns)
         hit_ticks = hit_ns * self._ticks_per_ns
         self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
         if self._next_start_ticks < now_ticks and traffic.best < rival:
-            self._take(traffic, traffic.take_best(self._next_start_ticks))
+            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
 
     def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
@@ -312,36 +241,16 @@ class BusModel:
         while traffic.next_due_ticks < until_ticks:
             ready = traffic.take_next(self.participation.is_off)
             if ready is not None:
-                self._take(traffic, ready)
+                self._queue.push_traffic(traffic, ready)
 
     def _take_all(self, traffic: BackgroundTraffic) -> None:
         """Put the frames of the traffic that wait into the queue."""
         while traffic.best < NO_FIELD:
-            self._take(traffic, traffic.take_best(self._next_start_ticks))
-
-    def _take(self, traffic: BackgroundTraffic, ready: Ready) -> None:
-        """Put a frame of the traffic into the queue."""
-        rank, arbitration, duration_ticks, sender, frame, due_ticks = ready
-        traffic.hold(rank)
-        self._sequence += 1
-        buffer = (sender, rank)
-        self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
-        entry = (arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
-        heappush(self._queue, new_record(Waiting, entry))
+            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
 
     def _on_arbitration(self, winner: Waiting) -> None:
         """Record that a frame has won the bus."""
-        # Removed when zero: senders and identifiers come and go, and memory must not grow.
-        still_waiting = self._waiting_of.pop(winner.buffer) - 1
-        if still_waiting:
-            self._waiting_of[winner.buffer] = still_waiting
-            if self._is_fifo and winner.sender >= 0:
-                behind = self._behind[winner.sender]
-                heappush(self._queue, behind.popleft())
-                if not behind:
-                    del self._behind[winner.sender]
-        elif self._traffic is not None and winner.sender < 0:
-            self._traffic.release(winner.buffer[1])
+        self._queue.take(winner)
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
@@ -372,7 +281,7 @@ class BusModel:
             self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
             self._next_start_ticks = end_ticks + self._intermission_ticks
             if disturbed.is_repeated:
-                self._compete_again(sent)
+                self._queue.put_back(sent)
         if self.participation.goes_off(sender, end_ticks):
             if self._traffic is not None:
                 self._take_all(self._traffic)
@@ -385,16 +294,3 @@ class BusModel:
             self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
         elif self._traffic.on_wire is not None:
             self._traffic.on_wire(end_ns, sender, frame)
-
-    def _compete_again(self, sent: Waiting) -> None:
-        """Put a destroyed frame back into its transmit buffer, in front."""
-        waiting = self._waiting_of.get(sent.buffer, 0)
-        self._waiting_of[sent.buffer] = waiting + 1
-        if self._traffic is not None and sent.sender < 0:
-            self._traffic.hold(sent.buffer[1])
-        if waiting and self._is_fifo and sent.sender >= 0:
-            (following,) = (one for one in self._queue if one.sender == sent.sender)
-            self._queue.remove(following)
-            heapify(self._queue)
-            self._behind.setdefault(sent.sender, deque()).appendleft(following)
-        heappush(self._queue, sent)

@@ -6,27 +6,14 @@ which is not modelled here.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from .bit_ticks import BitTicks
 from .bus_errors import BusErrors
-from .frame import Frame
+from .bus_records import Waiting
 from .frame_length import INTERMISSION_BITS
 
 _SUSPEND_BITS = 8
 _BUS_OFF_BITS = 128 * 11
-
-
-class Waiting(NamedTuple):
-    """A frame in the queue; sorts by arbitration, then by order of submission."""
-
-    arbitration: int
-    sequence: int
-    duration_ticks: int
-    sender: int
-    frame: Frame
-    submitted_ticks: int
-    buffer: tuple[int, int]
 
 
 class Participation:

@@ -9,10 +9,10 @@ from heapq import heappop, heappush
 
 from .arbitration import arbitration_field
 from .bit_ticks import bit_ticks
-from .bus_model import BusOverflowError
 from .frame import Frame
 from .frame_length import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
 from .node import NEVER_NS
+from .transmit_queue import BusOverflowError
 from .virtual_time import Delivered
 
 _ON_WIRE = -1
@@ -32,11 +32,8 @@ class QuietBus:
     """
 
     def __init__(self, bitrate_bit_s: int, queue_limit: int = 1000) -> None:
-        if bitrate_bit_s <= 0 or queue_limit <= 0:
-            raise ValueError(
-                f"bit rate and queue limit must be positive, not {bitrate_bit_s} bit/s and "
-                f"{queue_limit}"
-            )
+        if queue_limit <= 0:
+            raise ValueError(f"the limit of a transmit buffer must be positive, not {queue_limit}")
         # A time without a unit is in 1/_per_ns of a nanosecond, as in a BusModel.
         self._per_ns, self._bit_ticks, _ = bit_ticks(bitrate_bit_s, bitrate_bit_s)
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks

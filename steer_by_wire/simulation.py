@@ -168,7 +168,7 @@ def _run_virtual(
 ) -> Run:
     from .pair.shared_bus import virtual_wire, with_clocks
     from .pair.virtual import make_virtual_pair, run_virtual_nodes
-    from .runtime.bus_model import BusOverflowError
+    from .runtime.transmit_queue import BusOverflowError
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(

@@ -13,7 +13,8 @@ reach the clients up to that much late, with their right times.
 from struct import Struct
 
 from ..background_traffic import BackgroundTraffic
-from ..bus_model import BusLoad, BusModel, Delivery
+from ..bus_model import BusModel
+from ..bus_records import BusLoad, Delivery
 from ..bus_settings import errors_of
 from ..error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..fault_confinement import ControllerState
@@ -70,26 +71,19 @@ class Channel:
             traffic=self._traffic,
         )
         self._is_paced = self.errors is not None or self._traffic is not None
-        self._start_ns = start_ns if self._is_paced else 0  # nothing else has a beginning
-        self._pace_ns = start_ns if self._is_paced else NEVER_NS
+        self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
         self._of_traffic: list[Delivery] = []
         self.traffic_frames = 0
         self._buffers = TransmitBuffers(is_fifo=is_fifo)
         self._bitrate_bit_s = bitrate_bit_s
         self._senders: dict[tuple[int, bool], int] = {}
-        self._quiet_ns = 0
-        self._requested_offs = 0
-        self._lost_in_bus_off = 0
+        self._quiet_ns = self._requested_offs = self._lost_in_bus_off = self.discarded = 0
         self._left: dict[int, int] = {}
-        self.discarded = 0
 
     @property
     def next_event_ns(self) -> int:
         """When the next frame is complete on the wire, or a bus-off may be over [ns]."""
-        next_ns = self._model.next_event_ns
-        if next_ns != NEVER_NS:
-            next_ns += self._start_ns
-        next_ns = min(next_ns, self._pace_ns)
+        next_ns = min(self._model.next_event_ns + self._start_ns, self._pace_ns)
         if not self.bus_offs:
             return next_ns
         looks_ns = [one.recovery.next_look_ns for one in self.members.values() if one.recovery]
@@ -164,10 +158,7 @@ class Channel:
         return client
 
     def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
-        """Let clients whose bus-off is over take part again; returns them.
-
-        ``time_ns``  now, by the wall clock [ns]
-        """
+        """Let clients whose bus-off is over take part again; ``time_ns`` is as for ``go_off``."""
         if not self.bus_offs:
             return []
         if self._model.next_event_ns == NEVER_NS:
@@ -224,18 +215,14 @@ class Channel:
         if self._reports is not None and self.errors is not None:
             self.errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
             for sender in self._reports.gone_off:
-                self._empty_buffers(sender)
+                # The model has withdrawn their frames.
+                if sender in self.members:
+                    self._buffers.empty(self.members[sender])
+                else:
+                    self._forget(sender)
             self._reports.gone_off.clear()
             others += self._reports.take(bus_ns)
         return sorted([*completed, *others], key=lambda delivery: delivery.end_ns)
-
-    def _empty_buffers(self, sender: int) -> None:
-        """Forget the frames of a client in bus-off, which the model has withdrawn."""
-        member = self.members.get(sender)
-        if member is None:
-            self._forget(sender)
-            return
-        self._buffers.empty(member)
 
     def _forget(self, sender: int) -> None:
         """Forget a departed client without frames."""
@@ -257,11 +244,10 @@ class Channel:
         for member in self.members.values():
             if not member.wants(frame, sender):
                 continue
-            if all_missed:
-                missed = (end_ns - self._start_ns, member.number)
-                if missed in all_missed:
-                    all_missed.discard(missed)
-                    continue
+            missed = (end_ns - self._start_ns, member.number)
+            if missed in all_missed:
+                all_missed.discard(missed)
+                continue
             record = member.record
             if member.number == sender:
                 own = frame._replace(flags=frame.flags | OWN)

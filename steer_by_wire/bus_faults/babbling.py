@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from ..dbc.messages import CAN_IDS, DATA_IDS
-from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
+from ..runtime.bus_model import BusModel
+from ..runtime.bus_records import Delivery
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
+from ..runtime.transmit_queue import BusOverflowError
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)

@@ -19,7 +19,8 @@ from ..dbc.messages import CAN_IDS
 from ..dbc.transport_protocol import GAP_NS, segments, source_address
 from ..runtime.background_traffic import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
 from ..runtime.bus_errors import BusErrors
-from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
+from ..runtime.bus_model import BusModel
+from ..runtime.bus_records import Delivery
 from ..runtime.bus_settings import BusSettings, errors_of
 from ..runtime.drifting_clock import DriftingClock
 from ..runtime.ear import Ear
@@ -29,6 +30,7 @@ from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NS_PER_MS, NS_PER_S, Node
 from ..runtime.quiet_bus import QuietBus
 from ..runtime.settings import SettingsError
+from ..runtime.transmit_queue import BusOverflowError
 
 NODES = ("plant", "controller")
 """Names of the nodes, in the order of their numbers on the bus."""

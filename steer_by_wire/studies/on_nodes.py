@@ -14,9 +14,9 @@ from ..pair.trace import Trace
 from ..pair.virtual import VirtualPair, make_virtual_pair, run_virtual_nodes
 from ..plant_emulator.verdict import RunEnd, VerdictRules
 from ..runtime.array_types import FloatArray
-from ..runtime.bus_model import BusOverflowError
 from ..runtime.bus_settings import BusSettings
 from ..runtime.quiet_bus import QuietBus
+from ..runtime.transmit_queue import BusOverflowError
 from ..runtime.virtual_time import Wire
 from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of
 from .scenario import Pair

@@ -5,15 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.arbitration import arbitration_field
-from steer_by_wire.runtime.bus_model import (
-    BusLoad,
-    BusModel,
-    BusOverflowError,
-    Delivery,
-)
+from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.bus_records import BusLoad, Delivery
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.transmit_queue import BusOverflowError
 
 BIT_NS = 2_000  # at 500 kbit/s
 

@@ -50,7 +50,7 @@ def test_who_comes_and_goes_leaves_a_bounded_number_of_frames_and_others_keep_th
         bench.step()
         channel = bench.broker.channels["can0"]
         assert sum(channel._left.values()) <= LEFT_FRAMES_MAX
-        assert len(channel._model._queue) <= LEFT_FRAMES_MAX
+        assert len(channel._model._queue.competing) <= LEFT_FRAMES_MAX
     frames = received(listener)
     for _ in range(LEFT_FRAMES_MAX // 100 + 1):  # a socket's buffer holds fewer than all
         bench.advance(100 * CLASSIC_FRAME_NS)
@@ -60,7 +60,7 @@ def test_who_comes_and_goes_leaves_a_bounded_number_of_frames_and_others_keep_th
     assert len(frames) + channel.discarded == total
     assert channel.discarded >= total - LEFT_FRAMES_MAX
     assert channel._left == {}
-    assert channel._model._waiting_of == {}
+    assert channel._model._queue._waiting_of == {}
 
 
 def test_a_house_full_of_the_dead_lets_the_living_in(bench: Bench) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.runtime.bus_model import BusLoad
+from steer_by_wire.runtime.bus_records import BusLoad
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.bus_off import SEQUENCE_BITS, SEQUENCES, Recovery

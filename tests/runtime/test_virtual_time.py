@@ -3,10 +3,11 @@ from itertools import pairwise
 
 import pytest
 
-from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
+from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.periodic import PeriodicTimer
+from steer_by_wire.runtime.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 MS = 1_000_000

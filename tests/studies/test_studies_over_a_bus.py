@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.runtime.bus_model import BusOverflowError
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.transmit_queue import BusOverflowError
 from steer_by_wire.simulation import simulate
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.figures import COLUMNS

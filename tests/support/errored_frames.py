@@ -21,8 +21,9 @@ from typing import NamedTuple
 from steer_by_wire.runtime.arbitration import arbitration_field
 from steer_by_wire.runtime.background_traffic import COUNTS, BackgroundTraffic, PeriodicMessage
 from steer_by_wire.runtime.bus_errors import BusErrors, ErrorEvent
-from steer_by_wire.runtime.bus_model import BusModel, Delivery
+from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.bus_noise import BusNoise, NoiseRates
+from steer_by_wire.runtime.bus_records import Delivery
 from steer_by_wire.runtime.fault_confinement import ControllerState
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS

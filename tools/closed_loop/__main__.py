@@ -35,7 +35,6 @@ from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.bus_model import BusOverflowError
 from steer_by_wire.runtime.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
@@ -57,6 +56,7 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.runtime.thresholds import add_fail_if_argument
 from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.transmit_queue import BusOverflowError
 from steer_by_wire.tools.closed_loop.result import (
     CONTROLLER,
     PLANT,
