@@ -38,7 +38,7 @@ class Figure(NamedTuple):
 
 SIGNALS: tuple[Signal, ...] = (
     Signal("lateral_error_m", "preview point", "mm", 1e3, 1),
-    Signal("cg_deviation_m", "centre of gravity", "mm", 1e3, 1),
+    Signal("cg_deviation_m", "CG", "mm", 1e3, 1),
     Signal("heading_error_rad", "heading error", "mrad", 1e3, 1),
     Signal("steer_rad", "wanted", "mrad", 1e3, 1),
     Signal("steer_in_effect_rad", "in effect", "mrad", 1e3, 1),

@@ -8,6 +8,7 @@ const SIGNAL_STYLES = {
   steer_rad: ["wanted", [5, 3]],
   steer_in_effect_rad: ["in-effect", [2, 2]],
   wheel_angle_rad: ["applied", []],
+  cg_deviation_m: ["lane-1", [5, 3]],
   uplink_s: ["lane-1", [5, 3]],
 };
 const STEP_PIXELS = 2; // to draw them anew for less would show nothing more
