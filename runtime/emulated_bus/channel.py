@@ -158,7 +158,7 @@ class Channel:
         return client
 
     def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
-        """Let clients whose bus-off is over take part again; ``time_ns`` is as for ``go_off``."""
+        """Let clients whose bus-off is over take part again, as in ``go_off``; returns them."""
         if not self.bus_offs:
             return []
         if self._model.next_event_ns == NEVER_NS:
@@ -244,8 +244,7 @@ class Channel:
         for member in self.members.values():
             if not member.wants(frame, sender):
                 continue
-            missed = (end_ns - self._start_ns, member.number)
-            if missed in all_missed:
+            if all_missed and (missed := (end_ns - self._start_ns, member.number)) in all_missed:
                 all_missed.discard(missed)
                 continue
             record = member.record
