@@ -6,6 +6,7 @@ The tests ask the module ``tested``, so that the last one can put mutants in its
 import math
 import random
 import sys
+from bisect import bisect_right
 
 import pytest
 
@@ -174,8 +175,8 @@ def test_no_two_outputs_within_half_a_second_are_further_apart_than_the_limit() 
 
 
 def _in_effect(kept: list[tuple[int, float]], since_ns: int) -> list[float]:
-    before = [steer for at_ns, steer in kept if at_ns <= since_ns]
-    return [*before[-1:], *(steer for at_ns, steer in kept if at_ns > since_ns)]
+    first = max(0, bisect_right(kept, (since_ns, INF)) - 1)
+    return [steer for _, steer in kept[first:]]
 
 
 @pytest.mark.parametrize("no_number", [math.nan, INF, -INF])

@@ -13,7 +13,6 @@ mutant is compiled and run in this process, in milliseconds.
 """
 
 import ast
-import copy
 import importlib.util
 import inspect
 from collections.abc import Callable, Iterator
@@ -45,17 +44,20 @@ class Mutant(NamedTuple):
 
 
 def mutants(module: ModuleType) -> Iterator[Mutant]:
-    """Yield every mutant of ``module``, in the order of its lines."""
+    """Yield every mutant of ``module``, in the order of its lines.
+
+    All have the same tree, which is as each says until the next is asked for.
+    """
     tree = ast.parse(_source_file(module).read_text(encoding="utf-8"))
-    for index, node in enumerate(_mutable(tree)):
-        for replacement in _replacements(node):
-            changed = copy.deepcopy(tree)
-            twin = list(_mutable(changed))[index]
+    for node in list(_mutable(tree)):
+        kind, fields, before = node.__class__, node.__dict__, ast.unparse(node)
+        line = getattr(node, "lineno", 0)
+        for replacement in list(_replacements(node)):
             # In place: the nodes are of one class, or take the other's class and fields.
-            twin.__class__ = replacement.__class__
-            twin.__dict__ = {**twin.__dict__, **replacement.__dict__}
-            line = getattr(node, "lineno", 0)
-            yield Mutant(line, ast.unparse(node), ast.unparse(replacement), changed)
+            node.__class__ = replacement.__class__
+            node.__dict__ = {**fields, **replacement.__dict__}
+            yield Mutant(line, before, ast.unparse(ast.fix_missing_locations(node)), tree)
+            node.__class__, node.__dict__ = kind, fields
 
 
 def unchanged(module: ModuleType) -> ModuleType:
@@ -65,7 +67,7 @@ def unchanged(module: ModuleType) -> ModuleType:
 
 def _load(module: ModuleType, tree: ast.Module) -> ModuleType:
     """Return ``tree`` as a module in the place of ``module``; what its code raises, it raises."""
-    code = compile(ast.fix_missing_locations(tree), str(_source_file(module)), "exec")
+    code = compile(tree, str(_source_file(module)), "exec")
     spec = importlib.util.spec_from_loader(module.__name__, loader=None)
     assert spec is not None
     mutated = importlib.util.module_from_spec(spec)
@@ -157,7 +159,7 @@ def _replacements(node: ast.AST) -> Iterator[ast.AST]:
         case ast.BinOp(left=left, op=binary, right=right) if type(binary) in _OPERATORS:
             yield ast.BinOp(left=left, op=_OPERATORS[type(binary)](), right=right)
         case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
-            yield copy.deepcopy(operand)
+            yield operand
         case ast.BoolOp(op=boolean, values=values):
             yield ast.BoolOp(
                 op=ast.Or() if isinstance(boolean, ast.And) else ast.And(), values=values
@@ -166,6 +168,6 @@ def _replacements(node: ast.AST) -> Iterator[ast.AST]:
             function = ast.Name(id=_FUNCTIONS[name], ctx=ast.Load())
             yield ast.Call(func=function, args=arguments, keywords=[])
         case ast.Call(func=ast.Name(id="abs"), args=[argument]):
-            yield copy.deepcopy(argument)
+            yield argument
         case ast.Attribute(value=ast.Name(id="math"), attr="inf"):
             yield ast.Constant(value=1e-3)
