@@ -14,14 +14,14 @@ from steer_by_wire.tools.stress_latency.workers import Threads
 from steer_by_wire.tools.stress_report.axes import study_axes
 from steer_by_wire.tools.stress_report.comparison import comparisons
 from steer_by_wire.tools.stress_report.cost_check import RUNS, cost_checks
-from steer_by_wire.tools.stress_report.level_comparison import (
+from steer_by_wire.tools.stress_report.level_section import (
     compared_factors,
     conditions_by_level,
     level_ratios,
+    level_sections,
 )
-from steer_by_wire.tools.stress_report.level_section import level_sections
+from steer_by_wire.tools.stress_report.report import study_section
 from steer_by_wire.tools.stress_report.results import Rows, StudyRecord, read_rows, read_study
-from steer_by_wire.tools.stress_report.settings_section import study_section
 from tests.support.small_study import make_scenarios, never
 
 STUDY = """

@@ -31,8 +31,11 @@ from steer_by_wire.studies.compute import Computer
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
 from steer_by_wire.tools.compare_laws import __main__ as compare_laws
 from steer_by_wire.tools.compare_laws import runs
-from steer_by_wire.tools.compare_laws.picture import draw_comparison
-from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
+from steer_by_wire.tools.compare_laws.presentation import (
+    draw_comparison,
+    markdown_lines,
+    table_lines,
+)
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.small_study import make_scenarios, never
 

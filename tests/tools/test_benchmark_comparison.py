@@ -7,11 +7,11 @@ import pytest
 
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.benchmark.__main__ import main
-from steer_by_wire.tools.benchmark.comparison import (
+from steer_by_wire.tools.benchmark.__main__ import (
     SLOWER,
     changes,
     comparison_text,
+    main,
     read_ratios,
 )
 

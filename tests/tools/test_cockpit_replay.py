@@ -15,8 +15,7 @@ from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
-from steer_by_wire.tools.cockpit.signals import NAMES
-from steer_by_wire.tools.cockpit.wire import packed_row, packed_rows
+from steer_by_wire.tools.cockpit.signals import NAMES, packed_row, packed_rows
 from tests.support.cockpit_run import fed, recorded_run
 
 

@@ -22,9 +22,8 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.real_time import Received
 from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.desk import LISTENS_ONLY, NOT_OURS, Desk
-from steer_by_wire.tools.cockpit.guard import HOST
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
-from steer_by_wire.tools.cockpit.server import Server, serve
+from steer_by_wire.tools.cockpit.server import HOST, Server, serve
 
 TOKEN = "the-token"  # noqa: S105 of this test
 PATIENCE_S = 60.0

@@ -15,11 +15,19 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.program import ExitStatus, StopRequest
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
-from steer_by_wire.tools.compare_laws.__main__ import main
-from steer_by_wire.tools.compare_laws.interior import PREDICTORS, interior_line, interior_points
-from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
+from steer_by_wire.tools.compare_laws.__main__ import (
+    PREDICTORS,
+    interior_line,
+    interior_points,
+    main,
+)
+from steer_by_wire.tools.compare_laws.presentation import (
+    draw_break_points,
+    draw_comparison,
+    markdown_lines,
+    table_lines,
+)
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
-from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 from steer_by_wire.tools.design_gains.predictor import describe_predictor
 from steer_by_wire.tools.design_gains.predictor_runs import Task
 from steer_by_wire.tools.design_gains.preset_text import predictor_figures

@@ -2,8 +2,7 @@
 
 import pytest
 
-from steer_by_wire.tools.delay_estimation_study.__main__ import _parser
-from steer_by_wire.tools.delay_estimation_study.pictures import shown
+from steer_by_wire.tools.delay_estimation_study.__main__ import _parser, shown
 from steer_by_wire.tools.delay_estimation_study.runs import CORNERS, LAWS, NETWORKS, PATHS, cases
 
 

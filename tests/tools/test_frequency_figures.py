@@ -7,7 +7,6 @@ import pytest
 
 from steer_by_wire.controller.discretization import q_order_2
 from steer_by_wire.controller.nominal_model import paper_eq19
-from steer_by_wire.tools.reproduce_paper.box_figure import figure_2
 from steer_by_wire.tools.reproduce_paper.corners import CORNERS, published_law
 from steer_by_wire.tools.reproduce_paper.frequency_figures import (
     SPREAD_AT_RAD_S,
@@ -23,7 +22,7 @@ from steer_by_wire.tools.reproduce_paper.network_figure import (
     network_verdict,
 )
 from steer_by_wire.tools.reproduce_paper.result import Reproduction, Verdict
-from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs, figure_9
+from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs, figure_2, figure_9
 
 
 def decibels(ratio: float) -> float:

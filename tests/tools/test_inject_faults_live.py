@@ -29,7 +29,7 @@ from steer_by_wire.tools.fault_campaign.node_faults import NodeFault, with_node_
 from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
 from steer_by_wire.tools.fault_campaign.specification import NodeFaultKind
 from steer_by_wire.tools.inject_faults import __main__ as inject_faults
-from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
+from steer_by_wire.tools.inject_faults.processes import BusOffFault
 from tests.support.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000

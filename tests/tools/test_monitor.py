@@ -33,14 +33,13 @@ from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.candump import CandumpReader, LogEntry
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
+from steer_by_wire.tools.monitor.keys import LatencyChoice, keys_in, pressed
 from steer_by_wire.tools.monitor.screen import (
     one_line,
     scaled_strip,
     screen_lines,
     strip_text,
 )
-from steer_by_wire.tools.monitor.terminal_keys import keys_in
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"

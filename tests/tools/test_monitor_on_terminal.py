@@ -16,7 +16,7 @@ import pytest
 from steer_by_wire.dbc.messages import Decoded, decode
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.message import frame_of
-from steer_by_wire.tools.monitor.latency_keys import LatencyChoice
+from steer_by_wire.tools.monitor.keys import LatencyChoice
 from tests.support.running_program import PATIENCE_S
 
 

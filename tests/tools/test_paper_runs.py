@@ -13,14 +13,15 @@ from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.pair.trace import rms
 from steer_by_wire.tools.reproduce_paper import published
 from steer_by_wire.tools.reproduce_paper.both_rows_attempts import CURVATURE, error_answers
-from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
 from steer_by_wire.tools.reproduce_paper.continuous_runs import (
+    PATH,
     DrivenEllipse,
     Observer,
     curvature_met,
     order_2,
     table_2_row,
 )
+from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
 from steer_by_wire.tools.reproduce_paper.delay_runs import (
     CDOB,
     DDOB,
@@ -34,11 +35,9 @@ from steer_by_wire.tools.reproduce_paper.delay_runs import (
     mean_before,
     peak,
 )
-from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s
-from steer_by_wire.tools.reproduce_paper.reference_step import reference_step
+from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s, reference_step
 from steer_by_wire.tools.reproduce_paper.simulation import thinned
 from steer_by_wire.tools.reproduce_paper.table_2 import CORRECTED, PRINTED, corner_run
-from steer_by_wire.tools.reproduce_paper.table_2_attempts import PATH
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)

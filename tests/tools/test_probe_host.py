@@ -15,7 +15,13 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.host import HostAnswer, StealClock
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.statistics import DurationSummary
-from steer_by_wire.tools.probe_host.presentation import record_of, sentences
+from steer_by_wire.tools.probe_host.presentation import (
+    is_kept,
+    judged,
+    rate_kept_hz,
+    record_of,
+    sentences,
+)
 from steer_by_wire.tools.probe_host.probe import ORDINARY, RATES_HZ, REAL_TIME, Measured, Probe
 from steer_by_wire.tools.probe_host.round_trip import (
     ECHO_ID,
@@ -25,12 +31,12 @@ from steer_by_wire.tools.probe_host.round_trip import (
     RequestNode,
     RoundTrip,
 )
-from steer_by_wire.tools.probe_host.steal import SLICE_NS, Slices
-from steer_by_wire.tools.probe_host.verdict import is_kept, judged, rate_kept_hz
 from steer_by_wire.tools.probe_host.wake_ups import (
     PRESET,
+    SLICE_NS,
     Figures,
     Sample,
+    Slices,
     WakeUps,
     WorkingNode,
     figures_of,

@@ -22,8 +22,15 @@ from steer_by_wire.tools.reproduce_paper.registry import (
     function_of,
     numbers_of,
 )
-from steer_by_wire.tools.reproduce_paper.result import Comparison, Picture, Reproduction, Verdict
-from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
+from steer_by_wire.tools.reproduce_paper.result import (
+    Comparison,
+    Picture,
+    Reproduction,
+    Verdict,
+    Written,
+    read_written,
+    write_reproduction,
+)
 from tests.support.same_process import same_process as same_process
 from tests.support.unrendered import unrendered as unrendered
 

@@ -7,8 +7,13 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.reproduce_paper.result import Comparison, Reproduction, Verdict
-from steer_by_wire.tools.reproduce_paper.written import read_written, write_reproduction
+from steer_by_wire.tools.reproduce_paper.result import (
+    Comparison,
+    Reproduction,
+    Verdict,
+    read_written,
+    write_reproduction,
+)
 
 KEY = "table_9"
 WHOLE = Reproduction(

@@ -25,8 +25,8 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.tools.soak.bounds import delay_bounds_ns, longest_frame_ns
-from steer_by_wire.tools.soak.process_memory import GROWTH_KIB_MAX, figures_of, resident_kib
+from steer_by_wire.tools.soak.live import GROWTH_KIB_MAX, figures_of, resident_kib
+from steer_by_wire.tools.soak.verdict import delay_bounds_ns, longest_frame_ns
 from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000

@@ -8,14 +8,13 @@ import pytest
 from steer_by_wire.bus_faults.babbling import GAPS, LOWEST_PRIORITY_IDS
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
-from steer_by_wire.tools.soak.presentation import (
+from steer_by_wire.tools.soak.__main__ import (
     findings_table,
     memory_table,
     messages_table,
     record_of,
 )
-from steer_by_wire.tools.soak.process_memory import figures_of
+from steer_by_wire.tools.soak.live import LiveSoak, Plan, figures_of, run_live_soak
 from steer_by_wire.tools.soak.verdict import (
     Finding,
     between_findings,

@@ -23,11 +23,12 @@ from steer_by_wire.tools.stress_report.break_points import (
     HELD_SHARE,
     STEP_NS,
     break_points,
+    held_bound,
     largest_held,
+    median_interval,
 )
 from steer_by_wire.tools.stress_report.comparison import comparisons
 from steer_by_wire.tools.stress_report.heat_maps import heat_maps
-from steer_by_wire.tools.stress_report.order_statistics import held_bound, median_interval
 from steer_by_wire.tools.stress_report.report import PAGE, write
 from steer_by_wire.tools.stress_report.results import (
     VERDICTS,

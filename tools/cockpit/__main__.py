@@ -35,13 +35,12 @@ from steer_by_wire.runtime.port import open_port
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk
-from steer_by_wire.tools.cockpit.guard import HOST, new_token
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.rig import Rig
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
-from steer_by_wire.tools.cockpit.server import Server, serve
+from steer_by_wire.tools.cockpit.server import HOST, Server, new_token, serve
 
 NAME = "steer-by-wire cockpit"
 

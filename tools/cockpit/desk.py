@@ -17,9 +17,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.bus import BusError
 from ...runtime.settings import Settings, SettingsError
-from .course import LaneFacts, foreign_facts
 from .lane import Lane
-from .rig import Action, Program, Rig
+from .rig import Action, LaneFacts, Program, Rig, foreign_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 

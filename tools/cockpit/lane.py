@@ -19,8 +19,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.port import ClosablePort
 from .sampler import Sampler
-from .signals import ROW_PERIOD_S
-from .wire import packed_row
+from .signals import ROW_PERIOD_S, packed_row
 
 ROWS_KEPT = 1500
 """Rows that a page which comes late, or falls behind, can still get: half a minute."""

@@ -16,11 +16,10 @@ from typing import Any
 from ...recordings.log_file import LogError, open_log
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from .course import foreign_facts
 from .lights import Light
+from .rig import foreign_facts
 from .sampler import Sampler
-from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
-from .wire import packed_row, packed_rows
+from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows
 
 ROWS_MAX = 100_000
 """Half an hour at the rate of a live page."""

@@ -1,24 +1,79 @@
-"""The pairs that the cockpit itself runs: bus, plants, controllers, and a lane for each."""
+"""The pairs that the cockpit itself runs: bus, plants, controllers, and a lane for each.
+
+With what a page draws beside the signals: the vehicle to scale and the path it is to follow.
+"""
 
 import signal
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
-from typing import Literal
+from pathlib import Path as FilePath
+from typing import Literal, NamedTuple
 
 from ...pair.channels import open_channels
 from ...pair.live import Bus
 from ...pair.processes import Processes
 from ...pair.virtual import QUIET_BUS
+from ...plant_emulator.path import Path, pose
 from ...plant_emulator.path_shapes import build_path
+from ...plant_emulator.rig_settings import VehicleSettings
 from ...runtime.bus import BusPort
 from ...runtime.bus_settings import BusSettings
 from ...runtime.toml_text import dump_toml
-from .course import LaneFacts, lane_facts
 from .lane import Lane
 from .scenario import LaneSettings, Scenario, lane_settings
+
+_POINT_M = 0.5
+_OPEN_END_M = 400.0
+"""How much of an open path is drawn."""
+_POINTS_MAX = 4000
+
+
+class LaneFacts(NamedTuple):
+    """One lane, ready for JSON.
+
+    ``path_m``  points (x, y) of the path, empty where it is not known
+    """
+
+    label: str
+    front_axle_m: float
+    rear_axle_m: float
+    preview_m: float
+    path_m: Sequence[tuple[float, float]]
+    path_is_closed: bool
+
+
+def lane_facts(lane: LaneSettings) -> LaneFacts:
+    """Return the facts of a lane of our own."""
+    path = build_path(lane.plant.path)
+    return _facts(lane.label, lane.plant.vehicle, _points(path), path.closed)
+
+
+def foreign_facts(label: str) -> LaneFacts:
+    """Return those of a bus that somebody else drives: the vehicle of the wire contract."""
+    return _facts(label, VehicleSettings(), (), False)
+
+
+def _facts(
+    label: str, vehicle: VehicleSettings, points: Sequence[tuple[float, float]], is_closed: bool
+) -> LaneFacts:
+    return LaneFacts(
+        label,
+        vehicle.front_axle_distance_m,
+        vehicle.rear_axle_distance_m,
+        vehicle.preview_distance_m,
+        points,
+        is_closed,
+    )
+
+
+def _points(path: Path) -> Sequence[tuple[float, float]]:
+    length_m = path.length_m if path.closed else path.length_m + _OPEN_END_M
+    count = min(round(length_m / _POINT_M), _POINTS_MAX)
+    places = (pose(path, length_m * number / count) for number in range(count + 1))
+    return [(round(place.x_m, 3), round(place.y_m, 3)) for place in places]
+
 
 Action = Literal["kill", "pause", "resume", "restart"]
 Program = Literal["plant", "controller"]
@@ -53,7 +108,7 @@ class Rig:
         settings = lane_settings(scenario)
         self.stop()
         with ExitStack() as stack:
-            folder = Path(
+            folder = FilePath(
                 stack.enter_context(tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-"))
             )
             names = [f"lane{number}" for number in range(1, len(settings) + 1)]
@@ -107,7 +162,7 @@ class Rig:
             for lane in range(len(self.lanes))
         ]
 
-    def _begin_pair(self, folder: Path, lane: int, bus: Bus, settings: LaneSettings) -> None:
+    def _begin_pair(self, folder: FilePath, lane: int, bus: Bus, settings: LaneSettings) -> None:
         of_program = {"plant": settings.plant, "controller": settings.controller}
         for program, module in _MODULES.items():
             name = _name(program, lane)

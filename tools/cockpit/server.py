@@ -2,6 +2,11 @@
 
 A page is sent what is new 40 times a second. The next batch is made when the last one has left; a
 page that falls behind so skips, and no queue grows.
+
+Only a page that this program itself has served, on this machine, may ask. The secret is the first
+part of every path, so that all that a page loads carries it. Host and Origin are checked too: a
+name that a stranger lets point at 127.0.0.1 is refused, and so is a page of another site that knows
+the port.
 """
 
 import asyncio
@@ -11,12 +16,60 @@ from contextlib import suppress
 from pathlib import Path
 
 from aiohttp import WSMsgType, web
+from aiohttp.typedefs import Handler, Middleware
 
 from .desk import Desk
-from .guard import guarded
 from .page import page_files, served_page, single_page
 from .replay import read_replay
-from .wire import packed_rows
+from .signals import packed_rows
+
+HOST = "127.0.0.1"
+
+
+def new_token() -> str:
+    """Return a secret that nobody guesses."""
+    return secrets.token_urlsafe(16)
+
+
+def guarded(token: str) -> Middleware:
+    """Return the middleware that refuses all but our own pages."""
+
+    @web.middleware
+    async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+        names = {f"{name}:{port_of(request)}" for name in (HOST, "localhost")}
+        if request.host not in names:
+            raise web.HTTPForbidden(text="refused: the address of this page is 127.0.0.1\n")
+        origin = request.headers.get("Origin")
+        is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
+        if (origin is not None or is_socket) and origin != f"http://{request.host}":
+            raise web.HTTPForbidden(text="refused: asked for by a page of another site\n")
+        given = request.match_info.get("token", "")
+        if not secrets.compare_digest(given.encode(), token.encode()):
+            raise web.HTTPForbidden(
+                text="refused: open the whole address that steer-by-wire cockpit has printed\n"
+            )
+        response = await handler(request)
+        if not response.prepared:  # as a websocket is
+            response.headers.update(_HEADERS)
+        return response
+
+    return guard
+
+
+def port_of(request: web.Request) -> int:
+    """Return the port that the request came to."""
+    name = request.transport.get_extra_info("sockname") if request.transport else None
+    return int(name[1]) if name else 0
+
+
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
 
 BATCH_S = 1.0 / 40.0
 _STATUS_BATCHES = 10

@@ -17,8 +17,10 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
+from scipy.stats import qmc
 
 from steer_by_wire.command_line import (
     add_out_argument,
@@ -26,18 +28,31 @@ from steer_by_wire.command_line import (
     command_parser,
     whole_number,
 )
+from steer_by_wire.compiled.engine import Outcome, run_batch
+from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.pair.trace import rms
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.terminal import plain_console, progress_bars
-from steer_by_wire.tools.compare_laws.at_speed import (
-    DELAYS_S,
-    compare_at_speed,
-    markdown_at_speed,
-)
+from steer_by_wire.tools.compare_laws.at_speed import DELAYS_S, compare_at_speed, markdown_at_speed
 from steer_by_wire.tools.compare_laws.at_speed import Cell as CellAtSpeed
-from steer_by_wire.tools.compare_laws.interior import PREDICTORS, interior_line, interior_points
-from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
-from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
-from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
+from steer_by_wire.tools.compare_laws.presentation import (
+    draw_break_points,
+    draw_comparison,
+    markdown_lines,
+    table_lines,
+)
+from steer_by_wire.tools.compare_laws.runs import (
+    CONTESTANTS,
+    NETWORKS,
+    OFF_PATH_M,
+    SETTLED_S,
+    Cell,
+    Contestant,
+    compare,
+    controller_settings,
+    own_contestant,
+    plant_settings,
+)
 
 NAME = "steer-by-wire compare"
 DELAY_MS_MAX = 600
@@ -172,6 +187,60 @@ def _write(cells: Sequence[Cell] | Sequence[CellAtSpeed], path: Path) -> None:
         writer = csv.writer(opened)
         writer.writerow(cells[0]._fields)
         writer.writerows(cells)
+
+
+DELAY_S_MAX = 0.5
+_SEED = 1
+PREDICTORS = tuple(one for one in CONTESTANTS if one.label in ("predictor", "predictor, CG"))
+"""One follows the preview point, the other the centre of gravity."""
+
+
+class Point(NamedTuple):
+    """A vehicle and a constant delay, and the RMS of its centre of gravity from SETTLED_S on."""
+
+    cg_rms_m: float
+    speed_m_s: float
+    virtual_mass_kg: float
+    delay_s: float
+
+
+def interior_points(count: int, duration_s: float, contestant: Contestant) -> list[Point]:
+    """Return points of a Sobol sequence over speed, mass and delay, the worst first."""
+    vertices = paper_box().vertices()
+    speeds = [vehicle.speed_m_s for vehicle in vertices]
+    masses = [vehicle.virtual_mass_kg for vehicle in vertices]
+    unit = qmc.Sobol(3, seed=_SEED).random_base2(max(count - 1, 0).bit_length())[:count]
+    low, high = (min(speeds), min(masses), 0.0), (max(speeds), max(masses), DELAY_S_MAX)
+    places = qmc.scale(unit, low, high).tolist()
+    points = (
+        _point(speed_m_s, mass_kg, delay_s, duration_s, contestant)
+        for speed_m_s, mass_kg, delay_s in places
+    )
+    return sorted(points, reverse=True)
+
+
+def interior_line(contestant: Contestant, points: list[Point]) -> str:
+    """Return what to know of them."""
+    worst, median = points[0], points[len(points) // 2]
+    return (
+        f"{contestant.label}, {len(points)} points inside the box, delay up to {DELAY_S_MAX:g} s:"
+        f" centre of gravity RMS from {SETTLED_S:g} s on {1e3 * worst.cg_rms_m:.2f} mm at most"
+        f" ({3.6 * worst.speed_m_s:.2f} km/h, {worst.virtual_mass_kg:.0f} kg,"
+        f" {1e3 * worst.delay_s:.0f} ms), median {1e3 * median.cg_rms_m:.2f} mm"
+    )
+
+
+def _point(
+    speed_m_s: float, mass_kg: float, delay_s: float, duration_s: float, contestant: Contestant
+) -> Point:
+    plant = plant_settings(NETWORKS["constant"], delay_s, "a", 1, duration_s)
+    vehicle = {"speed_m_s": speed_m_s, "virtual_mass_kg": mass_kg}
+    plant = plant.model_copy(update={"vehicle": plant.vehicle.model_copy(update=vehicle)})
+    run = run_batch(plant, controller_settings(contestant, has_lag=False))
+    is_settled = run.time_s >= SETTLED_S
+    is_complete = run.outcome is Outcome.COMPLETE
+    cg_rms_m = rms(run.cg_deviation_m[is_settled]) if is_complete else OFF_PATH_M
+    return Point(cg_rms_m, speed_m_s, mass_kg, delay_s)
 
 
 if __name__ == "__main__":

@@ -38,9 +38,8 @@ from ...runtime.emulated_bus.protocol import (
 )
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_US
-from .choices import Choices
+from .choices import Choices, promise
 from .fuzzed_bus import BITRATE_BIT_S, CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus, listening_socket
-from .promises import promise
 from .traffic import Sender
 
 INTRUDERS_MAX = 6

@@ -36,8 +36,7 @@ from ..fault_campaign.specification import (
     PointSettings,
 )
 from ..fault_campaign.trial import Result, Verdict, run_trial
-from .choices import Choices
-from .promises import promise
+from .choices import Choices, promise
 from .settings_targets import begin_campaign, settled, toml_value
 
 TABLES_MAX = 3

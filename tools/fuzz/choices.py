@@ -1,13 +1,20 @@
-"""Reads decisions from the bytes that a fuzzer has made: numbers, choices, words, payloads.
-
-The same bytes always decide the same. Once they are used up, every decision is the first option, so
-that a shorter input is a simpler one and both hypothesis and libFuzzer can shrink it.
-"""
+"""Reads decisions from the bytes that a fuzzer has made: numbers, choices, words, payloads."""
 
 import math
 import struct
 from collections.abc import Sequence
 from typing import TypeVar
+
+
+class BrokenPromiseError(AssertionError):
+    """Something happened that must not, whatever the input."""
+
+
+def promise(holds: bool, otherwise: str) -> None:
+    """Raise BrokenPromiseError unless ``holds``."""
+    if not holds:
+        raise BrokenPromiseError(otherwise)
+
 
 T = TypeVar("T")
 

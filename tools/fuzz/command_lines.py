@@ -21,9 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
-from .choices import Choices
+from .choices import Choices, promise
 from .log_targets import faultless_log
-from .promises import promise
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {

@@ -20,7 +20,7 @@ from ...runtime.emulated_bus.protocol import (
 )
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
-from .promises import promise
+from .choices import promise
 
 CHANNEL = "can0"
 BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000

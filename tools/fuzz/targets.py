@@ -7,12 +7,11 @@ what it has checked itself, any other exception for one that has escaped.
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from .authentication_target import fuzz_authentication
 from .bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
 from .campaign_targets import fuzz_results, fuzz_specification
 from .command_lines import fuzz_command_line
 from .log_targets import fuzz_candump, fuzz_contract, fuzz_log
-from .node_targets import fuzz_controller, fuzz_plant
+from .node_targets import fuzz_authentication, fuzz_controller, fuzz_plant
 from .settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 
 _FUZZERS: tuple[Callable[[bytes], None], ...] = (

@@ -40,10 +40,9 @@ from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.runtime.socketcan import SocketCanPort
-from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
 from steer_by_wire.tools.inject_faults.frames import FrameSource, Timed, frame_source, recording_of
 from steer_by_wire.tools.inject_faults.injection import Action, Deed, Injection
-from steer_by_wire.tools.inject_faults.processes import ProcessFault
+from steer_by_wire.tools.inject_faults.processes import BusOffFault, ProcessFault
 
 NAME = "steer-by-wire inject"
 FAULTS_MAX = 100

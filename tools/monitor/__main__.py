@@ -23,9 +23,8 @@ from steer_by_wire.runtime.bus import add_bus_arguments, shutting_down
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port import ClosablePort, open_port
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.tools.monitor.latency_keys import QUIT_KEYS, LatencyChoice, pressed
+from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
-from steer_by_wire.tools.monitor.terminal_keys import terminal_keys
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4

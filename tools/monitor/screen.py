@@ -7,7 +7,7 @@ from rich.text import Text
 from ...bus_view.recent import Spread, Strip
 from ...bus_view.watch import MessageView, View
 from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness, SecondSender
-from .latency_keys import LatencyChoice
+from .keys import LatencyChoice
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"

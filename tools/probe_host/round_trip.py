@@ -22,7 +22,7 @@ from ...runtime.port import open_port
 from ...runtime.program import StopRequest
 from ...runtime.real_time import Port, RealTimeExecutor
 from ...runtime.statistics import DurationStatistics, DurationSummary
-from .steal import Sliced, Slices
+from .wake_ups import Sliced, Slices
 
 REQUEST_ID, ECHO_ID = 0x7FE, 0x7FF
 PERIOD_NS = 10 * NS_PER_MS

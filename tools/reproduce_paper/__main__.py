@@ -31,7 +31,7 @@ from steer_by_wire.tools.reproduce_paper.registry import (
     function_of,
     numbers_of,
 )
-from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
+from steer_by_wire.tools.reproduce_paper.result import Written, read_written, write_reproduction
 from steer_by_wire.worker_processes import worker_pool
 
 NAME = "steer-by-wire paper"

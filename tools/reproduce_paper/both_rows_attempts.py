@@ -26,8 +26,7 @@ from ...loop_theory.uncertainty import paper_box
 from ...plant_emulator.vehicle import VehicleParams, state_matrices
 from ...runtime.array_types import FloatArray
 from . import published
-from .continuous_runs import K_D_RAD_S_M, K_P_RAD_M, curvature_met
-from .table_2_attempts import PATH, Q_CUTOFF_RAD_S
+from .continuous_runs import K_D_RAD_S_M, K_P_RAD_M, PATH, Q_CUTOFF_RAD_S, curvature_met
 
 REFERENCE, OFFSET, HEADING, CURVATURE = range(4)
 READINGS = (

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from ...reports.page import Cell, Picture, Section, Table, number, page
-from .result import Comparison, Verdict
-from .written import Written
+from .result import Comparison, Verdict, Written
 
 _MARKS = {
     Verdict.REPRODUCED: "good",

@@ -3,28 +3,30 @@
 The paper designs for the continuous nominal loop alone. Beyond it: all four corners of the
 uncertainty box at once, and the loop as it runs, sampled, held and delayed.
 """
-# ruff: noqa: RUF001  # σ is the paper's symbol
 
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...loop_theory.d_stability import DStability, judge, paper_d_stability
-from ...loop_theory.gain_boundaries import Window
+from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
 from ...loop_theory.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
 from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
 from ...loop_theory.uncertainty import paper_box
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...reports.plot_style import COLOURS
-from ...runtime.array_types import ComplexArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_MS
-from .parameter_space_columns import curve_columns, region_columns
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
+
+# ruff: noqa: RUF001  # σ is the paper's symbol
+
 
 PUBLISHED_K_P_RAD_M = 1.0596
 PUBLISHED_K_D_RAD_S_M = 0.939
@@ -256,3 +258,38 @@ def _inside(inside: bool) -> str:
 
 def _verdict(agrees: bool) -> Verdict:
     return Verdict.WITH_CORRECTION if agrees else Verdict.NOT_REPRODUCIBLE
+
+
+def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, FloatArray]:
+    """Return every boundary, point by point; bound and root count the legend's from 1."""
+    bounds, kinds = list(Bound), list(RootKind)
+    labels = [(i, bounds.index(c.bound) + 1, kinds.index(c.kind) + 1) for i, c in enumerate(curves)]
+    each = np.repeat(np.array(labels, dtype=np.float64), [len(c.gains) for c in curves], axis=0)
+    gains = np.concatenate([curve.gains for curve in curves])
+    s_rad_s = np.concatenate([curve.s_rad_s for curve in curves])
+    return {
+        "curve": each[:, 0],
+        "bound_sigma_theta_r": each[:, 1],
+        "root_complex_real_infinite": each[:, 2],
+        "k_p_rad_m": gains[:, 0],
+        "k_d_rad_s_m": gains[:, 1],
+        "s_real_rad_s": s_rad_s.real,
+        "s_imag_rad_s": s_rad_s.imag,
+    }
+
+
+def region_columns(regions: Sequence[GainRegion]) -> dict[str, FloatArray]:
+    """Return the edge of every region, ring by ring."""
+    rings = [
+        (index, np.asarray(ring.coords))
+        for index, region in enumerate(regions)
+        for part in shapely.get_parts(region.polygon)
+        for ring in (part.exterior, *part.interiors)
+    ]
+    gains = np.concatenate([ring for _, ring in rings])
+    return {
+        "region": np.concatenate([np.full(len(ring), float(index)) for index, ring in rings]),
+        "ring": np.concatenate([np.full(len(ring), float(i)) for i, (_, ring) in enumerate(rings)]),
+        "k_p_rad_m": gains[:, 0],
+        "k_d_rad_s_m": gains[:, 1],
+    }

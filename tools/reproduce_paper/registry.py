@@ -31,7 +31,7 @@ def _figure(number: int, module: str, suffix: str = "") -> Entry:
 
 
 ENTRIES = (
-    _figure(2, "box_figure"),
+    _figure(2, "uncertainty_figure"),
     _figure(7, "parameter_space_figures"),
     _figure(8, "parameter_space_figures"),
     _figure(8, "parameter_space_figures", "_beyond"),

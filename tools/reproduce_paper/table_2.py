@@ -2,7 +2,7 @@
 
 Values are compared as printed, with four digits. The PD row is reproduced within 0.0002 m once C_r
 has its zero back. The PD+DOB row is not: (11) with Q of (20) at 5 rad/s leaves a thirtieth of the
-error, the table only a good half. `table_2_attempts` has what else was tried; none of it is
+error, the table only a good half. `continuous_runs` has what else was tried; none of it is
 adopted.
 """
 
@@ -18,10 +18,9 @@ from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from . import published
 from .both_rows_attempts import BothRows, both_rows_attempts
-from .continuous_runs import PD, order_2, table_2_row
+from .continuous_runs import PATH, PD, attempts, order_2, pd_row_attempts, table_2_row
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate
-from .table_2_attempts import PATH, attempts, pd_row_attempts
 
 DURATION_S = PATH.duration_s
 CORRECTED, PRINTED = 500e3, published.REAR_CORNERING_STIFFNESS_N_RAD

@@ -31,7 +31,7 @@ from ...runtime.program import ExitStatus, run_main
 from ...runtime.report import write_json
 from ...runtime.statistics import DurationStatistics, DurationSummary
 from ...terminal import plain_table
-from .process_memory import resident_kib
+from .live import resident_kib
 from .vandal import KINDS
 
 NAME = "vandals"

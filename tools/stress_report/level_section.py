@@ -1,12 +1,140 @@
-"""The section that compares levels of factors: the effect of a derivative or a noise on a law."""
+"""Levels of the factors other than the network: the effect of a derivative, a noise or a corner.
+
+    q = RMS at a level / RMS at the first level     run by run, law by law, all else the same
+
+Every run is paired with that of the same law, replicate (so the same network, noise and seed) and
+levels of all other factors. Only factors with a few levels are compared. For those that are drawn,
+or belong to the network, see the heat maps and break-points.
+"""
 
 from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
 
 from ...reports.page import Cell, Section, Table, number
-from .axes import StudyAxes
-from .level_comparison import Condition, compared_factors, conditions_by_level, level_ratios
+from ...runtime.array_types import IntArray
+from .axes import LATENCY, StudyAxes
+from .comparison import Effort, effort, median
 from .results import FactorRecord, Rows, StudyRecord
 from .sections import EFFORT_HEADINGS, effort_cells, millimetres, ratio, three_digits
+
+LEVELS_MAX = 12
+CELLS_MAX = 120
+"""Rows of the table of all combinations; a longer table would not be read."""
+
+
+class Ratios(NamedTuple):
+    """One law at one level against the first level: medians over pairs, 1 at the first itself."""
+
+    controller: int
+    level: str
+    error: float
+    steer: float
+    steer_rate: float
+
+
+class Condition(NamedTuple):
+    """One law under one combination of levels; the figures are medians over its runs.
+
+    ``..._by_latency``  RMS of error and steer at each mean latency; empty if not requested
+    """
+
+    controller: int
+    levels: tuple[str, ...]
+    runs: int
+    held: int
+    rms_m: float
+    effort: Effort
+    rms_by_latency_m: tuple[float, ...]
+    steer_by_latency_rad: tuple[float, ...]
+
+
+def compared_factors(study: StudyRecord) -> list[FactorRecord]:
+    """Return the factors that are compared level by level."""
+    return [
+        factor
+        for factor in study.factors
+        if 2 <= len(factor.labels) <= LEVELS_MAX
+        and not any(key.startswith(LATENCY) for key in factor.keys)
+    ]
+
+
+def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[Ratios]:
+    """Return the effect of the levels of a factor, law by law."""
+    rest = _same_but_for(study, rows, factor)
+    found = []
+    for controller in range(len(study.names)):
+        own = rows.controller == controller
+        first = np.flatnonzero(own & _is_at(rows, factor, factor.labels[0]))
+        for label in factor.labels:
+            at = np.flatnonzero(own & _is_at(rows, factor, label))
+            _, here, there = np.intersect1d(rest[at], rest[first], return_indices=True)
+            one, other = at[here], first[there]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratios = [
+                    median(column[one] / column[other])
+                    for column in (rows.rms_m, rows.steer_rms_rad, rows.steer_rate_rms_rad_s)
+                ]
+            found.append(Ratios(controller, str(label), *ratios))
+    return found
+
+
+def conditions_by_level(
+    study: StudyRecord,
+    rows: Rows,
+    factors: list[FactorRecord],
+    latency: IntArray | None = None,
+) -> list[Condition]:
+    """Return every law under every combination of levels, with those of the first factor beside
+    each other; none where they are too many.
+
+    ``latency``  the place of each row's mean latency, to have the figures by it too
+    """
+    places = [] if latency is None else np.unique(latency).tolist()
+    turned = product(*(factor.labels for factor in reversed(factors)))
+    combinations = [tuple(reversed(labels)) for labels in turned]
+    if not factors or len(combinations) * len(study.names) > CELLS_MAX:
+        return []
+    found = []
+    for controller in range(len(study.names)):
+        for labels in combinations:
+            chosen = rows.controller == controller
+            for factor, label in zip(factors, labels, strict=True):
+                chosen &= _is_at(rows, factor, label)
+            at = np.flatnonzero(chosen)
+            by_latency = [at[latency[at] == place] for place in places if latency is not None]
+            if len(at):
+                found.append(
+                    Condition(
+                        controller,
+                        tuple(map(str, labels)),
+                        len(at),
+                        int(np.count_nonzero(rows.holds[at])),
+                        median(rows.rms_m[at]),
+                        effort(rows, at),
+                        tuple(median(rows.rms_m[few]) for few in by_latency),
+                        tuple(median(rows.steer_rms_rad[few]) for few in by_latency),
+                    )
+                )
+    return found
+
+
+def _is_at(rows: Rows, factor: FactorRecord, label: object) -> IntArray:
+    column = rows.factors[factor.name]
+    return np.asarray(column == (str(label) if column.dtype == object else label))
+
+
+def _same_but_for(study: StudyRecord, rows: Rows, factor: FactorRecord) -> IntArray:
+    """Return a number for each row, the same where all but the factor is the same."""
+    key = rows.case % int(study.sampling["replicates"])
+    for other in study.factors:
+        if other.name != factor.name:
+            _, place = np.unique(rows.factors[other.name], return_inverse=True)
+            _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
+    return np.asarray(key, dtype=np.int64)
+
 
 LATENCIES_MAX = 6
 """More mean latencies than these get no columns; the heat maps have them."""
