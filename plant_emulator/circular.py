@@ -30,6 +30,8 @@ _COS = (
     -1.38888888888741095749e-03,
     4.16666666666666019037e-02,
 )
+_COS_SIGN = np.array([1.0, -1.0, -1.0, 1.0])
+_SIN_SIGN = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def cos_and_sin(angle_rad: Floats) -> tuple[Floats, Floats]:
@@ -42,8 +44,9 @@ def cos_and_sin(angle_rad: Floats) -> tuple[Floats, Floats]:
         odd, even = odd * square + sine, even * square + cosine
     sin = x + x * square * odd
     cos = 1.0 - (0.5 * square - square * square * even)
-    is_odd, half_turns = quarters % 2.0 == 1.0, quarters % 4.0
+    quarter = quarters.astype(np.int64) & 3
+    is_odd = (quarter & 1).astype(np.bool)
     return (
-        np.where(is_odd, sin, cos) * np.where((half_turns == 1.0) | (half_turns == 2.0), -1.0, 1.0),
-        np.where(is_odd, cos, sin) * np.where(half_turns >= 2.0, -1.0, 1.0),
+        np.where(is_odd, sin, cos) * _COS_SIGN[quarter],
+        np.where(is_odd, cos, sin) * _SIN_SIGN[quarter],
     )

@@ -10,6 +10,7 @@ returns to its old value. The double one has the proportions of ISO 3888-1: 30 m
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -31,6 +32,9 @@ from .rig_settings import (
 
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
+
+_ELLIPSES_KEPT = 8
+"""For the next run on the same: each takes about 30 ms."""
 
 _EAST = Pose(0.0, 0.0, 0.0)
 
@@ -76,6 +80,7 @@ def circle(radius_m: float) -> Path:
     )
 
 
+@lru_cache(maxsize=_ELLIPSES_KEPT)
 def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
     """Return an ellipse about the origin that starts at (semi-major axis, 0), to the left."""
     a, b = semi_major_axis_m, semi_minor_axis_m
