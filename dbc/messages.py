@@ -46,7 +46,7 @@ from .message_records import (
     SteeringStatus,
     VehicleState,
 )
-from .protection import is_intact
+from .protection import id_mark, mark_in
 from .signals import SignalRange
 
 __all__ = [
@@ -117,6 +117,7 @@ DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
     {kind: codec.data_id for kind, codec in _CODECS.items() if codec.data_id is not None}
 )
 """The E2E Data ID of each message that is protected: all but those sent by hand, by a tool."""
+_ID_MARKS = frozenset(map(id_mark, DATA_IDS.values()))
 
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
@@ -204,7 +205,7 @@ def decode(frame: Frame) -> Decoded | Rejection:
         return rejection_of(frame)
     unpacked = codec.unpack(data)
     if isinstance(unpacked, Rejection):
-        return rejection_of(frame)
+        return _cause(unpacked, data)
     return new_record(Decoded, unpacked)
 
 
@@ -223,6 +224,11 @@ def rejection_of(frame: Frame) -> Rejection:
     unpacked = codec.unpack(data)
     if flags != codec.flags or not isinstance(unpacked, Rejection):  # the length happens to fit
         return Rejection.WRONG_FORMAT
-    if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in DATA_IDS.values()):
+    return _cause(unpacked, data)
+
+
+def _cause(unpacked: Rejection, data: bytes) -> Rejection:
+    """Tell a payload of another message from a damaged one."""
+    if unpacked is Rejection.BAD_CRC and mark_in(data) in _ID_MARKS:
         return Rejection.MASQUERADED
     return unpacked

@@ -37,9 +37,14 @@ def protect(payload: bytearray, data_id: int) -> None:
     payload[:2] = _crc(payload, data_id).to_bytes(2, "little")
 
 
-def is_intact(payload: bytes, data_id: int) -> bool:
-    """Whether the CRC of ``payload`` (3 bytes or more) is that of its content and ``data_id``."""
-    return _crc(payload, data_id) == payload[0] | payload[1] << 8
+def id_mark(data_id: int) -> int:
+    """Return what ``data_id`` adds to the CRC of any payload: the CRC is linear."""
+    return crc_hqx(data_id.to_bytes(2, "little"), 0)
+
+
+def mark_in(payload: bytes) -> int:
+    """Return the ``id_mark`` of the Data ID under which ``payload`` (3 bytes or more) is intact."""
+    return (payload[0] | payload[1] << 8) ^ _crc(payload, 0)
 
 
 def _crc(payload: bytes | bytearray, data_id: int) -> int:

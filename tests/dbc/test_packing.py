@@ -15,7 +15,7 @@ from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.generated_layout import LAYOUTS
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.dbc.packing import packing_of
-from steer_by_wire.dbc.protection import is_intact, protect
+from steer_by_wire.dbc.protection import id_mark, mark_in, protect
 from steer_by_wire.dbc.signals import PackedSignal
 
 DATABASE = load_database()
@@ -117,6 +117,6 @@ def test_the_crc_is_that_of_the_library_for_profile_5(content: bytes, data_id: i
     e2e_p05_protect(theirs, data_id, increment_counter=False)
     assert ours == theirs
     assert e2e_p05_check(bytes(ours), data_id)
-    assert is_intact(bytes(theirs), data_id)
+    assert mark_in(bytes(theirs)) == id_mark(data_id)
     theirs[4] ^= 1
-    assert not is_intact(bytes(theirs), data_id)
+    assert mark_in(bytes(theirs)) != id_mark(data_id)

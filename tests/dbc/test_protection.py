@@ -9,7 +9,8 @@ from steer_by_wire.dbc.protection import (
     SequenceCheck,
     SequenceResult,
     SequenceRule,
-    is_intact,
+    id_mark,
+    mark_in,
     protect,
 )
 from tests.support.counter_rules import checking
@@ -37,8 +38,7 @@ def test_the_crc_covers_what_follows_it_and_then_the_data_id(content: bytes, dat
     protect(payload, data_id)
     crc = crc16_bit_by_bit(content + data_id.to_bytes(2, "little"))
     assert payload == crc.to_bytes(2, "little") + content
-    assert is_intact(bytes(payload), data_id)
-    assert not is_intact(bytes(payload), data_id ^ 1)
+    assert mark_in(bytes(payload)) == id_mark(data_id) != id_mark(data_id ^ 1)
 
 
 def judge(counters: list[int], step_max: int = 10, resync_run: int = 5) -> list[SequenceResult]:
