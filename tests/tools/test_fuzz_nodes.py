@@ -21,6 +21,8 @@ from steer_by_wire.tools.fuzz.traffic import Sender
 
 PERIOD_NS = 10 * NS_PER_MS
 OUR_MODULES = "steer_by_wire."
+SIMPLE = {float, int, bool, str, bytes, type(None)}
+"""Kinds that hold nothing, which most items are."""
 
 
 def make_controller(number: int) -> ControllerNode:
@@ -47,7 +49,7 @@ def entries(root: object) -> int:
             waiting += [*item.keys(), *item.values()]
         elif isinstance(item, list | tuple | set | frozenset) or type(item).__name__ == "deque":
             count += len(item)
-            waiting += item
+            waiting += [one for one in item if type(one) not in SIMPLE]
         elif type(item).__module__.startswith(OUR_MODULES):
             waiting += members(item)
     return count
