@@ -149,6 +149,7 @@ def _kernel_command(
         "rootflags=/",
         "rw",
         "quiet",
+        "pty.legacy_count=0",  # it would make 512 devices that nobody opens: half of the boot
         "con=null",
         "con0=null,fd:1",
         f"ssl0=fd:{line_in},fd:{line_out}",
