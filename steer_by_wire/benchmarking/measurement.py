@@ -1,4 +1,4 @@
-"""How the benchmark measures: repetitions, their median and spread, and the same loop everywhere.
+"""How the benchmark measures and prints: repetitions, their median and spread, and one fixed loop.
 
 Times of two machines cannot be compared. Their ratios to the time of one fixed loop of plain Python
 arithmetic, measured in the same run, compare much better.
@@ -6,9 +6,12 @@ arithmetic, measured in the same run, compare much better.
 
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from rich import box
+from rich.table import Table
 
 REPETITIONS = 7
 CALIBRATION_STEPS = 1000
@@ -94,3 +97,47 @@ def _elapsed_us(work: Callable[[], object]) -> float:
     finally:
         if was_enabled:
             gc.enable()
+
+
+def lines_table(lines: Sequence[Line], calibration_us: float | None = None) -> Table:
+    """Return a table; with a column of ratios if the calibration loop was timed."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("what")
+    ratio = [] if calibration_us is None else ["ratio"]
+    for heading in ("median", "least", "most", "unit", *ratio, "target", "verdict"):
+        table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading))
+    for line in lines:
+        figures = (line.median, min(line.figures), max(line.figures))
+        verdict = {None: "", True: "met", False: "missed"}[line.is_met]
+        table.add_row(
+            line.name,
+            *(_short(figure) for figure in figures),
+            line.unit,
+            *([] if calibration_us is None else [_short(line.ratio(calibration_us))]),
+            line.target.text if line.target else "",
+            verdict,
+        )
+    return table
+
+
+def line_record(line: Line) -> dict[str, Any]:
+    """Return a line for JSON."""
+    return {
+        "name": line.name,
+        "unit": line.unit,
+        "median": line.median,
+        "least": min(line.figures),
+        "greatest": max(line.figures),
+        "repetitions": len(line.figures),
+        "target": line.target.text if line.target else None,
+        "is_met": line.is_met,
+    }
+
+
+def _short(figure: float) -> str:
+    return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
+
+
+def steal_text(fraction: float | None) -> str:
+    """Return how much processor time the host gave to other guests; None: it is not reported."""
+    return "steal unknown" if fraction is None else f"{100 * fraction:.1f} % stolen by the host"

@@ -24,11 +24,10 @@ from ..dbc.messages import (
     VehicleState,
 )
 from ..recordings.bus_listener import NAMES, BusListener, ReceivedMessage
-from ..recordings.cg_deviation import PREVIEW_M, CgDeviation
+from ..recordings.held_path import PREVIEW_M, CgDeviation
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
-from .lateness import CommandLateness
-from .recent import Recent, Spread, Strip, spread_of, strip_of
+from .recent import CommandLateness, Recent, Spread, Strip, spread_of, strip_of
 
 STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s", "lateness_s")
 _STALE_NS = NS_PER_S

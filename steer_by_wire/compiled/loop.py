@@ -27,11 +27,10 @@ from ..plant_emulator.steering_guard import (
     guard_wheel,
     start_guard,
 )
-from .borrowing import borrowed
 from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
-from .memory import at, called, placed, read, write
+from .memory import at, borrowed, called, placed, read, write
 from .wire import (
     NOW_UNKNOWN,
     carries_plan,

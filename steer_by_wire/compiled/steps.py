@@ -3,6 +3,10 @@
 ``register_jitable`` leaves a function as it is and lets numba compile it where a compiled function
 calls it. No arithmetic is written twice, so a compiled run gives the same bits. Functions that the
 steps call are found and registered too.
+
+``new_record`` in compiled code: a tuple becomes a NamedTuple without any work.
+
+``runtime.record.new_record`` is ``tuple.__new__``, which numba does not know.
 """
 
 import sys
@@ -11,8 +15,9 @@ from functools import cache
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numba
 from numba import types
-from numba.extending import overload, register_jitable
+from numba.extending import lower_builtin, overload, register_jitable, type_callable
 
 from ..controller.estimator import VehicleGains, row_of
 from ..controller.feed_forward import FeedForwardParams, feed_forward_step
@@ -43,9 +48,9 @@ from ..plant_emulator.motion_steps import advance_motion, command_motion, start_
 from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from ..plant_emulator.steering_unit import status_of
+from ..runtime.record import new_record
 from ..runtime.settings import SettingsError
 from .memory import at, layout_of, read
-from .records import register_records
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
@@ -238,3 +243,32 @@ def _names_in(code: CodeType) -> Iterator[str]:
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _names_in(constant)
+
+
+_types: Any = numba.types
+_type_callable: Any = type_callable
+_lower_builtin: Any = lower_builtin
+"""Untyped, as numba has no types for them."""
+
+
+@cache
+def register_records() -> None:
+    """Let compiled functions call ``new_record``."""
+    _type_callable(new_record)(_typing)
+    _lower_builtin(new_record, _types.NamedTupleClass, _types.BaseTuple)(_same)
+
+
+def _typing(_context: Any) -> Callable[[Any, Any], Any]:
+    def type_of_call(kind: Any, fields: Any) -> Any:
+        if isinstance(kind, _types.NamedTupleClass) and isinstance(fields, _types.BaseTuple):
+            plain = [_types.unliteral(field) for field in fields]
+            return _types.BaseTuple.from_types(plain, kind.instance_class)
+        return None
+
+    return type_of_call
+
+
+def _same(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Return the tuple itself: both have the same layout."""
+    fields = _types.BaseTuple.from_types(list(signature.return_type))
+    return context.cast(builder, arguments[1], signature.args[1], fields)

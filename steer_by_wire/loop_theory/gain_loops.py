@@ -32,8 +32,7 @@ from ..controller.transfer_function import Factor, TransferFunction
 from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
 from .continuous_loop import polynomials
-from .d_stability import DStability, in_s_plane, judge
-from .delayed_d_stability import delayed_loop_satisfies
+from .d_stability import DStability, delayed_loop_satisfies, in_s_plane, judge
 
 
 class GainLine(NamedTuple):

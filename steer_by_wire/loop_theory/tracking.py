@@ -30,7 +30,7 @@ from ..controller.design import LawDesign
 from ..controller.transfer_function import TransferFunction
 from ..runtime.array_types import ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
-from .responses import law_response, plant_responses
+from .loop_figures import law_response, plant_responses
 
 _LATE_FACTOR = 1e-8
 """R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""

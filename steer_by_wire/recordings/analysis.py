@@ -29,9 +29,8 @@ from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
-from .cg_deviation import PREVIEW_M, CgDeviation
 from .durations import Durations, History
-from .held_path import HeldPath
+from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency import Latencies
 
 GAP_PERIODS = 3

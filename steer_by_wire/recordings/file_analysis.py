@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from ..plant_emulator.verdict import VerdictRules
 from .analysis import LogAnalysis
-from .cg_deviation import PREVIEW_M
+from .held_path import PREVIEW_M
 from .log_file import LogError, open_log
 from .signal_table import Export
 

@@ -16,8 +16,7 @@ from ..runtime.error_text import one_line
 from ..runtime.message import frame_of
 from ..runtime.node import NS_PER_S
 from ..runtime.settings import SettingsError
-from .candump_text import TIME_NS_LIMIT, Logged, candump_frames
-from .text_lines import TextLines
+from .candump_text import TIME_NS_LIMIT, Logged, TextLines, candump_frames
 
 _TEXT_READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
 _BINARY_SUFFIXES = {".blf", ".db", ".mf4"}

@@ -15,11 +15,12 @@ from steer_by_wire.controller.nominal_model import paper_eq19
 from steer_by_wire.loop_theory.d_stability import (
     DStability,
     d_stability,
+    delayed_loop_satisfies,
     in_s_plane,
     judge,
     paper_d_stability,
+    roots_within,
 )
-from steer_by_wire.loop_theory.delayed_d_stability import delayed_loop_satisfies, roots_within
 from steer_by_wire.loop_theory.gain_loops import ContinuousGainLoop
 
 SPEC = paper_d_stability()

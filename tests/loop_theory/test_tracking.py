@@ -18,12 +18,14 @@ from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_late
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.transfer_function import TransferFunction
 from steer_by_wire.loop_theory.loop_figures import (
+    behind_lag,
     frequency_grid,
+    law_response,
     loop_figures,
+    plant_responses,
     slow_poles,
     stability_grid,
 )
-from steer_by_wire.loop_theory.responses import behind_lag, law_response, plant_responses
 from steer_by_wire.loop_theory.tracking import (
     lateral_error_m,
     rms_m,

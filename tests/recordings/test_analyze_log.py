@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import LateralError, encode
 from steer_by_wire.recordings.durations import History
-from steer_by_wire.recordings.sensing_times import relative_uplink
+from steer_by_wire.recordings.latency import relative_uplink
 from steer_by_wire.runtime.candump import LogEntry
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.analyze_log.__main__ import main

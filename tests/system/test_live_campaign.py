@@ -37,7 +37,7 @@ from steer_by_wire.tools.fault_campaign.live.judgement import (
     mistakes_of,
     vehicle_of,
 )
-from steer_by_wire.tools.fault_campaign.live.presentation import (
+from steer_by_wire.tools.fault_campaign.live.program import (
     live_finding,
     live_section,
     outcome_table,

@@ -21,7 +21,6 @@ from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.statistics import DurationSummary
 from steer_by_wire.tools.benchmark_bus import __main__ as benchmark_bus
 from steer_by_wire.tools.benchmark_bus.allocations import TickMemory, tick_memory
-from steer_by_wire.tools.benchmark_bus.c_programs import FLAGS, CompileError, CPrograms, compile_all
 from steer_by_wire.tools.benchmark_bus.lines import (
     answer_lines,
     memory_lines,
@@ -30,8 +29,12 @@ from steer_by_wire.tools.benchmark_bus.lines import (
     tick_lines,
 )
 from steer_by_wire.tools.benchmark_bus.processes import (
+    FLAGS,
     PRIORITY_MAX,
     PRIORITY_MIN,
+    CompileError,
+    CPrograms,
+    compile_all,
     may_have_priority,
 )
 from steer_by_wire.tools.benchmark_bus.records import (

@@ -31,8 +31,7 @@ from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.tools.cockpit.lights import Known, Light, lights_of
-from steer_by_wire.tools.cockpit.place import Place
-from steer_by_wire.tools.cockpit.sampler import Sampler, message_text, payload_text
+from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
 from tests.support.cockpit_run import NS, PLANT, fed, recorded_run
 

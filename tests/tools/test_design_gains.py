@@ -13,6 +13,7 @@ from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design_gains import __main__ as design_gains
+from steer_by_wire.tools.design_gains.__main__ import ProgressLines
 from steer_by_wire.tools.design_gains.candidate import (
     Candidate,
     controller_settings,
@@ -26,7 +27,6 @@ from steer_by_wire.tools.design_gains.design import (
 )
 from steer_by_wire.tools.design_gains.explanation import failed
 from steer_by_wire.tools.design_gains.preset_text import preset_text
-from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.regions import why_no_gains
 from steer_by_wire.tools.design_gains.search import neighbours
 from steer_by_wire.tools.design_gains.specification import Specification

@@ -21,12 +21,16 @@ from steer_by_wire.tools.design_gains.candidate import (
     Candidate,
     lattice_place,
 )
-from steer_by_wire.tools.design_gains.courses import unsteered_runs_m
 from steer_by_wire.tools.design_gains.design import describe
 from steer_by_wire.tools.design_gains.preset_text import preset_text
 from steer_by_wire.tools.design_gains.search import Found, confirm
 from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import Study, judge_candidate, make_study
+from steer_by_wire.tools.design_gains.study import (
+    Study,
+    judge_candidate,
+    make_study,
+    unsteered_runs_m,
+)
 from steer_by_wire.tools.design_gains.virtual_check import (
     constant,
     drive,

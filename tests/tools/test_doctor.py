@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.doctor import checks as doctor_checks
-from steer_by_wire.tools.doctor.__main__ import as_json, as_text
-from steer_by_wire.tools.doctor.checks import Finding, Section
+from steer_by_wire.tools.doctor import __main__ as doctor_checks
+from steer_by_wire.tools.doctor.__main__ import Finding, Section, as_json, as_text
 
 ROOT = Path(__file__).resolve().parents[2]
 

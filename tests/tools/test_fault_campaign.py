@@ -15,7 +15,6 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.fault_campaign.__main__ import FAILED, main
 from steer_by_wire.tools.fault_campaign.acceptance import findings_of, memory_finding
-from steer_by_wire.tools.fault_campaign.comparison import compare
 from steer_by_wire.tools.fault_campaign.detectability import (
     MECHANISM_OF,
     UNRECEIVED,
@@ -25,7 +24,7 @@ from steer_by_wire.tools.fault_campaign.detectability import (
     expect_node_fault,
 )
 from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_stored, specification_hash
-from steer_by_wire.tools.fault_campaign.grouping import group
+from steer_by_wire.tools.fault_campaign.grouping import compare, group
 from steer_by_wire.tools.fault_campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
 from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
 from steer_by_wire.tools.fault_campaign.scenario import (

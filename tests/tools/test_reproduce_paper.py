@@ -13,8 +13,7 @@ from rich.console import Console
 
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.reproduce_paper import __main__ as reproduce_paper
-from steer_by_wire.tools.reproduce_paper.index_page import agreement, heading, index_page
-from steer_by_wire.tools.reproduce_paper.registry import (
+from steer_by_wire.tools.reproduce_paper.__main__ import (
     ENTRIES,
     NOT_COMPUTED,
     Entry,
@@ -22,6 +21,7 @@ from steer_by_wire.tools.reproduce_paper.registry import (
     function_of,
     numbers_of,
 )
+from steer_by_wire.tools.reproduce_paper.index_page import agreement, heading, index_page
 from steer_by_wire.tools.reproduce_paper.result import (
     Comparison,
     Picture,

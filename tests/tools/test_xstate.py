@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.doctor import checks as doctor_checks
+from steer_by_wire.tools.doctor import __main__ as doctor_checks
 from steer_by_wire.vcan import uml, xstate
 from steer_by_wire.vcan.request import BackendError
 

@@ -11,10 +11,10 @@ import pytest
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import frame_bits
-from steer_by_wire.wire.critical_instant import critical_response_ns
 from steer_by_wire.wire.response_times import (
     Traffic,
     Wire,
+    critical_response_ns,
     miss_probability,
     wire_of,
     worst_response_ns,

@@ -19,12 +19,13 @@ from response_time_analysis.model import (
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import frame_bits
-from steer_by_wire.wire.critical_instant import critical_response_ns, random_responses_ns
 from steer_by_wire.wire.response_times import (
     Traffic,
     Wire,
+    critical_response_ns,
     load,
     miss_probability,
+    random_responses_ns,
     wire_of,
     worst_response_ns,
 )

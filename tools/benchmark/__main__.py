@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from steer_by_wire.benchmarking.measurement import calibration
-from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
+from steer_by_wire.benchmarking.measurement import calibration, line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import add_json_argument

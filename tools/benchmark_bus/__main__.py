@@ -22,8 +22,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.benchmarking.measurement import Line
-from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
+from steer_by_wire.benchmarking.measurement import Line, line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
@@ -32,7 +31,6 @@ from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
-from steer_by_wire.tools.benchmark_bus.c_programs import compile_all
 from steer_by_wire.tools.benchmark_bus.lines import (
     answer_lines,
     memory_lines,
@@ -43,6 +41,7 @@ from steer_by_wire.tools.benchmark_bus.lines import (
 from steer_by_wire.tools.benchmark_bus.processes import (
     PRIORITY_MAX,
     PRIORITY_MIN,
+    compile_all,
     may_have_priority,
 )
 from steer_by_wire.tools.benchmark_bus.runs import (

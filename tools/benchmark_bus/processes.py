@@ -1,4 +1,4 @@
-"""Runs the benchmark's programs: nothing is timed before all of them are ready.
+"""Compiles the benchmark's C programs, and runs all: nothing is timed before all of them are ready.
 
     C loop      SCHED_FIFO above the others, so that a slow tick of ours cannot delay it; on the
                 processor of the program it is compared with, as a host stops them one by one
@@ -9,6 +9,7 @@ Where the host does not grant SCHED_FIFO, all are ordinary processes.
 """
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,39 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...runtime.bus import BusError
+
+SOURCES = Path(__file__).parent
+FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
+
+
+class CompileError(BusError):
+    """The C programs cannot be compiled; the text is one line for the user."""
+
+
+class CPrograms(NamedTuple):
+    """The compiled programs; each source describes what its program does."""
+
+    echo: Path
+    requester: Path
+    timer_loop: Path
+
+
+def compile_all(folder: Path) -> CPrograms:
+    """Compile every program into ``folder``; raises CompileError."""
+    if shutil.which("gcc") is None:
+        raise CompileError("the C programs to compare with need gcc (apt-get install gcc)")
+    return CPrograms(*(_compile(name, folder) for name in CPrograms._fields))
+
+
+def _compile(name: str, folder: Path) -> Path:
+    source, program = SOURCES / f"{name}.c", folder / name
+    command = ["gcc", *FLAGS, "-o", str(program), str(source)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        first = next((line for line in result.stderr.splitlines() if "error" in line), "")
+        raise CompileError(f"gcc does not compile {source.name}: {first or result.stderr.strip()}")
+    return program
+
 
 ABOVE, BELOW = 10, -5
 """Priorities of the C loop and the requester, relative to the requested one."""

@@ -11,8 +11,7 @@ from ...benchmarking.wake_ups import measurements
 from ...dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from ...runtime.node import NS_PER_S
 from ...runtime.socketcan import packed
-from .c_programs import CPrograms
-from .processes import ABOVE, BELOW, Role, finish, go, interrupt, python, started
+from .processes import ABOVE, BELOW, CPrograms, Role, finish, go, interrupt, python, started
 from .records import Answers, Tick, answers, between, read_passages, read_ticks
 
 REQUEST_ID, REPLY_ID = CAN_IDS[LateralError], CAN_IDS[SteeringCommand]

@@ -15,7 +15,7 @@ written.
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,7 @@ from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import load_settings, preset_names
 from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.design_gains.candidate import KEYS, any_settings
-from steer_by_wire.tools.design_gains.design import Design, NoDesignError
+from steer_by_wire.tools.design_gains.design import Design, NoDesignError, verification_line, verify
 from steer_by_wire.tools.design_gains.explanation import demand_lines, reason_lines
 from steer_by_wire.tools.design_gains.predictor import design_predictor
 from steer_by_wire.tools.design_gains.preset_text import (
@@ -40,10 +40,8 @@ from steer_by_wire.tools.design_gains.preset_text import (
     predictor_preset_text,
     preset_name,
 )
-from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.specification import PredictorTable, Specification
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from steer_by_wire.tools.design_gains.verification import verification_line, verify
 from steer_by_wire.tools.design_gains.virtual_check import (
     plant_text,
     refuse_what_the_rig_does_not_drive,
@@ -249,6 +247,34 @@ def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
     for reason in design.reasons:
         yield from reason_lines(reason, judgement.objective)
     yield f"  -> {out / preset_name(spec, design.law)}.toml"
+
+
+EVERY_S = 10.0
+
+
+class ProgressLines:
+    """Prints on standard error how much of each search is done.
+
+    ``is_shown``  whether to print; a terminal has bars instead
+    """
+
+    def __init__(
+        self, name: str, *, is_shown: bool, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._name = name
+        self._is_shown = is_shown
+        self._clock_s = clock_s
+        self._begin_s = self._last_s = clock_s()
+
+    def update(self, done: Mapping[str, float]) -> None:
+        """Print what is done of each, 0 to 1, unless a line was printed shortly before."""
+        now_s = self._clock_s()
+        if not self._is_shown or now_s - self._last_s < EVERY_S:
+            return
+        self._last_s = now_s
+        shares = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in done.items())
+        text = f"{self._name}: {now_s - self._begin_s:.0f} s: {shares} of the search"
+        print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

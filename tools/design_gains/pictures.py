@@ -11,8 +11,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import design_law, required
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...loop_theory.gain_boundaries import Window
-from ...loop_theory.loop_figures import frequency_grid, sensitivity_size
-from ...loop_theory.responses import behind_lag, law_response
+from ...loop_theory.loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, fill_region
 from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_MS, NS_PER_S

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...loop_theory.responses import behind_lag
+from ...loop_theory.loop_figures import behind_lag
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .candidate import Candidate, bounds, controller_settings, designs, values_at

@@ -3,9 +3,12 @@
 The plants' responses and the paths do not depend on the law, and are computed once. A study is
 coarse, for the search, or fine, for the result. They differ in the number of delays at which the
 RMS is computed and of points on the frequency axis.
+
+The runs of a specification as the vehicle feels them: curvature over time at its speed.
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,18 +21,44 @@ from ...loop_theory.d_stability import in_s_plane, judge
 from ...loop_theory.loop_figures import (
     FrequencyGrid,
     StabilityGrid,
+    behind_lag,
     frequency_grid,
     loop_figures,
     slow_poles,
     stability_grid,
 )
-from ...loop_theory.responses import behind_lag
-from ...loop_theory.tracking import TrackingGrid, track, tracking_grid
-from ...runtime.node import NS_PER_MS
+from ...loop_theory.tracking import TrackingGrid, track, tracking_grid, unsteered_error_m
+from ...plant_emulator.path import Path, curvature
+from ...plant_emulator.path_shapes import build_path
+from ...runtime.array_types import FloatArray
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from .candidate import Candidate, controller_settings, designs
-from .courses import unsteered_runs_m
 from .specification import Specification
 from .vehicle_file import VehicleFile
+
+_SAMPLES_PER_TICK = 4
+"""Between two, curvature is taken as linear, which is exact except at the path's break points."""
+
+
+def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return the lateral error without steering at the ticks, shape (paths, corners, ticks) [m]."""
+    ticks = spec.ticks
+    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
+    paths = [build_path(path) for path in spec.course.paths]
+    interval_s = spec.period_ns / NS_PER_S / _SAMPLES_PER_TICK
+
+    @lru_cache
+    def unsteered(path_index: int, speed_m_s: float) -> FloatArray:
+        met = _curvature_met(paths[path_index], speed_m_s, interval_s, ticks)
+        return unsteered_error_m(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
+
+    return np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
+
+
+def _curvature_met(path: Path, speed_m_s: float, interval_s: float, ticks: int) -> FloatArray:
+    count = (ticks - 1) * _SAMPLES_PER_TICK + 1
+    return np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
+
 
 _MARGIN_DECAY_1_S = 0.02
 """How fast a loop has to settle to count as stable beyond the range, in the search."""

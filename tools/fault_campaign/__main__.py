@@ -36,7 +36,6 @@ from steer_by_wire.tools.fault_campaign.acceptance import (
     memory_finding,
     residual_finding,
 )
-from steer_by_wire.tools.fault_campaign.comparison import compare
 from steer_by_wire.tools.fault_campaign.execution import (
     RESULTS,
     Stored,
@@ -46,9 +45,8 @@ from steer_by_wire.tools.fault_campaign.execution import (
     specification_hash,
     write_result,
 )
-from steer_by_wire.tools.fault_campaign.grouping import group
-from steer_by_wire.tools.fault_campaign.live.presentation import live_finding
-from steer_by_wire.tools.fault_campaign.live.program import run_live_campaign
+from steer_by_wire.tools.fault_campaign.grouping import compare, group
+from steer_by_wire.tools.fault_campaign.live.program import live_finding, run_live_campaign
 from steer_by_wire.tools.fault_campaign.memory import measure_memory
 from steer_by_wire.tools.fault_campaign.presentation import (
     campaign_page,

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from ...reports.page import Cell, Section, Table, number, page
 from .acceptance import Finding
-from .comparison import Comparison
-from .grouping import Group, in_ms, in_percent
+from .grouping import Comparison, Group, in_ms, in_percent
 from .live.judgement import Outcome
-from .live.presentation import live_section
+from .live.program import live_section
 from .scenario import GOLDEN, laws_of
 from .specification import CampaignSettings
 from .trial import FAILURES, Result

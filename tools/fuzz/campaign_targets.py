@@ -17,9 +17,8 @@ from ...dbc.messages import MESSAGE_TYPES
 from ...plant_emulator.fault_settings import FaultKind
 from ...runtime.settings import Settings, load_settings
 from ..fault_campaign.acceptance import findings_of
-from ..fault_campaign.comparison import compare
 from ..fault_campaign.execution import RESULTS, keep_only, read_stored
-from ..fault_campaign.grouping import group
+from ..fault_campaign.grouping import compare, group
 from ..fault_campaign.presentation import (
     campaign_page,
     comparison_lines,

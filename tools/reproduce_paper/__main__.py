@@ -9,10 +9,12 @@ last, shows published and reproduced values side by side, with a verdict.
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
@@ -23,16 +25,81 @@ from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.reproduce_paper.index_page import index_page
-from steer_by_wire.tools.reproduce_paper.registry import (
-    ENTRIES,
-    NOT_COMPUTED,
-    Entry,
-    entry_of,
-    function_of,
-    numbers_of,
+from steer_by_wire.tools.reproduce_paper.result import (
+    Reproduction,
+    Written,
+    read_written,
+    write_reproduction,
 )
-from steer_by_wire.tools.reproduce_paper.result import Written, read_written, write_reproduction
 from steer_by_wire.worker_processes import worker_pool
+
+
+class Entry(NamedTuple):
+    """One figure or table.
+
+    ``key``                 as in its Reproduction, and the stem of its files
+    ``kind``, ``number``    what selects it: --figure 8, --table 2
+    ``module``, ``name``    of the function without arguments that computes it, in this folder
+    """
+
+    key: str
+    kind: str
+    number: str
+    module: str
+    name: str
+
+
+def _figure(number: int, module: str, suffix: str = "") -> Entry:
+    name = f"figure_{number}{suffix}"
+    return Entry(f"figure_{number:02d}{suffix}", "figure", str(number), module, name)
+
+
+ENTRIES = (
+    _figure(2, "uncertainty_figure"),
+    _figure(7, "parameter_space_figures"),
+    _figure(8, "parameter_space_figures"),
+    _figure(8, "parameter_space_figures", "_beyond"),
+    _figure(9, "uncertainty_figure"),
+    _figure(10, "frequency_figures"),
+    _figure(11, "frequency_figures"),
+    _figure(12, "network_figure"),
+    _figure(14, "path_figures"),
+    _figure(15, "path_figures"),
+    *(_figure(number, "dob_figures") for number in range(16, 21)),
+    Entry("table_2", "table", "2", "table_2", "table_2"),
+    *(_figure(number, "delay_figures") for number in range(21, 25)),
+    _figure(21, "varying_delay_figure", "_varying"),
+    Entry("robustness_table", "table", "robustness", "robustness_table", "robustness_table"),
+)
+"""In the order of the paper, which is the order of the index page."""
+
+NOT_COMPUTED = {
+    "figure": {
+        "1": "a sketch of the vehicle",
+        **dict.fromkeys(("3", "4", "5", "6", "13"), "a block diagram"),
+    },
+    "table": {"1": "the vehicle's parameters, an input"},
+}
+"""Figures and tables of the paper in which there is nothing to compute."""
+
+
+def numbers_of(kind: str) -> tuple[str, ...]:
+    """Return the numbers that ``--figure`` or ``--table`` takes, each once."""
+    return tuple(dict.fromkeys(entry.number for entry in ENTRIES if entry.kind == kind))
+
+
+def entry_of(key: str) -> Entry:
+    """Return the entry with a key; raises KeyError where there is none."""
+    return {entry.key: entry for entry in ENTRIES}[key]
+
+
+def function_of(entry: Entry) -> Callable[[], Reproduction]:
+    """Import and return the function that computes an entry."""
+    function: Callable[[], Reproduction] = getattr(
+        import_module(f"steer_by_wire.tools.reproduce_paper.{entry.module}"), entry.name
+    )
+    return function
+
 
 NAME = "steer-by-wire paper"
 WORKERS = 2

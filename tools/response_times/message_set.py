@@ -11,9 +11,17 @@ from ...runtime.bus_model import BusModel
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame_length import FrameBits
 from ...runtime.settings import SettingsError
-from ...wire.critical_instant import critical_response_ns, random_responses_ns
 from ...wire.longest_frame import longest_frame
-from ...wire.response_times import Traffic, Wire, load, miss_probability, wire_of, worst_response_ns
+from ...wire.response_times import (
+    Traffic,
+    Wire,
+    critical_response_ns,
+    load,
+    miss_probability,
+    random_responses_ns,
+    wire_of,
+    worst_response_ns,
+)
 
 _NS_PER_MS = 1_000_000
 _AT_ONCE_MAX = 1_000_000

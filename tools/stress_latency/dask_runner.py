@@ -15,8 +15,15 @@ from ...runtime.program import handled
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computed
 from ...studies.study import Study
-from .payload import compute_block, payload_of
-from .workers import NOTHING, PATIENCE_S, WAITING_PER_WORKER, Block, ShouldStop
+from .workers import (
+    NOTHING,
+    PATIENCE_S,
+    WAITING_PER_WORKER,
+    Block,
+    ShouldStop,
+    compute_block,
+    payload_of,
+)
 
 CONNECT_S = 20.0
 
