@@ -75,12 +75,7 @@ class CompiledLaw(NamedTuple):
 
 @compiled_inside
 def step_at(
-    params: Any,
-    state: Any,
-    history: Any,
-    now: Any,
-    error_m: float,
-    sent_rad: float,
+    params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
 ) -> Any:
     """Advance the law whose params and state the pointers are for."""
     vehicle, link = read(now)
@@ -92,12 +87,7 @@ def step_at(
 
 @compiled_inside
 def plan_at(
-    params: Any,
-    state: Any,
-    history: Any,
-    now: Any,
-    error_m: float,
-    sent_rad: float,
+    params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
 ) -> int:
     """Let the law write its plan."""
     vehicle, link = read(now)

@@ -21,12 +21,7 @@ import numpy as np
 from ..controller.limits import limit_step, ramp_step
 from ..dbc.messages import Mode
 from ..plant_emulator.motion_steps import advance_motion, command_motion, start_motion
-from ..plant_emulator.steering_guard import (
-    guard_command,
-    guard_timer,
-    guard_wheel,
-    start_guard,
-)
+from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment

@@ -20,10 +20,7 @@ from ..plant_emulator.settings import PlantSettings
 _KEPT = 32
 """Motions cached for the next run with the same rig: about 2 MB each."""
 _INTERVAL = np.dtype(
-    [
-        ("start_ns", np.int64),
-        *((name, np.float64) for name in DisturbanceInterval._fields[1:]),
-    ]
+    [("start_ns", np.int64), *((name, np.float64) for name in DisturbanceInterval._fields[1:])]
 )
 _POSE = np.dtype([(name, np.float64) for name in Pose._fields])
 

@@ -13,14 +13,7 @@ import numpy as np
 
 from ..controller.modes import Supervisor
 from ..controller.settings import ControllerSettings, counters_of, supervision_of
-from ..dbc.messages import (
-    LateralError,
-    Message,
-    Mode,
-    PathAhead,
-    SteeringStatus,
-    VehicleState,
-)
+from ..dbc.messages import LateralError, Message, Mode, PathAhead, SteeringStatus, VehicleState
 from ..dbc.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
 from ..dbc.reception import cycle_ns
 from ..plant_emulator.sampling import samples_per_vehicle_state
@@ -140,11 +133,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
 
 
 def arrivals_of(
-    message: Uplink,
-    plant: PlantSettings,
-    rule: SequenceRule,
-    samples: int,
-    motion_start_ns: int,
+    message: Uplink, plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
 ) -> Arrivals:
     """Return the arrivals of one message of the first samples."""
     every = samples_per_vehicle_state(plant.sensor_period_ns)

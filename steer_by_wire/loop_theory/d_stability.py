@@ -155,8 +155,7 @@ def delayed_loop_satisfies(
 
 
 def roots_within(
-    function: Callable[[ComplexArray], ComplexArray],
-    contour: Callable[[FloatArray], ComplexArray],
+    function: Callable[[ComplexArray], ComplexArray], contour: Callable[[FloatArray], ComplexArray]
 ) -> int:
     """Return how many zeros of an entire function a closed contour encloses, with multiplicity.
 

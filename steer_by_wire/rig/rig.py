@@ -35,13 +35,7 @@ from ..runtime.node import NEVER_NS, ReportingNode
 from ..runtime.settings import SettingsError
 from ..runtime.settings_mistakes import hint
 from ..runtime.toml_text import dump_toml
-from ..simulation import (
-    CONTROLLER_PRESETS,
-    NO_OVERRIDES,
-    PLANT_PRESETS,
-    START_S_MAX,
-    settings_of,
-)
+from ..simulation import CONTROLLER_PRESETS, NO_OVERRIDES, PLANT_PRESETS, START_S_MAX, settings_of
 from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]

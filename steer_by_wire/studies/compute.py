@@ -24,14 +24,7 @@ from ..plant_emulator.streams import Channel
 from ..plant_emulator.verdict import RUN_ENDS, RunEnd
 from ..runtime.array_types import BoolArray, FloatArray, IntArray
 from ..runtime.settings import SettingsError
-from .figures import (
-    CG_STRIDE,
-    COLUMNS,
-    COUNTS,
-    LatencyFigures,
-    latency_figures,
-    take_figures,
-)
+from .figures import CG_STRIDE, COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
 from .on_nodes import run_on_nodes
 from .scenario import Pair, Scenarios
 from .verdict import rules_of

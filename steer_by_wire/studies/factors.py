@@ -22,11 +22,7 @@ BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.vi
 Label = bool | int | float | str
 NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
     "paper_ellipse": EllipseSettings().model_dump(),
-    "practical_ellipse": {
-        "kind": "ellipse",
-        "semi_major_axis_m": 60.0,
-        "semi_minor_axis_m": 30.0,
-    },
+    "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
 }
 """The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
 

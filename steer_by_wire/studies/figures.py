@@ -66,13 +66,7 @@ class Figures(NamedTuple):
 
 _END = Figures._fields.index("mean_m")
 """Where ``WindowFigures`` begin."""
-COUNTS = (
-    "samples",
-    "commands_sent",
-    "commands_acted",
-    "downlink_lost",
-    "uplink_lost",
-)
+COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
 sent, commands that reached the actuator, and frames lost in each direction."""

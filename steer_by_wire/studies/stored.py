@@ -41,9 +41,7 @@ def check_columns(file: Path, types: Mapping[str, Any]) -> int:
 
 
 def read_columns(
-    file: Path,
-    types: Mapping[str, Any],
-    filters: Sequence[tuple[str, str, Any]] | None = None,
+    file: Path, types: Mapping[str, Any], filters: Sequence[tuple[str, str, Any]] | None = None
 ) -> Any:
     """Return these columns as a table without gaps; raises SettingsError.
 

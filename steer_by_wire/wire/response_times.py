@@ -254,11 +254,7 @@ def _at_random(
 
 
 def _responses(
-    releases: Iterator[Release],
-    frames: Sequence[Frame],
-    bus: BusModel,
-    *,
-    until_idle: bool = True,
+    releases: Iterator[Release], frames: Sequence[Frame], bus: BusModel, *, until_idle: bool = True
 ) -> dict[int, int]:
     """Longest time from release to end of frame by message [ns]; messages keep their own order."""
     released_ns: list[list[int]] = [[] for _ in frames]

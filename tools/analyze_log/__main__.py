@@ -40,12 +40,7 @@ from steer_by_wire.recordings.signal_table import (
 )
 from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import (
-    SettingsError,
-    SharedTable,
-    load_settings,
-    read_table,
-)
+from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
 from steer_by_wire.runtime.thresholds import Condition, Quantity, add_fail_if_argument, of_part
 from steer_by_wire.tools.analyze_log.html_report import report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile

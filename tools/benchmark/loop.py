@@ -86,11 +86,7 @@ def controller_node_line() -> Line:
         encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
         for counter in range(COUNTERS)
     ]
-    return timed(
-        "controller node, in to out",
-        partial(_answer_often, node, frames),
-        STEPS,
-    )
+    return timed("controller node, in to out", partial(_answer_often, node, frames), STEPS)
 
 
 def virtual_time_lines() -> list[Line]:

@@ -83,11 +83,7 @@ class CPair:
     """One run prepared for C; ``run`` may be called any number of times."""
 
     def __init__(
-        self,
-        library: ctypes.CDLL,
-        plant: PlantSettings,
-        controller: ControllerSettings,
-        plan: Plan,
+        self, library: ctypes.CDLL, plant: PlantSettings, controller: ControllerSettings, plan: Plan
     ) -> None:
         """Prepare a run of pd_ddob whose sensors never pause, from a vehicle at rest."""
         motion = compiled_motion(plant)

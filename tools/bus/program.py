@@ -156,11 +156,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
         metavar="PATH|127.0.0.1:PORT",
         help="Unix socket or loopback port to listen at (default: this user's own)",
     )
-    parser.add_argument(
-        "--group",
-        metavar="NAME",
-        help="let users of this group join too",
-    )
+    parser.add_argument("--group", metavar="NAME", help="let users of this group join too")
     parser.add_argument(
         "--bitrate",
         type=bit_rate,

@@ -227,9 +227,7 @@ def _run_in_virtual_time(
 
 
 def _run_in_real_time(
-    plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
-    candump_log: Path | None,
+    plant_settings: PlantSettings, controller_settings: ControllerSettings, candump_log: Path | None
 ) -> Run:
     params = motion_params(plant_settings)  # takes long, so before the first tick is due
     stop = StopRequest()

@@ -100,11 +100,7 @@ def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
     """Return the settings of every lane; raises SettingsError."""
     plant = _plant_settings(scenario)
     return [
-        LaneSettings(
-            name.replace("_", " "),
-            plant,
-            controller_preset(name),
-        )
+        LaneSettings(name.replace("_", " "), plant, controller_preset(name))
         for name in scenario.controllers
     ]
 

@@ -44,11 +44,7 @@ LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "predictor")
 PATHS = {
     "single lane change": {"kind": "single_lane_change"},
     "double lane change": {"kind": "double_lane_change"},
-    "ellipse 60 x 30 m": {
-        "kind": "ellipse",
-        "semi_major_axis_m": 60.0,
-        "semi_minor_axis_m": 30.0,
-    },
+    "ellipse 60 x 30 m": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
     "default ellipse": {"kind": "ellipse"},
 }
 CORNERS = {"a": (4.0, 1600.0), "b": (4.0, 5000.0), "c": (7.0, 1600.0), "d": (7.0, 5000.0)}

@@ -141,10 +141,7 @@ def _run_virtual(
     console: Console,
 ) -> dict[DemoLaw, PairResult]:
     start_s = time.monotonic()
-    with (
-        worker_pool(VIRTUAL_WORKERS) as pool,
-        console.status("the same in virtual time"),
-    ):
+    with worker_pool(VIRTUAL_WORKERS) as pool, console.status("the same in virtual time"):
         futures = {
             law: pool.submit(run_virtual_pair, plants[law], controllers[law], bus) for law in plants
         }

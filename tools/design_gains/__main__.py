@@ -204,10 +204,7 @@ def _print_demands(spec: Specification, vehicle: VehicleFile) -> None:
 
 
 def _watch(
-    console: Console,
-    laws: Sequence[str],
-    futures: Sequence[Future[Design]],
-    shared: SharedProgress,
+    console: Console, laws: Sequence[str], futures: Sequence[Future[Design]], shared: SharedProgress
 ) -> None:
     with _bars(console, TextColumn("{task.description:8}")) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]

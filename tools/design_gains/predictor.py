@@ -24,14 +24,7 @@ from ...controller.shared_settings import EstimatorSettings, LinkSettings
 from ...runtime.array_types import FloatArray
 from .candidate import validity
 from .evolution import evolve
-from .predictor_runs import (
-    LEFT_M,
-    Task,
-    largest_error_m,
-    peak_sensitivity,
-    runs,
-    steer_noise_rad,
-)
+from .predictor_runs import LEFT_M, Task, largest_error_m, peak_sensitivity, runs, steer_noise_rad
 from .specification import PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import constant, jittered

@@ -50,9 +50,7 @@ def settled_region(
     models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
     last_ns = spec.delays_ns[-1]
     demands = d_stability(
-        spec.d_stability.settling_1_s,
-        _ALMOST_AN_AXIS_DEG,
-        _BELOW_NYQUIST * math.pi * spec.rate_hz,
+        spec.d_stability.settling_1_s, _ALMOST_AN_AXIS_DEG, _BELOW_NYQUIST * math.pi * spec.rate_hz
     )
     delays_ns = sorted({0, last_ns // 2, last_ns})
     return law_region(settings, models, spec.period_ns, delays_ns, demands, window)

@@ -125,11 +125,7 @@ class Study(NamedTuple):
 
 
 def make_study(
-    spec: Specification,
-    vehicle: VehicleFile,
-    *,
-    fine: bool,
-    without: frozenset[str] = frozenset(),
+    spec: Specification, vehicle: VehicleFile, *, fine: bool, without: frozenset[str] = frozenset()
 ) -> Study:
     """Return a study; ``without`` names demands to leave out."""
     models = tuple(steer_to_lateral_error(corner) for corner in vehicle.box.vertices())

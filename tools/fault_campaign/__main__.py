@@ -228,11 +228,7 @@ def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
 
 def _again(options: argparse.Namespace) -> str:
     """Return the command that runs one walk of the same specification again."""
-    words = [
-        "steer-by-wire",
-        "faults",
-        *([] if options.spec is None else [str(options.spec)]),
-    ]
+    words = ["steer-by-wire", "faults", *([] if options.spec is None else [str(options.spec)])]
     for override in options.overrides:
         if override.partition("=")[0].strip() != "seed":
             words += ["--set", override]

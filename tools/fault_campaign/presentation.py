@@ -110,7 +110,7 @@ def campaign_page(
                 f"Campaign seed {spec.seed}."
             ],
             tables=[_findings_table(findings)],
-        ),
+        )
     ]
     if comparison is not None:
         sections.append(_comparison_section(comparison))

@@ -67,12 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--list", action="store_true", help="list the faults")
     parser.add_argument("--pid", metavar="N", help="the process for kill, pause and clock_jump")
-    parser.add_argument(
-        "--recording",
-        type=Path,
-        metavar="FILE",
-        help="the log that replay sends",
-    )
+    parser.add_argument("--recording", type=Path, metavar="FILE", help="the log that replay sends")
     parser.add_argument("--seed", default="1", metavar="N", help="seed of all random numbers")
     parser.add_argument(
         "--report", type=output_file, metavar="FILE", help="write the actions, JSON"

@@ -91,11 +91,7 @@ class FrameSource:
 
 
 def frame_source(
-    fault: LiveFault,
-    start_ns: int,
-    seed: int,
-    bitrate_bit_s: int,
-    recording: Sequence[Timed] = (),
+    fault: LiveFault, start_ns: int, seed: int, bitrate_bit_s: int, recording: Sequence[Timed] = ()
 ) -> FrameSource:
     """Return the source of a fault that acts by frames, not on a process.
 

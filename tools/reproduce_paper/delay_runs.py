@@ -71,8 +71,7 @@ PD_AND_CDOB = (
     Variant("As published: ideal derivative", (PD, CDOB)),
     Variant("Filter N = 30 rad/s", (PD.changed(*FILTER), CDOB.changed(*FILTER))),
     Variant(
-        "Filter and washout ω_h = 3 rad/s",
-        (PD.changed(*FILTER), CDOB.changed(*FILTER, *WASHOUT)),
+        "Filter and washout ω_h = 3 rad/s", (PD.changed(*FILTER), CDOB.changed(*FILTER, *WASHOUT))
     ),
 )
 CDOB_AND_DDOB = (

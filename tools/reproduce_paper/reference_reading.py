@@ -160,10 +160,7 @@ def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) ->
 
 
 def _compared(
-    statement: str,
-    quantity: Quantity,
-    laws: tuple[Law, Law],
-    holds: Callable[[float, float], bool],
+    statement: str, quantity: Quantity, laws: tuple[Law, Law], holds: Callable[[float, float], bool]
 ) -> list[Comparison]:
     compared = []
     for filter_rad_s in FILTERS_RAD_S:

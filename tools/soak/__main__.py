@@ -81,21 +81,12 @@ def _run(options: argparse.Namespace) -> int:
     traffic_of(bus, SEED)  # a mistake in it is one of the command line
     plan_of = partial(Plan, bus=bus, priority=options.priority)
     parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
-        "load": (
-            plan_of(LOWEST_PRIORITY_IDS, options.duration_s),
-            load_findings,
-        ),
+        "load": (plan_of(LOWEST_PRIORITY_IDS, options.duration_s), load_findings),
         **{
-            f"between-{gap[0]:03X}": (
-                plan_of(tuple(gap[:4]), options.between_s),
-                between_findings,
-            )
+            f"between-{gap[0]:03X}": (plan_of(tuple(gap[:4]), options.between_s), between_findings)
             for gap in GAPS
         },
-        "starve": (
-            plan_of(HIGHEST_PRIORITY_IDS, options.starve_s),
-            starve_findings,
-        ),
+        "starve": (plan_of(HIGHEST_PRIORITY_IDS, options.starve_s), starve_findings),
     }
     records, holds, steal = {}, True, StealClock()
     begin_s = time.monotonic()

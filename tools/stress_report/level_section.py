@@ -82,10 +82,7 @@ def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[R
 
 
 def conditions_by_level(
-    study: StudyRecord,
-    rows: Rows,
-    factors: list[FactorRecord],
-    latency: IntArray | None = None,
+    study: StudyRecord, rows: Rows, factors: list[FactorRecord], latency: IntArray | None = None
 ) -> list[Condition]:
     """Return every law under every combination of levels, with those of the first factor beside
     each other; none where they are too many.

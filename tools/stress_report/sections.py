@@ -38,10 +38,7 @@ def map_section(axes: StudyAxes, pictures: Sequence[Picture]) -> Section:
 
 
 def break_point_section(
-    study: StudyRecord,
-    axes: StudyAxes,
-    points: Sequence[BreakPoint],
-    pictures: Sequence[Picture],
+    study: StudyRecord, axes: StudyAxes, points: Sequence[BreakPoint], pictures: Sequence[Picture]
 ) -> Section:
     """Return the break-points."""
     if not points:

@@ -79,10 +79,7 @@ def _at_plant(
 
 
 _STREAMS = MappingProxyType(
-    {
-        "uplink": ("LATERAL_ERROR", "lateral_error_m"),
-        "downlink": ("STEERING_COMMAND", "steer_rad"),
-    }
+    {"uplink": ("LATERAL_ERROR", "lateral_error_m"), "downlink": ("STEERING_COMMAND", "steer_rad")}
 )
 _SILENCE, _SKIPPED = {SILENCE}, {SKIPPED}
 CASES = (
