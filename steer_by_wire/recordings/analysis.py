@@ -7,24 +7,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from ..dbc.messages import (
-    CAN_IDS,
-    CYCLE_TIMES_MS,
-    MESSAGE_TYPES,
-    ControllerSafety,
-    ControllerStatus,
-    LatencyConfig,
-    LateralError,
-    Law,
-    Message,
-    Mode,
-    PlantStatus,
-    Rejection,
-    SteeringCommand,
-    SteeringStatus,
-    VehicleState,
-    limits,
-)
+from ..dbc import messages
 from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
@@ -42,7 +25,12 @@ CONFIGS_MAX = 100
 _CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
 """1990: smaller times count from some start and are no dates."""
 
-_FROM_PLANT = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+_FROM_PLANT = (
+    messages.LateralError,
+    messages.SteeringStatus,
+    messages.VehicleState,
+    messages.PlantStatus,
+)
 
 HISTORIES: Mapping[str, tuple[str, str]] = {
     "lateral_error_m": ("LATERAL_ERROR", "lateral_error_m"),
@@ -58,12 +46,12 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "delay_confidence": ("DELAY_STATUS", "confidence"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
-COUNTED: Mapping[str, tuple[type[Message], str]] = {
-    "skipped_ticks": (ControllerStatus, "skipped_ticks"),
-    "controller_lost": (ControllerSafety, "lost"),
-    "controller_rejected": (ControllerSafety, "rejected"),
-    "plant_lost": (PlantStatus, "lost"),
-    "plant_rejected": (PlantStatus, "rejected"),
+COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
+    "skipped_ticks": (messages.ControllerStatus, "skipped_ticks"),
+    "controller_lost": (messages.ControllerSafety, "lost"),
+    "controller_rejected": (messages.ControllerSafety, "rejected"),
+    "plant_lost": (messages.PlantStatus, "lost"),
+    "plant_rejected": (messages.PlantStatus, "rejected"),
 }
 """Counts that the nodes report: their message and the field."""
 _COUNTED_IN = {
@@ -113,8 +101,8 @@ class LogAnalysis:
         self.latencies = Latencies()
         self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
         self._cg, self._cg_m = CgDeviation(preview_m), math.nan
-        self.cycles = {name: Durations() for name in MESSAGE_TYPES}
-        self.cycle_histories = {name: History() for name in MESSAGE_TYPES}
+        self.cycles = {name: Durations() for name in messages.MESSAGE_TYPES}
+        self.cycle_histories = {name: History() for name in messages.MESSAGE_TYPES}
         self._by_message: dict[str, list[tuple[str, str]]] = {}
         for label, (name, field) in HISTORIES.items():
             self._by_message.setdefault(name, []).append((label, field))
@@ -126,11 +114,11 @@ class LogAnalysis:
         self._gaps: list[Gap] = []
         self._gap_counts = Counter[str]()
         self._configs: list[dict[str, Any]] = []
-        self._modes_ns = Counter[Mode]()
-        self._mode: tuple[Mode, int] | None = None
+        self._modes_ns = Counter[messages.Mode]()
+        self._mode: tuple[messages.Mode, int] | None = None
         self._laws: dict[str, None] = {}
         self._counts = {
-            name: _Modular(int(limits(message_type)[field].maximum) + 1)
+            name: _Modular(int(messages.limits(message_type)[field].maximum) + 1)
             for name, (message_type, field) in COUNTED.items()
         }
 
@@ -171,7 +159,7 @@ class LogAnalysis:
             "start": _date(start_ns) if is_date and start_ns is not None else None,
             "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
             "times_backwards": self._backwards,
-            "messages": {name: self._message_figures(name) for name in MESSAGE_TYPES},
+            "messages": {name: self._message_figures(name) for name in messages.MESSAGE_TYPES},
             "refused": dict(self.listener.refused),
             "foreign_frames": self.listener.foreign_frames,
             "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
@@ -179,7 +167,7 @@ class LogAnalysis:
             "signals": {name: history.report() for name, history in self.histories.items()},
             "held_path": self._held_path_figures(),
             "latency": self._latency_figures(),
-            "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in Mode},
+            "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
             **{name: count.advanced for name, count in self._counts.items()},
             "latency_configs": self._configs,
@@ -203,15 +191,15 @@ class LogAnalysis:
         name = NAMES[type(shown)]
         if isinstance(message, _FROM_PLANT):
             self.latencies.on_plant_frame(since_ns)
-        if isinstance(message, SteeringStatus):
+        if isinstance(message, messages.SteeringStatus):
             self.latencies.on_status(message, counter, is_late, since_ns)
-        elif isinstance(message, PlantStatus) and not is_late:
+        elif isinstance(message, messages.PlantStatus) and not is_late:
             self.latencies.on_plant_status(message, since_ns)
-        elif isinstance(shown, SteeringCommand) and not is_late:
+        elif isinstance(shown, messages.SteeringCommand) and not is_late:
             self.latencies.on_command(shown, since_ns)
         before_ns = self._newest_ns.get(name)
         self._newest_ns[name] = since_ns
-        period_ms = CYCLE_TIMES_MS[type(shown)]
+        period_ms = messages.CYCLE_TIMES_MS[type(shown)]
         if before_ns is None or not period_ms:
             return
         cycle_ns = since_ns - before_ns
@@ -223,18 +211,21 @@ class LogAnalysis:
             add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
             add(self._gaps, gap)
 
-    def _watch(self, message: Message, since_ns: int | None) -> None:
+    def _watch(self, message: messages.Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
         self._held_path.take(message, self._cg_m)
         for name, field in _COUNTED_IN.get(type(message), ()):
             self._counts[name].take(getattr(message, field))
-        if isinstance(message, ControllerStatus):
-            self._laws[Law(message.law).name] = None
-        elif isinstance(message, LatencyConfig) and len(self._configs) < CONFIGS_MAX:
+        if isinstance(message, messages.ControllerStatus):
+            self._laws[messages.Law(message.law).name] = None
+        elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             names = {"direction": message.direction.name, "model": message.model.name}
             self._configs.append({"at_s": at_s, **message._asdict(), **names})
-        if isinstance(message, ControllerStatus | SteeringCommand) and since_ns is not None:
+        if (
+            isinstance(message, messages.ControllerStatus | messages.SteeringCommand)
+            and since_ns is not None
+        ):
             if self._mode is not None and self._mode[0] is not message.mode:
                 self._leave_mode(since_ns)
             if self._mode is None:
@@ -244,8 +235,8 @@ class LogAnalysis:
         cycle = self.cycles["LATERAL_ERROR"].report()
         refused = self.listener.counts("LATERAL_ERROR").refused
         return self._held_path.report(
-            cycle["mean_s"] or CYCLE_TIMES_MS[LateralError] * 1e-3,
-            left_range=Rejection.NOT_AVAILABLE.value in refused,
+            cycle["mean_s"] or messages.CYCLE_TIMES_MS[messages.LateralError] * 1e-3,
+            left_range=messages.Rejection.NOT_AVAILABLE.value in refused,
         )
 
     def _leave_mode(self, since_ns: int) -> None:
@@ -256,12 +247,12 @@ class LogAnalysis:
 
     def _message_figures(self, name: str) -> dict[str, Any]:
         counts = self.listener.counts(name)
-        kind = MESSAGE_TYPES[name]
+        kind = messages.MESSAGE_TYPES[name]
         return {
-            "can_id": f"{CAN_IDS[kind]:03X}",
+            "can_id": f"{messages.CAN_IDS[kind]:03X}",
             **counts._asdict(),
             "refused": dict(counts.refused),
-            "cycle_dbc_s": CYCLE_TIMES_MS[kind] * 1e-3 or None,
+            "cycle_dbc_s": messages.CYCLE_TIMES_MS[kind] * 1e-3 or None,
             "cycle": self.cycles[name].report(),
             "gaps": self._gap_counts[name],
         }

@@ -19,15 +19,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from ..dbc.messages import (
-    GroundTruth,
-    LateralError,
-    Message,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-)
+from ..dbc import messages
 from ..plant_emulator.plant_report import motion_report
 from ..plant_emulator.plant_samples import RunningFigures
 from ..plant_emulator.verdict import VerdictRules
@@ -36,8 +28,8 @@ from ..runtime.node import NS_PER_S
 SAMPLES_MAX = 30_000
 """Of the newest: two windows of 15 s at 1 kHz."""
 _LIMITS = {
-    SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
-    SteeringStatusCode.LIMITED: "actuator",
+    messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
+    messages.SteeringStatusCode.LIMITED: "actuator",
 }
 
 
@@ -51,14 +43,14 @@ class HeldPath:
         self._wheel_rad = 0.0
         self._limit = ""
 
-    def take(self, message: Message, cg_deviation_m: float) -> None:
+    def take(self, message: messages.Message, cg_deviation_m: float) -> None:
         """Take an accepted message, and the centre of gravity's deviation by then, NaN for none."""
-        if isinstance(message, SteeringCommand):
+        if isinstance(message, messages.SteeringCommand):
             self._has_started = True
-        elif isinstance(message, SteeringStatus):
+        elif isinstance(message, messages.SteeringStatus):
             self._wheel_rad = message.wheel_angle_rad
             self._limit = _LIMITS.get(message.status, "")
-        elif isinstance(message, LateralError) and self._has_started:
+        elif isinstance(message, messages.LateralError) and self._has_started:
             self._figures.take(
                 message.lateral_error_m, cg_deviation_m, self._wheel_rad, self._limit
             )
@@ -95,30 +87,30 @@ class CgDeviation:
         self._at_s = math.nan
         self._is_sent = False
 
-    def take(self, message: Message, at_s: float) -> float:
+    def take(self, message: messages.Message, at_s: float) -> float:
         """Take an accepted message, ``at_s`` NaN where there are no times.
 
         Returns the deviation that it brings [m], to the left positive; NaN for none.
         """
-        if isinstance(message, GroundTruth):
+        if isinstance(message, messages.GroundTruth):
             self._is_sent = True
             return message.cg_deviation_m
         if self._is_sent or math.isnan(at_s):
             return math.nan
-        if isinstance(message, VehicleState):
+        if isinstance(message, messages.VehicleState):
             self._drive(message, at_s)
-        elif isinstance(message, LateralError) and self._driven:
+        elif isinstance(message, messages.LateralError) and self._driven:
             return self._computed(message)
         return math.nan
 
-    def _drive(self, state: VehicleState, at_s: float) -> None:
+    def _drive(self, state: messages.VehicleState, at_s: float) -> None:
         way_m = self._driven[-1][0] if self._driven else 0.0
         if at_s > self._at_s:
             way_m += state.speed_m_s * (at_s - self._at_s)
         self._at_s = at_s
         self._driven.append((way_m, state.preview_curvature_1_m))
 
-    def _computed(self, error: LateralError) -> float:
+    def _computed(self, error: messages.LateralError) -> float:
         behind_m = self._driven[-1][0] - self._preview_m / 3.0
         while len(self._driven) > 1 and self._driven[1][0] <= behind_m:
             self._driven.popleft()

@@ -26,7 +26,7 @@ from steer_by_wire.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.tools.stress_latency import __main__ as stress_latency
-from steer_by_wire.tools.stress_latency import live, replay
+from steer_by_wire.tools.stress_latency import replay
 from steer_by_wire.tools.stress_latency.runner import run_study
 from steer_by_wire.tools.stress_latency.workers import Block, ShouldStop, Threads
 from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
@@ -290,13 +290,13 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
 
 
 def test_a_live_subset_is_spread_evenly() -> None:
-    assert live.subset(100, 4) == [12, 37, 62, 87]
-    assert live.subset(3, 10) == [0, 1, 2]
+    assert replay.subset(100, 4) == [12, 37, 62, 87]
+    assert replay.subset(3, 10) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("bus", ["nosuchcan0", "udp_multicast:", ":vcan0"])
 def test_a_live_bus_that_cannot_be_is_refused(bus: str, tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=f"--live {bus}: "), live.open_bus(bus, tmp_path):
+    with pytest.raises(SettingsError, match=f"--live {bus}: "), replay.open_bus(bus, tmp_path):
         pass
 
 

@@ -10,7 +10,7 @@ from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.compiled.plan import plan_run
 from steer_by_wire.tools.benchmark_batch.c_pair import CPair, MissingCompilerError, compile_pair
 from steer_by_wire.tools.benchmark_batch.comparison import DELAY_S, NETWORKS, pair_settings
-from steer_by_wire.tools.benchmark_batch.jitcdde_loop import JitcddeLoop
+from steer_by_wire.tools.benchmark_batch.other_tools import JitcddeLoop
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

@@ -22,12 +22,16 @@ from steer_by_wire.tools.probe_host.presentation import (
     record_of,
     sentences,
 )
-from steer_by_wire.tools.probe_host.probe import ORDINARY, RATES_HZ, REAL_TIME, Measured, Probe
-from steer_by_wire.tools.probe_host.round_trip import (
+from steer_by_wire.tools.probe_host.probe import (
     ECHO_ID,
+    ORDINARY,
     PERIOD_NS,
+    RATES_HZ,
+    REAL_TIME,
     REQUEST_ID,
     EchoNode,
+    Measured,
+    Probe,
     RequestNode,
     RoundTrip,
 )

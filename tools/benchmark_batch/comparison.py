@@ -20,8 +20,7 @@ from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.virtual import run_virtual_pair
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from .c_pair import CPair, CResult, compile_pair
-from .jitcdde_loop import SAME_WITHIN, JitcddeLoop
-from .python_control_loop import python_control_loop
+from .other_tools import SAME_WITHIN, JitcddeLoop, python_control_loop
 
 DURATION_S = 60.0
 NETWORKS = {

@@ -17,24 +17,9 @@ from enum import IntEnum
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from ...bus_view.watch import BusWatch
+from ...dbc import messages
 from ...dbc.generated_layout import LAYOUTS
 from ...dbc.layout import SignalLayout
-from ...dbc.messages import (
-    CAN_IDS,
-    MESSAGE_TYPES,
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
-    EchoState,
-    LateralError,
-    Message,
-    PlantStatus,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-)
 from ...plant_emulator.path import Path, Pose, along_clothoid, pose
 from ...recordings.bus_listener import command_at
 from ...runtime.frame import Frame
@@ -53,7 +38,7 @@ class Place:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._is_moving = False
-        self._newest: tuple[int, VehicleState] | None = None
+        self._newest: tuple[int, messages.VehicleState] | None = None
         self._pose = _START
         self._arc_length_m = 0.0
 
@@ -63,7 +48,7 @@ class Place:
             self._is_moving = True
             self._newest = (now_ns, self._newest[1])
 
-    def on_vehicle(self, message: VehicleState, now_ns: int) -> None:
+    def on_vehicle(self, message: messages.VehicleState, now_ns: int) -> None:
         """Take the motion as measured."""
         self._pose = self.at(now_ns)
         if self._newest is not None:
@@ -79,15 +64,15 @@ class Place:
             return pose(self._path, self._arc_length_m + way_m)
         return along_clothoid(self._pose, self._newest[1].preview_curvature_1_m, 0.0, way_m)
 
-    def _way_m(self, now_ns: int, newest: tuple[int, VehicleState]) -> float:
+    def _way_m(self, now_ns: int, newest: tuple[int, messages.VehicleState]) -> float:
         """Return how far the vehicle has come since its newest message."""
         if not self._is_moving:
             return 0.0
         return newest[1].speed_m_s * max(now_ns - newest[0], 0) / NS_PER_S
 
 
-_SIGNALS: Mapping[type[Message], Mapping[str, SignalLayout]] = {
-    MESSAGE_TYPES[layout.name]: {signal.field: signal for signal in layout.signals}
+_SIGNALS: Mapping[type[messages.Message], Mapping[str, SignalLayout]] = {
+    messages.MESSAGE_TYPES[layout.name]: {signal.field: signal for signal in layout.signals}
     for layout in LAYOUTS
 }
 _DIGITS_MAX = 9
@@ -100,7 +85,7 @@ _IN_FLIGHT_MAX = 4096
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 
-M = TypeVar("M", bound=Message)
+M = TypeVar("M", bound=messages.Message)
 
 
 class Newest(NamedTuple, Generic[M]):
@@ -123,10 +108,10 @@ class Sampler:
         self._watch = BusWatch(start_ns)
         self._path = path
         self.on_plant_start()
-        self._newest: dict[type[Message], Newest[Message]] = {}
+        self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
         self._foreign: dict[int, Frame] = {}
-        self._command: Newest[SteeringCommand] | None = None
-        self._sent: dict[int, SteeringCommand | SteeringPlan] = {}
+        self._command: Newest[messages.SteeringCommand] | None = None
+        self._sent: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
         self._in_effect_rad = math.nan
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
@@ -150,35 +135,35 @@ class Sampler:
             return
         message = heard.message
         self._newest[type(message)] = Newest(now_ns, message, frame)
-        if isinstance(message, LateralError):
+        if isinstance(message, messages.LateralError):
             error_m = message.lateral_error_m
             self._samples += 1
             self._squares_m2 += error_m * error_m
             self._peak_m = max(self._peak_m, abs(error_m))
-        elif isinstance(message, SteeringCommand | SteeringPlan):
+        elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest
             self._command = Newest(now_ns, command_at(message, heard.sample), frame)
             self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
-        elif isinstance(message, SteeringStatus):
-            if message.status is not SteeringStatusCode.NO_COMMAND:
+        elif isinstance(message, messages.SteeringStatus):
+            if message.status is not messages.SteeringStatusCode.NO_COMMAND:
                 sent = self._sent.get(message.applied_counter)
                 self._in_effect_rad = (
                     math.nan if sent is None else command_at(sent, heard.counter).steer_rad
                 )
-        elif isinstance(message, VehicleState):
+        elif isinstance(message, messages.VehicleState):
             self._place.on_vehicle(message, now_ns)
 
     def row(self, now_ns: int) -> tuple[float, ...]:
         """Return the signals as known at ``now_ns``, in the order of ``NAMES``; NaN for none."""
-        error = self._known(LateralError, now_ns)
+        error = self._known(messages.LateralError, now_ns)
         command = _unless_silent(self._command, now_ns)
-        status = self._known(SteeringStatus, now_ns)
-        vehicle = self._known(VehicleState, now_ns)
-        plant = self._known(PlantStatus, now_ns)
-        delay = self._known(DelayStatus, now_ns)
-        has_echo = delay is not None and delay.echo_state is EchoState.KNOWN
+        status = self._known(messages.SteeringStatus, now_ns)
+        vehicle = self._known(messages.VehicleState, now_ns)
+        plant = self._known(messages.PlantStatus, now_ns)
+        delay = self._known(messages.DelayStatus, now_ns)
+        has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         values = {
             "lateral_error_m": error and error.lateral_error_m,
@@ -207,18 +192,18 @@ class Sampler:
         shown = {cause: 1 for cause, until in self._refused_until_ns.items() if now_ns < until}
         return lights_of(
             Known(
-                self._known(ControllerStatus, now_ns),
-                self._known(ControllerSafety, now_ns),
-                self._known(DelayStatus, now_ns),
-                self._known(SteeringStatus, now_ns),
-                self._known(PlantStatus, now_ns),
+                self._known(messages.ControllerStatus, now_ns),
+                self._known(messages.ControllerSafety, now_ns),
+                self._known(messages.DelayStatus, now_ns),
+                self._known(messages.SteeringStatus, now_ns),
+                self._known(messages.PlantStatus, now_ns),
                 shown,
             )
         )
 
     def law(self, now_ns: int) -> str:
         """Return the name of the law that runs; empty where it is not known."""
-        status = self._known(ControllerStatus, now_ns)
+        status = self._known(messages.ControllerStatus, now_ns)
         return "" if status is None else status.law.name
 
     def frames(self, now_ns: int) -> Mapping[str, Any]:
@@ -232,12 +217,12 @@ class Sampler:
     def _message_rows(self, now_ns: int) -> Sequence[Mapping[str, Any]]:
         rows = []
         for view in self._watch.messages(now_ns):
-            kind = MESSAGE_TYPES[view.name]
+            kind = messages.MESSAGE_TYPES[view.name]
             newest = self._newest.get(kind)
             rows.append(
                 {
                     "name": view.name,
-                    "id": f"{CAN_IDS[kind]:03X}",
+                    "id": f"{messages.CAN_IDS[kind]:03X}",
                     "payload": "" if newest is None else payload_text(newest.frame),
                     "signals": "" if newest is None else message_text(newest.message),
                     "period_s": view.period_s,
@@ -260,7 +245,7 @@ class Sampler:
         refused = Counter(self._watch.refused)
         for cause in refused - self._refused:
             self._refused_until_ns[cause] = now_ns + _REFUSED_SHOWN_NS
-        is_foreign = refused == self._refused and frame.can_id not in CAN_IDS.values()
+        is_foreign = refused == self._refused and frame.can_id not in messages.CAN_IDS.values()
         if is_foreign and (frame.can_id in self._foreign or len(self._foreign) < _FOREIGN_MAX):
             self._foreign[frame.can_id] = frame
         self._refused = refused
@@ -280,7 +265,7 @@ def payload_text(frame: Frame) -> str:
     return f"[{len(frame.data)}]  {frame.data.hex(' ').upper()}"
 
 
-def message_text(message: Message) -> str:
+def message_text(message: messages.Message) -> str:
     """Return every signal with its value and unit."""
     signals = _SIGNALS[type(message)]
     return ", ".join(

@@ -15,16 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...controller.settings import controller_preset
-from ...dbc.messages import (
-    Decoded,
-    DelayStatus,
-    EchoState,
-    EstimateState,
-    SteeringCommand,
-    SteeringStatus,
-    VehicleState,
-    decode,
-)
+from ...dbc import messages
 from ...dbc.protection import COUNTERS
 from ...pair.virtual import make_virtual_pair
 from ...plant_emulator.settings import PlantSettings
@@ -161,20 +152,20 @@ class _Listener:
 
     def on_wire(self, time_ns: int, _sender: int, frame: Frame) -> None:
         """Take a frame."""
-        decoded = decode(frame)
-        if not isinstance(decoded, Decoded):
+        decoded = messages.decode(frame)
+        if not isinstance(decoded, messages.Decoded):
             return
         message, counter = decoded
-        if isinstance(message, DelayStatus):
+        if isinstance(message, messages.DelayStatus):
             self._reported.append((time_ns / NS_PER_S, *_reported(message)))
-        elif isinstance(message, SteeringCommand):
+        elif isinstance(message, messages.SteeringCommand):
             self._sent_ns[message.command_counter] = time_ns
-        elif isinstance(message, SteeringStatus):
+        elif isinstance(message, messages.SteeringStatus):
             self._status_number = _next(self._status_number, counter)
             if message.status:
                 sampled_ns = self._status_number * SAMPLE_NS
                 self._down_ns.append(sampled_ns - self._sent_ns[message.applied_counter])
-        elif isinstance(message, VehicleState):
+        elif isinstance(message, messages.VehicleState):
             self._state_number = _next(self._state_number, counter)
             self._up_sum_ns += self._state_up_ns * (time_ns - self._state_ns)
             self._up_time_ns += time_ns - self._state_ns if self._state_ns else 0
@@ -196,10 +187,10 @@ def _next(number: int, counter: int) -> int:
     return number + 1 + (counter - number - 1) % COUNTERS
 
 
-def _reported(message: DelayStatus) -> tuple[float, float, float]:
+def _reported(message: messages.DelayStatus) -> tuple[float, float, float]:
     """Return echo and estimate [s], NaN for what is not known, and the confidence."""
-    is_known = message.echo_state is EchoState.KNOWN
-    is_observable = message.estimate_state is EstimateState.OBSERVABLE
+    is_known = message.echo_state is messages.EchoState.KNOWN
+    is_observable = message.estimate_state is messages.EstimateState.OBSERVABLE
     return (
         message.echo_delay_s if is_known else float("nan"),
         message.estimated_delay_s if is_observable else float("nan"),

@@ -7,24 +7,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from ...controller.settings import ControllerSettings, limits_of
-from ...dbc.messages import (
-    CAN_IDS,
-    COMMAND_COUNTERS,
-    ControllerFault,
-    ControllerSafety,
-    Decoded,
-    Freshness,
-    Mode,
-    PlantStatus,
-    Rejection,
-    SafetyState,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    SteeringStatusCode,
-    decode,
-    resolutions,
-)
+from ...dbc import messages
 from ...plant_emulator.plan_buffer import PLAN_VALUES
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -33,21 +16,23 @@ from ...runtime.node import ReportingNode, Wrapper
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
 _STALE_WITHOUT_HOLD = ("steering_status", "vehicle_state")
-COMMAND_IDS = frozenset((CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]))
-_RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
-_ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
-_ABNORMAL_CODES = (
-    SteeringStatusCode.HOLDING,
-    SteeringStatusCode.FALLBACK,
-    SteeringStatusCode.SAFE_STATE,
+COMMAND_IDS = frozenset(
+    (messages.CAN_IDS[messages.SteeringCommand], messages.CAN_IDS[messages.SteeringPlan])
 )
-_REPORTING_CODES = (*_ABNORMAL_CODES, SteeringStatusCode.LIMITED_BY_SAFETY)
+_RESOLUTION_RAD = messages.resolutions(messages.SteeringCommand)["steer_rad"]
+_ABNORMAL_MODES = (messages.Mode.HOLDING, messages.Mode.SAFE_STOP)
+_ABNORMAL_CODES = (
+    messages.SteeringStatusCode.HOLDING,
+    messages.SteeringStatusCode.FALLBACK,
+    messages.SteeringStatusCode.SAFE_STATE,
+)
+_REPORTING_CODES = (*_ABNORMAL_CODES, messages.SteeringStatusCode.LIMITED_BY_SAFETY)
 """Codes that report a fault; a wheel that is limited, or faded in, is under control."""
 _REPORTING_SAFETY = (
-    SafetyState.LIMITING,
-    SafetyState.HOLDING,
-    SafetyState.FALLBACK,
-    SafetyState.SAFE_STATE,
+    messages.SafetyState.LIMITING,
+    messages.SafetyState.HOLDING,
+    messages.SafetyState.FALLBACK,
+    messages.SafetyState.SAFE_STATE,
 )
 
 
@@ -130,12 +115,12 @@ class Watch(Wrapper[ReportingNode]):
         self.states: list[tuple[int, bool]] = []
         self.reported_ns: list[int] = []
         self._rejected: int | None = None
-        self._last_command: SteeringCommand | None = None
+        self._last_command: messages.SteeringCommand | None = None
         self._false: Counter[Frame] = Counter()
         self.false_frames = 0
         self.false_ns: list[int] = []
-        self.commands: list[tuple[int, SteeringCommand]] = []
-        self.statuses: list[tuple[int, SteeringStatus]] = []
+        self.commands: list[tuple[int, messages.SteeringCommand]] = []
+        self.statuses: list[tuple[int, messages.SteeringStatus]] = []
         self.started_ns: int | None = None
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
@@ -196,53 +181,56 @@ class Watch(Wrapper[ReportingNode]):
     def _noted(self, frames: Sequence[Frame], now_ns: int) -> Sequence[Frame]:
         for frame in frames:
             self.sent.add(frame)
-            decoded = decode(frame)
-            if isinstance(decoded, Decoded):
+            decoded = messages.decode(frame)
+            if isinstance(decoded, messages.Decoded):
                 self._check(decoded.message, now_ns)
-            elif decoded is not Rejection.NOT_AVAILABLE:
+            elif decoded is not messages.Rejection.NOT_AVAILABLE:
                 self.invalid.append(f"{decoded} under 0x{frame.can_id:03X}")
         return frames
 
     def _check(self, message: object, now_ns: int) -> None:
         """Check a message against the bounds, and record whether its sender is in control."""
-        if isinstance(message, SteeringCommand):
+        if isinstance(message, messages.SteeringCommand):
             if abs(message.steer_rad) > self._bounds.command_rad:
                 self.invalid.append(f"command of {message.steer_rad:g} rad")
             self._check_step(message)
             self.commands.append((now_ns, message))
             self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
-        elif isinstance(message, SteeringPlan):
+        elif isinstance(message, messages.SteeringPlan):
             self._check_plan(message)
-            first = SteeringCommand(message.steer_0_rad, message.plan_number, message.mode)
+            first = messages.SteeringCommand(message.steer_0_rad, message.plan_number, message.mode)
             self.commands.append((now_ns, first))
             self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
-        elif isinstance(message, SteeringStatus):
+        elif isinstance(message, messages.SteeringStatus):
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
             self.statuses.append((now_ns, message))
             self._note_report(now_ns, message.status in _REPORTING_CODES)
             self._note_state(now_ns, message.status in _ABNORMAL_CODES)
-        elif isinstance(message, ControllerSafety):
+        elif isinstance(message, messages.ControllerSafety):
             ages = message[2:5]
-            is_wrong = Freshness.STALE in ages or message.fault is not ControllerFault.NONE
+            is_wrong = (
+                messages.Freshness.STALE in ages
+                or message.fault is not messages.ControllerFault.NONE
+            )
             self._note_report(
                 now_ns, is_wrong or self._has_refused(message.rejected + message.lost)
             )
-        elif isinstance(message, PlantStatus):
+        elif isinstance(message, messages.PlantStatus):
             is_wrong = message.safety in _REPORTING_SAFETY
             self._note_report(now_ns, is_wrong or self._has_refused(message.rejected))
 
-    def _check_step(self, command: SteeringCommand) -> None:
+    def _check_step(self, command: messages.SteeringCommand) -> None:
         """Check the change since the last command that got out against the rate limit."""
         last, self._last_command = self._last_command, command
         if last is None:
             return
-        steps = (command.command_counter - last.command_counter) % COMMAND_COUNTERS
+        steps = (command.command_counter - last.command_counter) % messages.COMMAND_COUNTERS
         change_rad = command.steer_rad - last.steer_rad
         if abs(change_rad) > steps * self._bounds.command_step_rad:
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
 
-    def _check_plan(self, plan: SteeringPlan) -> None:
+    def _check_plan(self, plan: messages.SteeringPlan) -> None:
         self._last_command = None  # which of the angles acts at its time is not on the wire
         angles_rad = plan[-PLAN_VALUES:]
         if max(map(abs, angles_rad)) > self._bounds.command_rad:

@@ -8,8 +8,7 @@ from rich.table import Table
 
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.statistics import DurationSummary, durations_report
-from .probe import REAL_TIME, Measured, Probe
-from .round_trip import RoundTrip
+from .probe import REAL_TIME, Measured, Probe, RoundTrip
 from .wake_ups import Figures, WakeUps
 
 LATENESS_SHARE_MAX = 0.1

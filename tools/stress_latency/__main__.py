@@ -33,8 +33,15 @@ from steer_by_wire.studies.study import load_study
 from steer_by_wire.studies.verdict import short_windows
 from steer_by_wire.terminal import plain_console
 from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
-from steer_by_wire.tools.stress_latency.live import live_line, open_bus, run_live, subset
-from steer_by_wire.tools.stress_latency.replay import commands, replay, replay_lines
+from steer_by_wire.tools.stress_latency.replay import (
+    commands,
+    live_line,
+    open_bus,
+    replay,
+    replay_lines,
+    run_live,
+    subset,
+)
 from steer_by_wire.tools.stress_latency.runner import estimate, run_study
 from steer_by_wire.tools.stress_latency.workers import Processes, Threads, Workers
 
