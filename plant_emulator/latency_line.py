@@ -3,10 +3,11 @@
 How long a frame takes, and whether it is lost, is drawn (``plant_emulator.latency_draw``). A
 latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
 
-Order (``Order``) is kept per key; frames of one key are those of one message.
+Order (``Order``) is kept per key; frames of one key are those of one message. Where the latency is
+constant, nothing can overtake, and frames that come together stay together.
 """
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
@@ -25,15 +26,15 @@ WAITING_MAX = 100_000
 Item = TypeVar("Item")
 
 
-Passage = tuple[int, int, int, int, Item]
-"""A frame in the line; sorts by due time, then by arrival.
+Passage = tuple[int, int, Sequence[tuple[int, Item]]]
+"""Frames that leave the line together.
 
-    due_ns    when it leaves [ns]
-    sequence  its number
-    came_ns   when it came [ns]
-    key       that of its message
-    item      what it carries
+    due_ns   when they leave [ns]
+    came_ns  when they came [ns]
+    frames   the key and the item of each
 """
+_FRAMES_MAX = 8
+"""More than come together."""
 
 
 class LineCounts(NamedTuple):
@@ -67,7 +68,10 @@ class LatencyLine(Generic[Item]):
         self._draw = LatencyDraw(settings, uniforms, duplicate_uniforms)
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
-        self._waiting: list[Passage[Item]] = []
+        self._in_turn: deque[Passage[Item]] = deque()
+        """Those of one constant latency."""
+        self._waiting: list[tuple[int, int, int, int, Item]] = []
+        """Due time, number, arrival, key and item of each other frame; a heap."""
         self.next_due_ns = NEVER_NS
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
@@ -112,6 +116,7 @@ class LatencyLine(Generic[Item]):
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
         """Change the network from the next frame on; this ends a schedule or a trace."""
         self._settle()
+        self._separate()
         self._draw.reconfigure(model, mean_s, spread_s, loss)
 
     def push(self, frames: Sequence[tuple[int, Item]], now_ns: int, motion_ns: int) -> None:
@@ -119,10 +124,20 @@ class LatencyLine(Generic[Item]):
 
         ``frames``  the key and the item of each
         """
-        waiting, injected_ns, in_order = self._waiting, self._injected_ns, self._in_order
-        constant_ns, sequence = self._draw.constant_ns, self._sequence
+        waiting, injected_ns, constant_ns = self._waiting, self._injected_ns, self._draw.constant_ns
         if constant_ns:
             self._drawn_ns = constant_ns
+            in_turn = self._in_turn
+            if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
+                self._pushed += len(frames)
+                injected_ns += constant_ns * len(frames)
+                in_turn.append((now_ns + constant_ns[0], now_ns, frames))
+                self.next_due_ns = in_turn[0][0]
+                if len(injected_ns) >= _BLOCK:
+                    self._settle()
+                return
+            self._separate()
+        in_order, sequence = self._in_order, self._sequence
         for key, item in frames:
             latencies_ns = constant_ns or self._drawn(now_ns, motion_ns)
             self._pushed += 1
@@ -146,10 +161,18 @@ class LatencyLine(Generic[Item]):
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
-        waiting, newest, latencies_ns = self._waiting, self._newest_released, self._latencies_ns
-        newest_wins, self.next_due_ns = self._newest_wins, NEVER_NS
+        in_turn, latencies_ns, self.next_due_ns = self._in_turn, self._latencies_ns, NEVER_NS
+        while in_turn:
+            due_ns, came_ns, frames = passage = in_turn[0]
+            if due_ns > now_ns:
+                self.next_due_ns = due_ns
+                return released
+            latencies_ns += [due_ns - came_ns] * len(frames)
+            released.append(passage)
+            in_turn.popleft()
+        waiting, newest, newest_wins = self._waiting, self._newest_released, self._newest_wins
         while waiting:
-            due_ns, sequence, came_ns, key, _ = passage = waiting[0]
+            due_ns, sequence, came_ns, key, item = waiting[0]
             if sequence < newest[key]:  # older than what has left: nobody waits for it
                 self._superseded += 1
             elif due_ns > now_ns:
@@ -157,7 +180,7 @@ class LatencyLine(Generic[Item]):
                 break
             else:
                 latencies_ns.append(due_ns - came_ns)
-                released.append(passage)
+                released.append((due_ns, came_ns, ((key, item),)))
                 if newest_wins:
                     newest[key] = sequence
             heappop(waiting)
@@ -171,6 +194,15 @@ class LatencyLine(Generic[Item]):
         self._lost += not latencies_ns
         self._duplicated += len(latencies_ns) > 1
         return latencies_ns
+
+    def _separate(self) -> None:
+        """Prepare the waiting frames for being overtaken."""
+        for due_ns, came_ns, frames in self._in_turn:
+            for key, item in frames:
+                self._sequence += 1
+                self._last_due_ns[key] = due_ns
+                self._waiting.append((due_ns, self._sequence, came_ns, key, item))
+        self._in_turn.clear()
 
     def _settle(self) -> None:
         """Do what can wait: draw what decides nothing, and count durations."""

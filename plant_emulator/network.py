@@ -39,11 +39,11 @@ class Network:
 
     def measured(self, due_ns: int) -> list[Frame]:
         """Return the measurements that leave for the bus."""
-        left = self.uplink.pop_due(due_ns)
-        if left:
-            left_ns, _, came_ns, _, _ = left[-1]
+        measured: list[Frame] = []
+        for left_ns, came_ns, frames in self.uplink.pop_due(due_ns):
             self.measured_latency_s = (left_ns - came_ns) * 1e-9
-        return [frame for _, _, _, _, frame in left]
+            measured += [frame for _, frame in frames]
+        return measured
 
     def reconfigure(self, config: LatencyConfig) -> None:
         """Change the latency as a tool requests."""

@@ -41,7 +41,6 @@ from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.view import View
 from .disturbing import Disturbing
-from .latency_line import Passage
 from .motion_design import MotionParams, motion_params
 from .network import Network
 from .own_motion import make_motion
@@ -244,22 +243,22 @@ class PlantNode:
 
     def _apply(self, due_ns: int) -> None:
         """Apply the commands that are due."""
-        for released in self._network.downlink.pop_due(due_ns):
-            command = self._plans.take(released)
+        for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
+            latency_s = (left_ns - came_ns) * 1e-9
+            command = self._plans.take(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
-                self._follow(command, due_ns, self._advance(due_ns))
+                self._follow(command, latency_s, due_ns)
 
     def _follow(
-        self, passage: Passage[SteeringCommand], due_ns: int, motion_ns: int, *, is_new: bool = True
+        self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
-        """Process a command, with the vehicle at ``due_ns``."""
-        left_ns, _, came_ns, _, command = passage
-        steer_rad = command.steer_rad
+        """Process a command at ``due_ns``."""
+        motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
             self._motion.command(self._unit.target_rad)
-            self._command, self._command_latency_s = command, (left_ns - came_ns) * 1e-9
+            self._command, self._command_latency_s = command, latency_s
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit react to missing commands."""
@@ -276,8 +275,8 @@ class PlantNode:
         if self._plans.is_filled:
             played = self._plans.play(self._messages.next_sample)
             if played is not None:
-                command, is_new = played
-                self._follow(command, time_ns, motion_ns, is_new=is_new)
+                command, latency_s, is_new = played
+                self._follow(command, latency_s, time_ns, is_new=is_new)
         motion, is_limited = self._motion, self._motion.is_limited
         self._unit.on_wheel(motion.wheel_rad, motion_ns)
         if time_ns >= self.motion_start_ns:

@@ -10,12 +10,11 @@ move the wheel is the guard's to decide. A plan that has run out gives nothing m
 end a plan.
 """
 
+import math
 from collections.abc import Sequence
-from typing import cast
 
 from ..dbc.messages import SteeringCommand, SteeringPlan
 from ..dbc.protection import COUNTERS
-from .latency_line import Passage
 
 PLAN_VALUES = 18
 _FIRST_VALUE = len(SteeringPlan._fields) - PLAN_VALUES
@@ -39,7 +38,8 @@ class PlanBuffer:
     """Holds the newest plan; ``is_filled`` says whether there is one."""
 
     def __init__(self) -> None:
-        self._plan: Passage[SteeringPlan] | None = None
+        self._plan: SteeringPlan | None = None
+        self._latency_s = math.nan
         self._is_new = False
 
     @property
@@ -48,30 +48,29 @@ class PlanBuffer:
         return self._plan is not None
 
     def take(
-        self, arrived: Passage[SteeringCommand | SteeringPlan]
-    ) -> Passage[SteeringCommand] | None:
+        self, arrived: SteeringCommand | SteeringPlan, latency_s: float
+    ) -> SteeringCommand | None:
         """Keep a plan in place of the one before; return a single command, which ends it."""
-        _, _, _, _, item = arrived
-        if type(item) is SteeringPlan:
-            self._plan, self._is_new = cast("Passage[SteeringPlan]", arrived), True
+        if isinstance(arrived, SteeringPlan):
+            self._plan, self._latency_s, self._is_new = arrived, latency_s, True
             return None
         self._plan = None
-        return cast("Passage[SteeringCommand]", arrived)
+        return arrived
 
-    def play(self, sample: int) -> tuple[Passage[SteeringCommand], bool] | None:
-        """Return the command for a sample, by its E2E counter, and whether it is the plan's first.
+    def play(self, sample: int) -> tuple[SteeringCommand, float, bool] | None:
+        """Return the command for a sample, by its E2E counter.
 
-        None if there is none.
+        With it come the plan's latency [s], and whether it is the plan's first. None if there is
+        none.
         """
-        passage, is_new = self._plan, self._is_new
-        if passage is None:
+        plan, is_new = self._plan, self._is_new
+        if plan is None:
             return None
         self._is_new = False
-        due_ns, sequence, came_ns, key, plan = passage
         age = (sample - plan.first_sample) % COUNTERS
         if has_run_out(age, plan.spacing):
             self._plan = None
             return None
         steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
         command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
-        return (due_ns, sequence, came_ns, key, command), is_new
+        return command, self._latency_s, is_new

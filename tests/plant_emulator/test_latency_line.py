@@ -140,8 +140,8 @@ def test_without_latency_a_frame_is_due_at_the_very_instant_it_came(order: str) 
     assert tested.next_due_ns == now_ns
     assert tested.pop_due(now_ns - 1) == []
     popped = tested.pop_due(now_ns)
-    assert [item for *_, item in popped] == [3, 1, 3]
-    assert [due_ns - came_ns for due_ns, _, came_ns, _, _ in popped] == [0, 0, 0]
+    assert [item for _, _, frames in popped for _, item in frames] == [3, 1, 3]
+    assert [due_ns - came_ns for due_ns, came_ns, _ in popped] == [0, 0, 0]
 
 
 def test_a_constant_latency_is_exact_to_the_nanosecond() -> None:
@@ -261,7 +261,8 @@ def test_a_line_that_is_full_counts_what_it_cannot_take(monkeypatch: pytest.Monk
     for number in range(5):
         tested.push([(0, number)], 0, 0)
     assert tested.counts.overflowed == 2
-    assert [item for *_, item in tested.pop_due(1_000_000_000)] == [0, 1, 2]
+    popped = tested.pop_due(1_000_000_000)
+    assert [item for _, _, frames in popped for _, item in frames] == [0, 1, 2]
 
 
 def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
@@ -274,18 +275,19 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     tested.push([(0, 0)], 0, 0)
     tested.push([(0, 1)], 1, 1)
     (popped,) = tested.pop_due(tested.next_due_ns)
-    assert popped[-1] == 1
+    assert popped[-1] == ((0, 1),)
     assert tested.next_due_ns == NEVER_NS
     assert tested.counts.superseded == 1
 
 
-@pytest.mark.parametrize("mean_s", [0.0, 0.02])
-def test_a_constant_latency_leaves_the_draws_as_they_are(
-    mean_s: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("order", ["newest_wins", "in_order", "as_arrives"])
+@pytest.mark.parametrize("mean_s", [0.0, 0.02, 0.2])
+def test_a_constant_latency_leaves_draws_and_order_as_they_are(
+    mean_s: float, order: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def leave(numbers: int) -> list[Any]:
         uplink: LatencyLine[int] = LatencyLine(
-            LatencySettings(mean_s=mean_s),
+            LatencySettings.model_validate({"mean_s": mean_s, "order": order}),
             uniforms(5, Channel.UPLINK),
             uniforms(5, Channel.UPLINK_DUPLICATES),
         )
@@ -296,8 +298,12 @@ def test_a_constant_latency_leaves_the_draws_as_they_are(
                 uplink.reconfigure(Distribution.NORMAL, 0.05, 0.02, 0.1)
             if number == numbers * 3 // 4:
                 uplink.reconfigure(Distribution.CONSTANT, mean_s, 0.0, 0.0)
-            uplink.push([(1, number)], now_ns, now_ns)
-            left += uplink.pop_due(now_ns)
+            uplink.push([(2, number), (1, -number)], now_ns, now_ns)
+            left += [
+                (due_ns, came_ns, frame)
+                for due_ns, came_ns, frames in uplink.pop_due(now_ns)
+                for frame in frames
+            ]
         return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
 
     short = leave(200)

@@ -51,10 +51,11 @@ def pop_until(
         now_ns = tested.next_due_ns
         popped = tested.pop_due(now_ns)
         assert popped, "something was due, and nothing left"
-        for due_ns, _, came_ns, key, item in popped:
+        for due_ns, came_ns, frames in popped:
             assert due_ns == now_ns
-            assert came_ns == came[item]
-            left.append(Leaving(item, key, came_ns, now_ns))
+            for key, item in frames:
+                assert came_ns == came[item]
+                left.append(Leaving(item, key, came_ns, now_ns))
     assert tested.pop_due(until_ns) == []
 
 

@@ -182,7 +182,7 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
 
 def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
     while line.next_due_ns <= now_ns:
-        for due_ns, _, _, _, steer_rad in line.pop_due(line.next_due_ns):
+        for due_ns, _, ((_, steer_rad),) in line.pop_due(line.next_due_ns):
             motion.advance(due_ns)
             motion.command(steer_rad)
 
