@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from ..runtime.node import NS_PER_S
+from .actuator import is_limited
 from .motion_design import MotionParams
 from .motion_steps import (
     MotionState,
@@ -10,7 +11,6 @@ from .motion_steps import (
     command_motion,
     disturb_motion,
     event_ns_of,
-    is_wheel_limited,
     start_motion,
     with_vehicle,
 )
@@ -124,7 +124,8 @@ class Motion:
     @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-        return is_wheel_limited(self._state)
+        _, _, (_, _, wheel, _, _, _, _) = self._state
+        return is_limited(wheel)
 
     @property
     def preview_curvature_1_m(self) -> float:

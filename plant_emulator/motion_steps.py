@@ -14,7 +14,7 @@ import math
 from typing import Final
 
 from ..runtime.node import NEVER_NS, NS_PER_S
-from .actuator import WheelSegment, at_rest, command_wheel, end_ramp, is_limited
+from .actuator import WheelSegment, at_rest, command_wheel, end_ramp
 from .motion_design import MotionParams
 from .path import Place, end_of_place_m, next_place
 from .propagation import LinearState, propagate
@@ -31,7 +31,6 @@ Course = tuple[int, int, WheelSegment, Place, int, int, int]
     interval_end_ns  its end
 """
 _EVENT: Final = 1
-_WHEEL: Final = 2
 _INTERVAL: Final = 5
 
 MotionState = tuple[int, LinearState, Course]
@@ -48,12 +47,6 @@ def interval_of(x: MotionState) -> int:
     """Return which interval of the disturbances the motion is in."""
     _, _, course = x
     return course[_INTERVAL]
-
-
-def is_wheel_limited(x: MotionState) -> bool:
-    """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-    _, _, course = x
-    return is_limited(course[_WHEEL])
 
 
 def start_motion(p: MotionParams) -> MotionState:
