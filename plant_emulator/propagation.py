@@ -144,27 +144,29 @@ def propagate(table: Table, first_row: int, z: LinearState, dt_ns: int) -> Linea
             f = table[first_row + DIGIT_VALUES + coarse]
             dt_ns -= coarse << DIGIT_BITS
         # y, then Δψ, then β and r: each needs the others' old values.
+        y_by_wheel, psi_by_wheel = f[23] * delta, f[14] * delta
+        beta_by_wheel, r_by_wheel = f[2] * delta, f[8] * delta
+        if delta_rate != 0.0:
+            y_by_wheel += f[24] * delta_rate
+            psi_by_wheel += f[15] * delta_rate
+            beta_by_wheel += f[3] * delta_rate
+            r_by_wheel += f[9] * delta_rate
+            delta += f[29] * delta_rate
+            delta_rate *= f[30]
         y = (
             y
             + (f[20] * beta + f[21] * r + f[22] * psi)
-            + (f[23] * delta + f[24] * delta_rate)
+            + y_by_wheel
             + (f[25] * rho + f[26] * rho_rate)
         )
-        psi = (
-            psi
-            + (f[12] * beta + f[13] * r)
-            + (f[14] * delta + f[15] * delta_rate)
-            + (f[16] * rho + f[17] * rho_rate)
-        )
-        new_beta = (f[0] * beta + f[1] * r) + (f[2] * delta + f[3] * delta_rate)
-        r = (f[6] * beta + f[7] * r) + (f[8] * delta + f[9] * delta_rate)
+        psi = psi + (f[12] * beta + f[13] * r) + psi_by_wheel + (f[16] * rho + f[17] * rho_rate)
+        new_beta = (f[0] * beta + f[1] * r) + beta_by_wheel
+        r = (f[6] * beta + f[7] * r) + r_by_wheel
         beta = new_beta
         if w_beta != 0.0 or w_r != 0.0:
             y += f[27] * w_beta + f[28] * w_r
             psi += f[18] * w_beta + f[19] * w_r
             beta += f[4] * w_beta + f[5] * w_r
             r += f[10] * w_beta + f[11] * w_r
-        delta = delta + f[29] * delta_rate
-        delta_rate = f[30] * delta_rate
         rho = rho + f[31] * rho_rate
     return beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r
