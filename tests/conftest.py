@@ -83,7 +83,8 @@ NEEDS_POSIX = {
 }
 """Test modules that are not for Windows, and why."""
 
-ROOT = Path(__file__).resolve().parent.parent
+TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent
 LONGEST = (
     "test_batch", "test_house_rules", "test_stale_messages", "test_baseline_laws", "test_site",
     "test_own_law", "test_package", "test_cockpit_page", "test_any_processor", "test_stress_report",
@@ -117,6 +118,17 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     scheduler = LoadScopeScheduling(config, log)
     scheduler._split_scope = group_of
     return scheduler
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Have each worker begin with other folders: what one has compiled is there for the others."""
+    worker: dict[str, Any] | None = getattr(session.config, "workerinput", None)
+    if worker is not None and {Path(name).resolve() for name in session.config.args} == {TESTS}:
+        folders = sorted({str(file.parent) for file in TESTS.rglob("test_*.py")})
+        number, count = int(worker["workerid"].removeprefix("gw")), worker["workercount"]
+        begin = len(folders) * number // count
+        session.config.args = folders[begin:] + folders[:begin]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -160,8 +172,8 @@ def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
         reporter.write_line(last_line(reporter.stats))
 
 
-def _turn(item: pytest.Item) -> tuple[bool, bool, int]:
-    """Return the place of a test where there are workers."""
+def _turn(item: pytest.Item) -> tuple[bool, bool, int, Path]:
+    """Return the place of a test where there are workers, the same in each of them."""
     name = item.path.stem
     place = LONGEST.index(name) if name in LONGEST else len(LONGEST)
-    return not has_marked(item.path), is_marked(item), place
+    return not has_marked(item.path), is_marked(item), place, item.path
