@@ -12,6 +12,7 @@ from steer_by_wire.runtime.candump import LogEntry
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.analyze_log.__main__ import main
+from tests.support.any_text import ANY_CHARACTER
 from tests.support.logged_run import (
     ON_THE_WIRE_S,
     Run,
@@ -108,7 +109,8 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capt
 @given(
     st.lists(
         st.one_of(
-            st.text(max_size=30), st.sampled_from(["(1.0) c 123#11", "(1) c", "  c  1 [1] "])
+            st.text(ANY_CHARACTER, max_size=30),
+            st.sampled_from(["(1.0) c 123#11", "(1) c", "  c  1 [1] "]),
         ),
         max_size=8,
     )

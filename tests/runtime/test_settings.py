@@ -17,6 +17,7 @@ from steer_by_wire.runtime.settings import (
     read_preset,
 )
 from steer_by_wire.runtime.toml_text import dump_toml
+from tests.support.any_text import ANY_CHARACTER
 
 
 class Circle(Settings):
@@ -272,7 +273,7 @@ def test_settings_are_frozen_and_refuse_unknown_keys_from_python_too() -> None:
 
 positive = st.floats(min_value=5e-324, allow_infinity=False)
 finite = st.floats(allow_nan=False, allow_infinity=False)
-text = st.text(st.characters(codec="utf-8"))
+text = st.text(ANY_CHARACTER)
 lines = st.builds(Line, pieces=st.integers(1, 5))
 rigs = st.builds(
     Rig,
