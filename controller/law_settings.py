@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from ..runtime.settings import Settings
+from ..runtime.settings_mistakes import Schema, schema_of
 from .law_record import Law
 from .laws import LAWS
 from .own_law import NoLawError, find_own_law, place_of
@@ -149,18 +150,21 @@ class LawSettings(_TablesOfLaws):
         return table
 
     @classmethod
-    def json_schema_for(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:
         """Return the JSON schema, including that of the own law named in the data."""
-        schema = cls.model_json_schema()
+        schema = schema_of(cls)
         try:
             kind = find_law(str(data.get("law"))).settings
         except NoLawError:
             return schema
-        if kind is not None:
-            own = kind.model_json_schema()
-            schema["$defs"] |= own.pop("$defs", {})
-            schema["properties"]["own_law"] = own
-        return schema
+        if kind is None:
+            return schema
+        own = schema_of(kind)
+        return {
+            **schema,
+            "$defs": {**schema["$defs"], **own.get("$defs", {})},
+            "properties": {**schema["properties"], "own_law": own},
+        }
 
     @model_validator(mode="after")
     def _refuse_missing_tables(self) -> Self:

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 from pydantic import ValidationError, ValidationInfo
 
 from .settings import Settings, SettingsError
-from .settings_mistakes import explain
+from .settings_mistakes import explain, schema_of
 
 PLACE = "package.module:ATTRIBUTE"
 
@@ -79,7 +79,7 @@ def own_table(
         try:
             return kind.model_validate_json(json.dumps(value, default=str), strict=True)
         except ValidationError as error:
-            mistakes = explain(error, kind.model_json_schema(), value, {(): ""})
+            mistakes = explain(error, schema_of(kind), value, {(): ""})
             # For an omitted table the message does not name it.
             prefix = "" if value else "own."
             lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]

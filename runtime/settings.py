@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
-from .settings_mistakes import KeyPath, dotted, explain, hint, printable
+from .settings_mistakes import KeyPath, Schema, dotted, explain, hint, printable, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
 """Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""
@@ -51,9 +51,9 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @classmethod
-    def json_schema_for(cls, data: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG003
+    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:  # noqa: ARG003
         """Return the JSON schema that explains mistakes in ``data``."""
-        return cls.model_json_schema()
+        return schema_of(cls)
 
 
 class SettingsError(ValueError):

@@ -10,9 +10,10 @@ pydantic names only the one that was violated.
 import difflib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 KeyPath = tuple[str | int, ...]
@@ -39,6 +40,12 @@ _WORDS_OF_LIMITS = {
     "maxLength": "at most",
     "pattern": "like",
 }
+
+
+@cache
+def schema_of(model: type[BaseModel]) -> Schema:
+    """Return the JSON schema of a model, which takes long to make."""
+    return model.model_json_schema()
 
 
 def explain(

@@ -17,7 +17,7 @@ from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_settings import BusSettings
 from ..runtime.settings import Settings, SettingsError
-from ..runtime.settings_mistakes import KeyPath, explain
+from ..runtime.settings_mistakes import KeyPath, explain, schema_of
 from .base_tables import Tables
 from .factors import Label
 from .sampling import replicate_seed
@@ -127,7 +127,7 @@ class Scenarios:
                 for key in factor.keys:
                     path = tuple(key.replace("spread_fraction", "spread_s").split("."))
                     sources[path] = f"{self.study.file}: factor {factor.name}"
-            mistakes = explain(error, Pair.model_json_schema(), tables, sources)
+            mistakes = explain(error, schema_of(Pair), tables, sources)
             raise SettingsError(*dict.fromkeys(mistakes)) from error
 
     def check(self) -> None:
