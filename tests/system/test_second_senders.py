@@ -1,6 +1,8 @@
 """A second sender of a message: what it can take over, for how long, and who says so."""
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from functools import cache
 from typing import Any, NamedTuple
 
 import pytest
@@ -42,6 +44,19 @@ def message(kind: type[Message], value: float, number: int) -> Message:
     return SteeringCommand(value, number % 65_536, Mode.ACTIVE)
 
 
+@cache
+def streams() -> Mapping[tuple[type[Message], float], Mapping[int, Frame]]:
+    """The frames of the true and the false sender by their numbers, of both messages."""
+    return {
+        (kind, value): {
+            number: encode(message(kind, value, number), number % 256)
+            for number in range(-WARM_UP, 4 * WARM_UP)
+        }
+        for kind in (LateralError, SteeringCommand)
+        for value in (TRUE, FALSE)
+    }
+
+
 class Attack(NamedTuple):
     """False frames that a receiver followed, whether at once, and how the attack ended."""
 
@@ -52,21 +67,20 @@ class Attack(NamedTuple):
     accepted_after: int
 
 
-def attack(kind: type[Message], rule: SequenceRule, offset: int) -> Attack:
+def attack(warm: Reception, kind: type[Message], offset: int) -> Attack:
     """A false stream at the true one's rate, ``offset`` counters ahead of it, 4 ms after it."""
-    tested = Reception((kind,), rule)
+    tested, true, false = deepcopy(warm), streams()[kind, TRUE], streams()[kind, FALSE]
     followed = refused_true = accepted_after = 0
     at_once = False
-    for number in range(WARM_UP + ATTACK + 50):
+    for number in range(WARM_UP, WARM_UP + ATTACK + 50):
         now_ns = number * PERIOD_NS
-        is_attacked = WARM_UP <= number < WARM_UP + ATTACK
-        taken = tested.take(encode(message(kind, TRUE, number), number % 256), now_ns)
+        is_attacked = number < WARM_UP + ATTACK
+        taken = tested.take(true[number], now_ns)
         refused_true += is_attacked and not isinstance(taken, kind)
         accepted_after += number >= WARM_UP + ATTACK + 20 and isinstance(taken, kind)
         if not is_attacked:
             continue
-        false = message(kind, FALSE, number + offset)
-        taken = tested.take(encode(false, (number + offset) % 256), now_ns + 4 * NS_PER_MS)
+        taken = tested.take(false[number + offset], now_ns + 4 * NS_PER_MS)
         followed += isinstance(taken, kind)
         at_once |= number == WARM_UP and isinstance(taken, kind)
         if number == WARM_UP + ATTACK - 1:
@@ -80,7 +94,10 @@ def attack(kind: type[Message], rule: SequenceRule, offset: int) -> Attack:
 def test_of_all_offsets_a_few_are_followed_and_each_for_a_short_time(
     kind: type[Message], rule: SequenceRule, ahead: int
 ) -> None:
-    attacks = {offset: attack(kind, rule, offset) for offset in range(-127, 129)}
+    warm = Reception((kind,), rule)
+    for number in range(WARM_UP):
+        assert isinstance(warm.take(streams()[kind, TRUE][number], number * PERIOD_NS), kind)
+    attacks = {offset: attack(warm, kind, offset) for offset in range(-127, 129)}
     assert {offset for offset, one in attacks.items() if one.at_once} == set(range(1, ahead + 1))
     for offset, one in attacks.items():
         assert one.followed == (offset + 4 if one.at_once else 0)
@@ -105,12 +122,13 @@ def test_a_network_that_doubles_or_delays_frames_is_no_second_sender() -> None:
 
 
 def test_a_sender_that_restarts_is_no_second_sender() -> None:
+    true = streams()[SteeringCommand, TRUE]
     for restart in range(256):
         tested = Reception((SteeringCommand,), COMMANDS)
         now_ns = 0
         for number in [*range(300), *range(restart, restart + 100)]:
             now_ns += PERIOD_NS
-            tested.take(encode(message(SteeringCommand, 0.1, 7 * number), number % 256), now_ns)
+            tested.take(true[number], now_ns)
         assert tested.second_senders == [], restart
 
 
