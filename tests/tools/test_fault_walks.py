@@ -60,16 +60,24 @@ def strict_acceptance(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walk_judgement.MECHANISM_OF", strict)
 
 
-def test_a_walk_is_a_function_of_its_seed(spec: CampaignSettings) -> None:
-    walk = one_walk(spec, 11)
-    assert walk.failure == ""
-    assert 2 <= len(walk.faults) <= WALK_FAULTS_MAX
-    assert one_walk(spec, 11) == walk
+@pytest.fixture(scope="module")
+def alone(spec: CampaignSettings) -> list[Walk]:
+    """Three walks on one process."""
+    walks: list[Walk] = []
+    walk_all(spec, 3, 1, walks.append)
+    return walks
 
 
-def test_walks_are_the_same_on_one_process_and_on_two(spec: CampaignSettings) -> None:
-    alone: list[Walk] = []
-    walk_all(spec, 3, 1, alone.append)
+def test_a_walk_is_a_function_of_its_seed(spec: CampaignSettings, alone: list[Walk]) -> None:
+    for walk in alone:
+        assert walk.failure == ""
+        assert 2 <= len(walk.faults) <= WALK_FAULTS_MAX
+    assert one_walk(spec, alone[1].seed) == alone[1]
+
+
+def test_walks_are_the_same_on_one_process_and_on_two(
+    spec: CampaignSettings, alone: list[Walk]
+) -> None:
     shared: list[Walk] = []
     walk_all(spec, 3, 2, shared.append)
     assert [walk.seed for walk in alone] == [5, 6, 7]
