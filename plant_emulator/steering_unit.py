@@ -64,7 +64,7 @@ class SteeringUnit:
         self._entered: Counter[str] = Counter()
         self._ignored = 0
         self._recoveries = 0
-        self._command_ns = NEVER_NS
+        self._command_ns, self._wheel_ns = NEVER_NS, 0
         self._longest_silence_ns = 0
         self._safe_state_at_ns = NEVER_NS
         self._safe_state_cause = ""
@@ -98,8 +98,8 @@ class SteeringUnit:
         """
         before = self._state.mode
         state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns, is_new)
-        self._note_silence(now_ns)
         if is_new:
+            self._longest_silence_ns = self._silence_until_ns(now_ns)
             self._command_ns = now_ns
         if is_followed:
             if before > _FOLLOWING and state.mode == _FOLLOWING:
@@ -127,7 +127,7 @@ class SteeringUnit:
     def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
         """Compare the measured wheel with the target."""
         state = guard_wheel(self._params, self._state, wheel_rad, now_ns)
-        self._note_silence(now_ns)  # one that lasts is known as far as the wheel is
+        self._wheel_ns = now_ns
         if state.mode == self._state.mode:
             self._state = state
         else:
@@ -176,17 +176,15 @@ class SteeringUnit:
             "fallbacks": self._entered["FALLBACK"],
             "recoveries": self._recoveries,
             "ignored_commands": self._ignored,
-            "longest_silence_s": self._longest_silence_ns / NS_PER_S,
+            "longest_silence_s": self._silence_until_ns(self._wheel_ns) / NS_PER_S,
             "safe_state": {"cause": self._safe_state_cause, "at_s": at_ns / NS_PER_S}
             if is_safe
             else None,
         }
 
-    def _note_silence(self, now_ns: int) -> None:
-        if self._command_ns != NEVER_NS:
-            silence_ns = now_ns - self._command_ns
-            if silence_ns > self._longest_silence_ns:
-                self._longest_silence_ns = silence_ns
+    def _silence_until_ns(self, now_ns: int) -> int:
+        """Return the longest silence up to now; the one that lasts included."""
+        return max(self._longest_silence_ns, now_ns - self._command_ns)
 
     def _enter(self, state: GuardState) -> None:
         """Keep a state, and what is read of it at every event of the plant."""
