@@ -285,7 +285,7 @@ class PlantNode:
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.take(motion, self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
-        if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
+        if time_ns >= self._own.reported_ns and self._unit.has_fallen_back:
             self.finished = True
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)

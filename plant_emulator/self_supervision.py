@@ -21,15 +21,16 @@ NOT_FINITE_COMMAND = "a command that came through was not finite"
 
 
 class SelfSupervision:
-    """Keeps the first fault that the plant has detected in itself, and when [ns].
+    """Keeps the first fault that the plant has detected in itself.
 
-    ``failure``  that fault, for good; empty while there is none
+    ``failure``      that fault, for good; empty while there is none
+    ``reported_ns``  when it will have been reported for long enough [ns]; NEVER_NS without one
     """
 
     def __init__(self, overruns: OverrunSettings) -> None:
         self._overruns = OverrunSupervision.of(overruns)
         self.failure = ""
-        self._since_ns = NEVER_NS
+        self.reported_ns = NEVER_NS
 
     def on_sample(self, timer: PeriodicTimer, time_ns: int) -> None:
         """Process the sample for which the sensors' ``timer`` has advanced."""
@@ -39,8 +40,4 @@ class SelfSupervision:
     def on_fault(self, failure: str, time_ns: int) -> None:
         """Record a fault; only the first one counts."""
         if not self.failure:
-            self.failure, self._since_ns = failure, time_ns
-
-    def is_reported(self, time_ns: int) -> bool:
-        """Whether there is a fault that has been reported for long enough."""
-        return bool(self.failure) and time_ns - self._since_ns >= REPORTING_NS
+            self.failure, self.reported_ns = failure, time_ns + REPORTING_NS
