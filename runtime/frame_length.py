@@ -21,6 +21,7 @@ idle bus, so they neither get a stuff bit nor lengthen a run.
 """
 
 from functools import cache, lru_cache
+from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
 from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
@@ -108,11 +109,19 @@ def _stuff_rows() -> list[_StuffRow]:
 @cache
 def _counted_rows() -> list[list[_CountedRow]]:
     """Return the rows of ``_STUFF_ROWS`` for each number of stuff bits in front of a byte."""
+    states = len(_STUFF_ROWS)
     place = {id(row): state for state, row in enumerate(_STUFF_ROWS)}
-    counted: list[list[_CountedRow]] = [[[] for _ in range(10)] for _ in range(_STUFFED_MAX + 3)]
-    for stuffed, rows in enumerate(counted[: _STUFFED_MAX + 1]):
-        for row, plain in zip(rows, _STUFF_ROWS, strict=True):
-            row += [counted[stuffed + more][place[id(after)]] for after, more in plain]
+    rows: list[_CountedRow] = [[] for _ in range(states * (_STUFFED_MAX + 3))]
+    after_byte = [
+        itemgetter(*(states * more + place[id(after)] for after, more in row))
+        for row in _STUFF_ROWS
+    ]
+    counted = [rows[first : first + states] for first in range(0, len(rows), states)]
+    for stuffed in range(_STUFFED_MAX + 1):
+        # A byte adds two stuff bits at most.
+        within_reach = rows[states * stuffed : states * (stuffed + 3)]
+        for row, continued in zip(counted[stuffed], after_byte, strict=True):
+            row += continued(within_reach)
             row.append(stuffed)
     return counted
 
