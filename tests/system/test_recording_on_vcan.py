@@ -51,7 +51,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         ):
             report = folder / f"{name}.json"
             options = [*BUS, "--record", str(log), *options]
-            programs[name] = stack.enter_context(running(name, options, report))
+            program = running(f"steer_by_wire.{name}", options, report)
+            programs[name] = stack.enter_context(program)
         wait_until(
             lambda: logs.controller.read_text().count(" 100#") >= COMMANDS, "enough commands"
         )
