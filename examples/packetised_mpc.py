@@ -81,11 +81,13 @@ def terms(
 
 
 @lru_cache(256)
-def factors(cost: Cost, count: int) -> tuple[Array, Array, Array]:
-    """Return Q and R of the terms by the plan's values, and R⁻¹ by what is limited."""
+def factors(cost: Cost, count: int) -> tuple[Array, Array, Array, Array]:
+    """Return Q and R of the terms by the plan's values, Qᵀ of those by the state, R⁻¹ by limits."""
     q, r = np.linalg.qr(np.array([terms(cost, one) for one in np.eye(count)]).T)
+    states = [estimator.EstimatorState(0, *one) for one in np.eye(len(REST) - 1).tolist()]
+    by_state = q.T @ np.array([terms(cost, np.zeros(count), z) for z in states]).T
     limited = np.vstack((np.eye(count), np.eye(count) - np.eye(count, k=-1)))
-    return q, r, limited @ np.linalg.inv(r)
+    return q, r, by_state, limited @ np.linalg.inv(r)
 
 
 def planned(p: Params, x: PredictorState, seen: LawInput) -> int:
@@ -100,9 +102,11 @@ def planned(p: Params, x: PredictorState, seen: LawInput) -> int:
     z = estimator.estimate_to(of.link, g, x.estimate, link, history, link.error_sample)
     z = predict(of.link, g, z, link, history, float(acts - z.sample))
     cost = g, p.weight_rad_m, spacing
-    q, r, limited = factors(cost, count)
+    q, r, by_state, limited = factors(cost, count)
     # |R values + at_zero| is to be least, with the values and the steps between them limited.
-    at_zero = q.T @ terms(cost, np.zeros(count), z, link, history)
+    at_zero = by_state @ z[1:]
+    if link.path_end > z.sample:
+        at_zero = q.T @ terms(cost, np.zeros(count), z, link, history)
     middle, reach = limited @ at_zero, np.repeat([p.angle_rad, p.step_rad * spacing], count)
     middle[count] += seen.sent_steer_rad
     reach[count] = p.step_rad
