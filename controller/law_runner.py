@@ -44,6 +44,7 @@ class LawRunner:
             if self.design.looks_back
             else None
         )
+        self._history = NO_HISTORY if self.memory is None else self.memory.history
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
         self.acting = -1
@@ -54,6 +55,15 @@ class LawRunner:
         self._state: Any = None
         self._fade_rad: float | None = 0.0  # None: to be taken from the next output
         self._ramp_step_rad = ramp_step_rad
+
+    @property
+    def failure(self) -> str:
+        """Why the law is distrusted; empty while it is not."""
+        if not self.is_distrusted:
+            return ""
+        text = "the law's output was again not finite after a restart of the law"
+        mistake = self.design.mistake()
+        return f"{text}: {mistake}" if mistake else text
 
     def on_speed(self, speed_m_s: float) -> None:
         """Set the law's parameters for a speed, and the share of its steer."""
@@ -76,12 +86,12 @@ class LawRunner:
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
-        link, history, memory = NO_LINK, NO_HISTORY, self.memory
-        if memory is not None:
-            link, history = memory.link(period, now_ns), memory.history
+        memory, design = self.memory, self.design
+        link = NO_LINK if memory is None else memory.link(period, now_ns)
         vehicle = received.vehicle_at(now_ns)
-        seen = new_record(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
-        state, output = self.design.step(self._params, self._state, seen)
+        values = received.lateral_error_m, sent_rad, vehicle, link, self._history
+        seen = new_record(LawInput, values)
+        state, output = design.step(self._params, self._state, seen)
         steer_rad = self._share * output.steer_rad
         self.acting = -1
         if isfinite(steer_rad):
@@ -90,8 +100,8 @@ class LawRunner:
                 self._fade_rad = sent_rad - steer_rad
             elif self._fade_rad != 0.0:
                 self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
-            if self.design.plan is not None and self._fade_rad == 0.0:
-                self.acting = self.design.plan(self._params, state, seen)
+            if design.plan is not None and self._fade_rad == 0.0:
+                self.acting = design.plan(self._params, state, seen)
             command_rad = steer_rad + self._fade_rad
             if isfinite(command_rad):
                 return command_rad

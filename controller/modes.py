@@ -135,19 +135,32 @@ class Supervisor:
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
         self._supervision = supervision
+        self._timeout_ns = supervision.measurement_timeout_ns
         self._state = ModeState(Mode.WAITING, start_ns)
         self.mode = Mode.WAITING
         self._good_run = 0
         self._own_fault = False
         self.goes_forward = True
 
+    def stays_active(self, arrival_ns: int | None, now_ns: int) -> bool:
+        """Whether the mode is ACTIVE and no guard of the table's is true: the usual case.
+
+        ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
+        """
+        return (
+            self.mode is _ACTIVE
+            and arrival_ns is not None
+            and now_ns - arrival_ns <= self._timeout_ns
+            and self.goes_forward
+            and not self._own_fault
+        )
+
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
         """Record a good measurement; one after a gap starts a new run.
 
         ``before_ns``  when the previous one arrived, None for the first [ns]
         """
-        timeout_ns = self._supervision.measurement_timeout_ns
-        continues = before_ns is not None and now_ns - before_ns <= timeout_ns
+        continues = before_ns is not None and now_ns - before_ns <= self._timeout_ns
         self._good_run = self._good_run + 1 if continues else 1
 
     def on_rejection(self) -> None:
@@ -166,11 +179,6 @@ class Supervisor:
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
         before = self._state.mode
-        if before is _ACTIVE and self.goes_forward and not law_failed and not self._own_fault:
-            # The usual case: only is_stale could be true of the table's guards.
-            timeout_ns = self._supervision.measurement_timeout_ns
-            if arrival_ns is not None and now_ns - arrival_ns <= timeout_ns:
-                return None
         seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward)
         self._state = mode_step(self._supervision, self._state, seen, now_ns)
         self.mode = self._state.mode

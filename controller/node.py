@@ -26,14 +26,17 @@ from ..dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
+from ..dbc.protection import SequenceResult
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
 from ..runtime.overruns import OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
+from ..runtime.record import new_record
 from ..runtime.view import View
 from .command_frames import CommandFrames
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
+from .law_interface import VehicleReading
 from .law_runner import LawRunner
 from .limits import limit_name, limit_step, ramp_step
 from .modes import Supervisor
@@ -70,7 +73,6 @@ class ControllerNode:
     """
 
     def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
-        law = settings.law_record.number
         self._law_name = settings.law
         self._period_s = settings.period_ns / NS_PER_S
         self._rate_hz = NS_PER_S / settings.period_ns
@@ -88,7 +90,7 @@ class ControllerNode:
         periods_per_sample = settings.link.sensor_period_s / self._period_s
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._delay = delay_watch_of(settings)
-        self._statuses = StatusFrames(law)
+        self._statuses = StatusFrames(settings.law_record.number)
         self._steering_acts = True
         self._safety = SafetyWatch(settings.validity, self._received, start_ns)
         self._figures = RunFigures(start_ns, samples_max)
@@ -102,8 +104,9 @@ class ControllerNode:
         """Process a frame; the response to a measurement is sent at the next tick."""
         received, memory = self._received, self._law.memory
         before_ns = received.errors.arrival_ns
-        message = received.take(frame, now_ns)
+        message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
+            received.lateral_error_m, _ = message
             self._supervisor.on_measurement(before_ns, now_ns)
             if memory is not None:
                 memory.on_error(message, received.errors.counter, now_ns)
@@ -112,15 +115,18 @@ class ControllerNode:
             if memory is not None:
                 memory.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
-            self._law.on_speed(message.speed_m_s)
-            self._supervisor.goes_forward = message.speed_m_s >= NOT_FORWARD_M_S
+            received.vehicle = new_record(VehicleReading, (*message, False))
+            speed_m_s, _, _ = message
+            self._law.on_speed(speed_m_s)
+            self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
             if memory is not None:
                 memory.on_vehicle(now_ns)
-        elif type(message) is PathAhead:
-            if memory is not None:
-                memory.on_path(message, received.vehicle.speed_m_s)
+        elif type(message) is PathAhead and memory is not None:
+            memory.on_path(message, received.vehicle.speed_m_s)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
+        elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
+            received.on_dispute()
         return ()
 
     def on_unauthenticated(self) -> None:
@@ -136,26 +142,27 @@ class ControllerNode:
             if not self._overruns.on_tick(self._control_timer):
                 self._supervisor.on_own_fault()
             self._figures.last_tick_ns = now_ns
+            before_rad = self._sent_steer_rad
             if self._commands.sent.count:
-                self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
+                self._delay.on_tick(now_ns, period, before_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
-            mode, before_rad = self._supervisor.mode, self._sent_steer_rad
+            mode = self._supervisor.mode
             sent_rad = limit_step(self._limits, before_rad, wanted_rad)
             self._sent_steer_rad = sent_rad
             if mode is _ACTIVE:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
-                self._figures.on_law(self._received.lateral_error_m, limit)
+                self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
             if mode is not _WAITING:
-                frames.append(self._command_frame(now_ns, period, before_rad))
+                frames.append(self._command_frame(mode, now_ns, period, before_rad))
             facts = self._safety_facts(now_ns)
             is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
             self.finished = facts.fault is not _NO_FAULT and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
-            skipped = self._control_timer.skipped
             self._safety.judge_validity(self._delay.echo_s(now_ns))
             self._figures.on_validity(self._safety.validity)
-            frames.append(self._statuses.status(self._supervisor.mode, self._law.output, skipped))
+            mode, skipped = self._supervisor.mode, self._control_timer.skipped
+            frames.append(self._statuses.status(mode, self._law.output, skipped))
             frames.append(self._safety_frame(now_ns))
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
         elif is_safety_due:
@@ -215,19 +222,15 @@ class ControllerNode:
     @property
     def _failure(self) -> str:
         """The fault it has detected in itself, which is permanent."""
-        if self._law.is_distrusted:
-            mistake = self._law.design.mistake()
-            return "the law's output was again not finite after a restart of the law" + (
-                f": {mistake}" if mistake else ""
-            )
-        return self._overruns.failure
+        return self._law.failure or self._overruns.failure
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
-        self._steering_acts = status.status < _NOBODY_STEERS_FROM
-        if status.status is _NO_COMMAND:
+        _, applied_counter, code = status
+        self._steering_acts = code < _NOBODY_STEERS_FROM
+        if code is _NO_COMMAND:
             return
-        echo = self._commands.sent.on_echo(status.applied_counter)
+        echo = self._commands.sent.on_echo(applied_counter)
         if echo is not None:
             sent_ns, is_first = echo
             self._delay.echo.on_echo(sent_ns, now_ns)
@@ -236,15 +239,17 @@ class ControllerNode:
 
     def _wanted_rad(self, now_ns: int, period: int) -> float:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
-        self._move_on(now_ns, law_failed=False)
-        mode, arrival_ns = self._supervisor.mode, self._received.errors.arrival_ns
+        supervisor, arrival_ns = self._supervisor, self._received.errors.arrival_ns
+        if not supervisor.stays_active(arrival_ns, now_ns):
+            self._move_on(now_ns, law_failed=False)
+        mode = supervisor.mode
         if mode is _ACTIVE and arrival_ns is not None:
             self._figures.sample_age.record(now_ns - arrival_ns)
             law_rad = self._law.run(self._received, self._sent_steer_rad, period, now_ns)
             if law_rad is not None:
                 return law_rad
             if self._law.is_distrusted:
-                self._supervisor.on_own_fault()
+                supervisor.on_own_fault()
             self._move_on(now_ns, law_failed=True)
         elif mode is _SAFE_STOP:
             return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
@@ -259,13 +264,13 @@ class ControllerNode:
         if entered is _ACTIVE:
             self._law.start(before, self._received.lateral_error_m)
 
-    def _command_frame(self, now_ns: int, period: int, before_rad: float) -> Frame:
+    def _command_frame(self, mode: Mode, now_ns: int, period: int, before_rad: float) -> Frame:
         """Return the command of this period or its plan, and record that it was sent.
 
         ``before_rad``  the command of the period before
         """
-        steer_rad, mode = self._sent_steer_rad, self._supervisor.mode
-        memory, acting = self._law.memory, self._law.acting
+        steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
+        memory, acting, arrival_ns = law.memory, law.acting, self._received.errors.arrival_ns
         is_planned = acting >= 0 and mode is _ACTIVE
         if is_planned and memory is not None:
             row = memory.plan_of(period)
@@ -274,12 +279,9 @@ class ControllerNode:
             frame = self._commands.command(steer_rad, mode, now_ns)
         if memory is not None:
             memory.on_command(period, steer_rad, is_planned=is_planned)
-        self._figures.on_command(steer_rad)
-        arrival_ns = self._received.errors.arrival_ns
-        if self._figures.wants_sample and arrival_ns is not None:
-            error_m, age_ns = self._received.lateral_error_m, now_ns - arrival_ns
-            sample = ControlSample(now_ns, mode, error_m, age_ns, self._law.output, steer_rad)
-            self._figures.samples.append(sample)
+        if figures.samples_left and arrival_ns is not None:
+            seen = self._received.lateral_error_m, now_ns - arrival_ns
+            figures.keep(ControlSample(now_ns, mode, *seen, law.output, steer_rad))
         return frame
 
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
@@ -291,7 +293,7 @@ class ControllerNode:
             fault = ControllerFault.OVERRUNS
         is_stopping = supervisor.mode is _SAFE_STOP or not supervisor.goes_forward
         must_stop = is_stopping or not self._steering_acts
-        return self._safety.facts_at(fault, now_ns, must_stop=must_stop)
+        return self._safety.facts_at(fault, must_stop, now_ns)
 
     def _safety_frame(self, now_ns: int) -> Frame:
         lost = self._received.reception.lost

@@ -5,7 +5,6 @@ the law, the delay watch and CONTROLLER_SAFETY all use it.
 """
 
 from ..dbc.messages import (
-    CAN_IDS,
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
@@ -13,17 +12,12 @@ from ..dbc.messages import (
     LateralError,
     Message,
     PathAhead,
-    Rejection,
     SteeringCommand,
     SteeringPlan,
     SteeringStatus,
     VehicleState,
 )
-from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
-from ..dbc.secured_frame import Refused
-from ..runtime.frame import Frame
-from ..runtime.record import new_record
 from .freshness import freshness
 from .law_interface import NO_VEHICLE, VehicleReading
 from .settings import ControllerSettings, age_limits_of, counters_of
@@ -40,7 +34,6 @@ SENT: tuple[type[Message], ...] = (
     DelayStatus,
 )
 """The messages that the controller alone sends."""
-_ERROR_ID = CAN_IDS[LateralError]
 
 
 class Received:
@@ -55,6 +48,7 @@ class Received:
         self.reception = Reception(RECEIVED, counters_of(settings), SENT)
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = age_limits_of(settings)
+        self._vehicle_limit_ns = self._limits.vehicle_state_ns
         self.lateral_error_m = 0.0
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
@@ -64,26 +58,16 @@ class Received:
         """Frames refused so far, for any cause."""
         return self.reception.refused + self.unauthenticated
 
-    def take(
-        self, frame: Frame, now_ns: int
-    ) -> Message | Rejection | SequenceResult | Refused | None:
-        """Check a frame and store its values; returns the same as ``Reception.take``."""
-        message = self.reception.take(frame, now_ns)
-        if type(message) is LateralError:
-            self.lateral_error_m = message.lateral_error_m
-        elif type(message) is VehicleState:
-            self.vehicle = new_record(VehicleReading, (*message, False))
-        elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
-            # The newest one may be the second sender's: what is held must not come from that.
-            undisputed = self.reception.undisputed(LateralError)
-            if isinstance(undisputed, LateralError):
-                self.lateral_error_m = undisputed.lateral_error_m
-        return message
+    def on_dispute(self) -> None:
+        """Return to the lateral error before a dispute: the newest may be the second sender's."""
+        undisputed = self.reception.undisputed(LateralError)
+        if isinstance(undisputed, LateralError):
+            self.lateral_error_m = undisputed.lateral_error_m
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked if it is stale."""
         arrival_ns = self.states.arrival_ns
-        if arrival_ns is not None and now_ns - arrival_ns > self._limits.vehicle_state_ns:
+        if arrival_ns is not None and now_ns - arrival_ns > self._vehicle_limit_ns:
             return self.vehicle._replace(is_stale=True)
         return self.vehicle
 

@@ -18,6 +18,7 @@ class RunFigures:
     ``start_ns``     when the first mode begins [ns]
     ``samples_max``  how many control periods are kept in ``samples``, oldest first
 
+    ``samples_left``    how many more there is room for
     ``peak_steer_rad``  the largest command sent, to either side [rad]
     ``last_tick_ns``    when the last control tick was [ns]
     """
@@ -27,7 +28,7 @@ class RunFigures:
         self.round_trip = DurationStatistics()
         self.sample_age = DurationStatistics()
         self.samples: list[ControlSample] = []
-        self._samples_max = samples_max
+        self.samples_left = samples_max
         self._mode_ns = dict.fromkeys(Mode, 0)
         self._mode, self._entered_ns = Mode.WAITING, start_ns
         self._holds = 0
@@ -44,14 +45,13 @@ class RunFigures:
         self._mode, self._entered_ns = entered, self.last_tick_ns
         self._holds += entered is Mode.HOLDING
 
-    def on_command(self, steer_rad: float) -> None:
-        """Record a sent command."""
-        size_rad = abs(steer_rad)
-        if size_rad > self.peak_steer_rad:
-            self.peak_steer_rad = size_rad
+    def on_law(self, measured_m: float, sent_rad: float, limit: str) -> None:
+        """Record a tick of the law: its measurement, its command, and the limit that bound that.
 
-    def on_law(self, measured_m: float, limit: str) -> None:
-        """Record a tick of the law: its measurement, and the limit that bound its command."""
+        The other modes hold the law's commands or ramp them down, and never exceed their peak.
+        """
+        if abs(sent_rad) > self.peak_steer_rad:
+            self.peak_steer_rad = abs(sent_rad)
         self._law_ticks += 1
         self._squares_m2 += measured_m * measured_m
         if abs(measured_m) > self._measured_peak_m:
@@ -63,10 +63,10 @@ class RunFigures:
         """Record a status period in which the settings held, or did not."""
         self._validity[validity] += 1
 
-    @property
-    def wants_sample(self) -> bool:
-        """Whether there is room for one more control period."""
-        return len(self.samples) < self._samples_max
+    def keep(self, sample: ControlSample) -> None:
+        """Store a control period in ``samples``."""
+        self.samples.append(sample)
+        self.samples_left -= 1
 
     def report(self, failure: str) -> Mapping[str, Any]:
         """Return the figures, ready for JSON.

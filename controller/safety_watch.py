@@ -45,7 +45,7 @@ class SafetyWatch:
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
         self.validity = validity_of(self._table, speed_m_s, delay_s)
 
-    def facts_at(self, fault: ControllerFault, now_ns: int, *, must_stop: bool) -> SafetyFacts:
+    def facts_at(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> SafetyFacts:
         """Return the facts.
 
         ``fault``      what the controller has detected in itself
