@@ -3,7 +3,13 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import Progress, ProgressColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 
@@ -15,6 +21,11 @@ def plain_console() -> Console:
 def progress_bars(console: Console, *columns: ProgressColumn) -> Progress:
     """Return bars that disappear at the end; only a terminal shows them."""
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def counting_bars(console: Console) -> Progress:
+    """Return a bar with how many are done and how long the others take."""
+    return progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn())
 
 
 def plain_table(texts: Sequence[str], numbers: Sequence[str], title: str | None = None) -> Table:

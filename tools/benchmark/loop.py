@@ -11,23 +11,8 @@ from ...controller.law_interface import LawInput
 from ...controller.laws import LAWS
 from ...controller.node import ControllerNode
 from ...controller.settings import PRESETS, controller_preset
-from ...dbc.messages import (
-    ControllerStatus,
-    Direction,
-    LatencyConfig,
-    LatencyModel,
-    LateralError,
-    Law,
-    Message,
-    Mode,
-    PlantStatus,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-    decode,
-    encode,
-)
+from ...dbc import messages
+from ...dbc.messages import decode, encode
 from ...dbc.protection import COUNTERS
 from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
@@ -43,14 +28,14 @@ MOTION_S = 20.0
 VIRTUAL_REPETITIONS = 5
 PERIOD_NS = 10_000_000
 
-MESSAGES: tuple[Message, ...] = (
-    SteeringCommand(0.01234, 4321, Mode.ACTIVE),
-    LateralError(0.01234, -0.002),
-    SteeringStatus(0.01234, 4321, SteeringStatusCode.APPLYING),
-    VehicleState(1.39, 0.012, 0.033),
-    ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.012, -0.034, 5),
-    PlantStatus(0.08, 0.02, 7, 0),
-    LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),
+MESSAGES: tuple[messages.Message, ...] = (
+    messages.SteeringCommand(0.01234, 4321, messages.Mode.ACTIVE),
+    messages.LateralError(0.01234, -0.002),
+    messages.SteeringStatus(0.01234, 4321, messages.SteeringStatusCode.APPLYING),
+    messages.VehicleState(1.39, 0.012, 0.033),
+    messages.ControllerStatus(messages.Mode.ACTIVE, messages.Law.PD_DDOB, 0.012, -0.034, 5),
+    messages.PlantStatus(0.08, 0.02, 7, 0),
+    messages.LatencyConfig(messages.Direction.BOTH, messages.LatencyModel.NORMAL, 0.08, 0.03, 0.01),
 )
 
 
@@ -83,7 +68,7 @@ def controller_node_line() -> Line:
     """Time a LATERAL_ERROR frame in, a tick, and its STEERING_COMMAND frame out, with pd_ddob."""
     node = ControllerNode(controller_preset(f"practical_{JUDGED_LAW}"), 0)
     frames = [
-        encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
+        encode(messages.LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
         for counter in range(COUNTERS)
     ]
     return timed("controller node, in to out", partial(_answer_often, node, frames), STEPS)
@@ -122,7 +107,7 @@ def _control_often(design: LawDesign, errors_m: Sequence[float]) -> None:
         steer_rad = output.steer_rad
 
 
-def _encode_often(message: Message) -> None:
+def _encode_often(message: messages.Message) -> None:
     for index in range(STEPS):
         encode(message, index % COUNTERS)
 

@@ -17,7 +17,6 @@ from statistics import fmean
 
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 from rich.table import Table
 
 from steer_by_wire.command_line import command_parser, number, whole_number
@@ -27,7 +26,7 @@ from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.report import write_file
 from steer_by_wire.runtime.settings import COMMAND_LINE, with_values
-from steer_by_wire.terminal import plain_table, progress_bars
+from steer_by_wire.terminal import counting_bars, plain_table
 from steer_by_wire.tools.bus_study.runs import BusRun, Point, runs_of
 
 NAME = "steer-by-wire bus-study"
@@ -87,10 +86,7 @@ def _run(options: argparse.Namespace) -> int:
     console, stop = Console(markup=False, highlight=False), StopRequest()
     console.width = max(console.width, 140)
     runs, total = [], len(points) * len(presets) * len(seeds)
-    with (
-        stop.on_signals(),
-        progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars,
-    ):
+    with stop.on_signals(), counting_bars(console) as bars:
         task = bars.add_task("", total=total)
         for run in runs_of(points, presets, base, seeds, options.duration, stop):
             runs.append(run)

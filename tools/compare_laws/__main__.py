@@ -19,7 +19,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 from scipy.stats import qmc
 
 from steer_by_wire.command_line import (
@@ -32,7 +31,7 @@ from steer_by_wire.compiled.engine import Outcome, run_batch
 from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.pair.trace import rms
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.terminal import plain_console, progress_bars
+from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.compare_laws.at_speed import DELAYS_S, compare_at_speed, markdown_at_speed
 from steer_by_wire.tools.compare_laws.at_speed import Cell as CellAtSpeed
 from steer_by_wire.tools.compare_laws.presentation import (
@@ -116,10 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run_at_speed(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     stop = StopRequest()
-    bars = progress_bars(
-        plain_console(), BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()
-    )
-    with stop.on_signals(), bars:
+    with stop.on_signals(), counting_bars(plain_console()) as bars:
         task = bars.add_task("")
         cells = compare_at_speed(
             DELAYS_S,
@@ -152,10 +148,7 @@ def _run(options: argparse.Namespace) -> int:
     console = plain_console()
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
     stop = StopRequest()
-    with (
-        stop.on_signals(),
-        progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars,
-    ):
+    with stop.on_signals(), counting_bars(console) as bars:
         task = bars.add_task("")
         cells = compare(
             delays_s,

@@ -22,14 +22,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TypeVar
 
-from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
-
 from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
-from steer_by_wire.terminal import plain_console, progress_bars
+from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.fault_campaign.acceptance import (
     Finding,
     findings_of,
@@ -239,7 +237,7 @@ def _with_progress(
     total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
 ) -> None:
     console = plain_console()
-    with progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
+    with counting_bars(console) as bars:
         task = bars.add_task("", total=total)
 
         def taken(result: R) -> None:

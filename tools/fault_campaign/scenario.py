@@ -10,15 +10,7 @@ from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.fault_settings import FaultSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings
-from .detectability import (
-    COMMANDS,
-    Expectation,
-    Sight,
-    expect_fault,
-    expect_node_fault,
-    is_unreceived,
-    sight_of,
-)
+from . import detectability
 from .node_faults import NodeFault
 from .specification import (
     BUS,
@@ -48,7 +40,7 @@ class Case(NamedTuple):
     receiver: str
     faults: tuple[FaultSettings, ...]
     node_fault: NodeFault | None
-    expected: Expectation
+    expected: detectability.Expectation
 
     @property
     def label(self) -> str:
@@ -90,10 +82,10 @@ def laws_of(spec: CampaignSettings, point: PointSettings) -> Sequence[str]:
     return point.laws or spec.laws
 
 
-def scenario_sight(spec: CampaignSettings, point: PointSettings, law: str) -> Sight:
+def scenario_sight(spec: CampaignSettings, point: PointSettings, law: str) -> detectability.Sight:
     """Return what the mechanisms of the pairs of some runs can detect."""
     plant = plant_settings_of(Scenario(golden_case(), point, law, 0, spec), ())
-    return sight_of(plant, controller_settings_of(law, spec.ftti_ms))
+    return detectability.sight_of(plant, controller_settings_of(law, spec.ftti_ms))
 
 
 def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[Scenario]:
@@ -101,7 +93,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
     sent = "STEERING_PLAN" if controller_settings_of(law).law_record.plan else "STEERING_COMMAND"
     for case_table in spec.cases:
         for message in case_table.messages:
-            if message in COMMANDS and message != sent:
+            if message in detectability.COMMANDS and message != sent:
                 continue
             for magnitude in case_table.magnitudes:
                 seed = _seed(spec, f"{case_table.kind}{message}{magnitude}{point.name}{law}", 0)
@@ -114,7 +106,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                     duration_s=spec.fault_s,
                     magnitude=magnitude,
                 )
-                if is_unreceived(fault):  # compared with the first golden run
+                if detectability.is_unreceived(fault):  # compared with the first golden run
                     seed = _seed(spec, f"{point.name}{law}", 0)
                 yield Scenario(case_of_fault(fault, sight), point, law, seed, spec)
     for node_table in spec.node_cases:
@@ -128,10 +120,10 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
 
 def golden_case() -> Case:
     """Return the case without a fault."""
-    return Case(GOLDEN, "", 0.0, _BOTH, (), None, Expectation((), False, "no fault"))
+    return Case(GOLDEN, "", 0.0, _BOTH, (), None, detectability.Expectation((), False, "no fault"))
 
 
-def case_of_fault(fault: FaultSettings, sight: Sight) -> Case:
+def case_of_fault(fault: FaultSettings, sight: detectability.Sight) -> Case:
     """Return the case of one fault of the stage at the plant's edge."""
     receiver = PLANT if fault.direction == "downlink" else CONTROLLER
     return Case(
@@ -141,11 +133,11 @@ def case_of_fault(fault: FaultSettings, sight: Sight) -> Case:
         receiver,
         (fault,),
         None,
-        expect_fault(fault, sight),
+        detectability.expect_fault(fault, sight),
     )
 
 
-def case_of_node_fault(fault: NodeFault, sight: Sight) -> Case:
+def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> Case:
     """Return the case of one fault of a node; its peer has to detect it."""
     receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
@@ -157,7 +149,7 @@ def case_of_node_fault(fault: NodeFault, sight: Sight) -> Case:
         receiver,
         (),
         fault,
-        expect_node_fault(fault, sight),
+        detectability.expect_node_fault(fault, sight),
     )
 
 
@@ -197,7 +189,7 @@ def controller_settings_of(law: str, ftti_ms: float | None = None) -> Controller
     return controller_preset(law, overrides)
 
 
-def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:
+def _onset_s(spec: CampaignSettings, sight: detectability.Sight, seed: int) -> float:
     """Draw where in a control period the fault begins."""
     drawn = random.Random(seed).random()  # noqa: S311 no secret
     return round(spec.onset_s + sight.control_period_s * drawn, 6)

@@ -14,28 +14,8 @@ from threading import Thread
 import can
 
 from ...runtime.bus import BusError, BusPort
+from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.client import EmulatedBus
-from ...runtime.emulated_bus.protocol import (
-    ANSWER,
-    CLASSIC_RECORD,
-    FD_RECORD,
-    HELLO,
-    MAGIC,
-    Answer,
-    Buffer,
-    BusOff,
-    Filter,
-    Hello,
-    ProtocolError,
-    pack_buffer,
-    pack_bus_off,
-    pack_filters,
-    pack_frame,
-    unpack_answer,
-    unpack_delivery,
-    unpack_hello,
-    unpack_request,
-)
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_US
 from .choices import Choices, promise
@@ -45,29 +25,36 @@ from .traffic import Sender
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
 """Largest number of the intruders' actions in one input."""
-_RECORDS = (CLASSIC_RECORD, FD_RECORD)
+_RECORDS = (protocol.CLASSIC_RECORD, protocol.FD_RECORD)
 
 
 def fuzz_protocol(data: bytes) -> None:
     """Unpack any bytes as every part of the protocol, and pack what came out again."""
-    for part, unpack in ((HELLO, unpack_hello), (ANSWER, unpack_answer)):
-        for raw in (piece[: part.size].ljust(part.size, b"\0") for piece in (data, MAGIC + data)):
-            with suppress(ProtocolError):
+    for part, unpack in (
+        (protocol.HELLO, protocol.unpack_hello),
+        (protocol.ANSWER, protocol.unpack_answer),
+    ):
+        for raw in (
+            piece[: part.size].ljust(part.size, b"\0") for piece in (data, protocol.MAGIC + data)
+        ):
+            with suppress(protocol.ProtocolError):
                 unpack(raw)
     for record in _RECORDS:
         raw = data[: record.size].ljust(record.size, b"\0")
-        with suppress(ProtocolError):
-            delivered, _ = unpack_delivery(record, raw)
-            if isinstance(delivered, Buffer):
-                again_delivered, _ = unpack_delivery(record, pack_buffer(record, delivered))
+        with suppress(protocol.ProtocolError):
+            delivered, _ = protocol.unpack_delivery(record, raw)
+            if isinstance(delivered, protocol.Buffer):
+                again_delivered, _ = protocol.unpack_delivery(
+                    record, protocol.pack_buffer(record, delivered)
+                )
                 promise(again_delivered == delivered, f"{delivered} becomes {again_delivered}")
-        with suppress(ProtocolError):
-            request = unpack_request(record, raw)
+        with suppress(protocol.ProtocolError):
+            request = protocol.unpack_request(record, raw)
             if isinstance(request, Frame):
-                again = unpack_request(record, pack_frame(record, request))
+                again = protocol.unpack_request(record, protocol.pack_frame(record, request))
                 promise(again == request, f"{request} becomes {again}")
-            if isinstance(request, BusOff):
-                again = unpack_request(record, pack_bus_off(record, request))
+            if isinstance(request, protocol.BusOff):
+                again = protocol.unpack_request(record, protocol.pack_bus_off(record, request))
                 promise(again == request, f"{request} becomes {again}")
 
 
@@ -90,7 +77,7 @@ def fuzz_bus_client(data: bytes) -> None:
     """Let a client connect to something that answers with any bytes."""
     choices = Choices(data)
     fd = choices.chance(96)
-    answer = Answer(BITRATE_BIT_S, DATA_BITRATE_BIT_S).pack()
+    answer = protocol.Answer(BITRATE_BIT_S, DATA_BITRATE_BIT_S).pack()
     said = answer + choices.rest() if choices.chance(224) else choices.rest()
     with ExitStack() as stack:
         folder = stack.enter_context(TemporaryDirectory())
@@ -140,27 +127,31 @@ def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socke
 def _hello(choices: Choices) -> bytes:
     channel = CHANNEL if choices.chance(192) else f"c{choices.integer(0, 255)}"
     rates = (0, BITRATE_BIT_S, 1) if choices.chance(32) else (0,)
-    raw = Hello(
+    raw = protocol.Hello(
         channel, choices.chance(96), choices.chance(96), choices.pick(rates), choices.pick(rates)
     ).pack()
     if choices.chance(32):
-        return choices.raw(choices.integer(0, 2 * HELLO.size))
+        return choices.raw(choices.integer(0, 2 * protocol.HELLO.size))
     return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw
 
 
 def _records(choices: Choices) -> bytes:
-    record = CLASSIC_RECORD if choices.chance(160) else FD_RECORD
+    record = protocol.CLASSIC_RECORD if choices.chance(160) else protocol.FD_RECORD
     kind = choices.integer(0, 5)
     if kind < 3:
         frame = Sender().frame(choices)
-        raw = pack_frame(record, frame._replace(data=frame.data[: 8 if record.size < 80 else 64]))
+        raw = protocol.pack_frame(
+            record, frame._replace(data=frame.data[: 8 if record.size < 80 else 64])
+        )
         raw *= choices.integer(1, 80)
     elif kind == 3:
         chosen = [
-            Filter(choices.integer(0, 0x7FF), choices.integer(0, 0x7FF), choices.pick((None, True)))
+            protocol.Filter(
+                choices.integer(0, 0x7FF), choices.integer(0, 0x7FF), choices.pick((None, True))
+            )
             for _ in range(choices.integer(0, 20))
         ]
-        raw = pack_filters(record, chosen) * choices.integer(1, 40)
+        raw = protocol.pack_filters(record, chosen) * choices.integer(1, 40)
     elif kind == 4:
         raw = record.pack(
             choices.integer(0, 4),

@@ -6,18 +6,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.clients import CLIENTS_MAX
 from ...runtime.emulated_bus.journal import Journal
-from ...runtime.emulated_bus.protocol import (
-    ANSWER,
-    CLASSIC_RECORD,
-    Hello,
-    check_frame,
-    pack_frame,
-    unpack_answer,
-    unpack_delivery,
-)
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
 from .choices import promise
@@ -78,7 +70,7 @@ class FuzzedBus:
         All have one identifier: others may overtake each other in the arbitration.
         """
         frame = Frame(0x700, len(self._said).to_bytes(4))
-        self._speaker.sendall(pack_frame(CLASSIC_RECORD, frame))
+        self._speaker.sendall(protocol.pack_frame(protocol.CLASSIC_RECORD, frame))
         self._said.append(frame)
 
     def finish(self) -> None:
@@ -91,9 +83,9 @@ class FuzzedBus:
 
     def _join(self) -> socket.socket:
         connection = self.connect()
-        connection.sendall(Hello(CHANNEL).pack())
+        connection.sendall(protocol.Hello(CHANNEL).pack())
         self.turn(0)
-        answer = unpack_answer(connection.recv(ANSWER.size))
+        answer = protocol.unpack_answer(connection.recv(protocol.ANSWER.size))
         promise(not answer.reason, f"refused: {answer.reason}")
         return connection
 
@@ -106,13 +98,15 @@ class FuzzedBus:
             received = self._listener.recv(1 << 16)
             promise(bool(received), "the broker has dropped the receiver")
             self._raw += received
-        while len(self._raw) >= CLASSIC_RECORD.size:
-            frame, _ = unpack_delivery(CLASSIC_RECORD, self._raw[: CLASSIC_RECORD.size])
-            self._raw = self._raw[CLASSIC_RECORD.size :]
+        while len(self._raw) >= protocol.CLASSIC_RECORD.size:
+            frame, _ = protocol.unpack_delivery(
+                protocol.CLASSIC_RECORD, self._raw[: protocol.CLASSIC_RECORD.size]
+            )
+            self._raw = self._raw[protocol.CLASSIC_RECORD.size :]
             if not isinstance(frame, Frame):
                 promise(False, f"a client that sends nothing receives {frame}")
                 return
-            check_frame(frame)
+            protocol.check_frame(frame)
             if self._is_ours(frame):
                 self._received.append(frame)
 

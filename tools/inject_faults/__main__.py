@@ -19,15 +19,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.bus_faults.kinds import (
-    FRAME_KINDS,
-    PID_MAX,
-    PROCESS_KINDS,
-    LiveFault,
-    LiveKind,
-    list_lines,
-    parse_fault,
-)
+from steer_by_wire.bus_faults import kinds
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
 from steer_by_wire.recordings.log_file import open_log
@@ -78,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     if options.list:
-        print("\n".join(list_lines()))
+        print("\n".join(kinds.list_lines()))
         return ExitStatus.OK
     seed = _whole(options.seed, "--seed", 0, SEED_MAX)
     faults = _faults(options)
@@ -86,7 +78,7 @@ def _run(options: argparse.Namespace) -> int:
     stop = StopRequest()
     with ExitStack() as stack:
         port = None
-        if any(fault.kind not in PROCESS_KINDS for fault in faults):
+        if any(fault.kind not in kinds.PROCESS_KINDS for fault in faults):
             opened = open_port(options, _RECEIVED)
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
@@ -102,9 +94,9 @@ def _run(options: argparse.Namespace) -> int:
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
-                if fault.kind is LiveKind.BUS_OFF:
+                if fault.kind is kinds.LiveKind.BUS_OFF:
                     deeds.append(BusOffFault(fault, start_ns, port))
-                elif fault.kind in PROCESS_KINDS:
+                elif fault.kind in kinds.PROCESS_KINDS:
                     process = ProcessFault(fault, start_ns)
                     deeds.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
@@ -121,12 +113,12 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def _faults(options: argparse.Namespace) -> list[LiveFault]:
+def _faults(options: argparse.Namespace) -> list[kinds.LiveFault]:
     if not 0 < len(options.faults) <= FAULTS_MAX:
         raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
-    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, PID_MAX)
+    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, kinds.PID_MAX)
     try:
-        return [parse_fault(text, pid) for text in options.faults]
+        return [kinds.parse_fault(text, pid) for text in options.faults]
     except ValueError as error:
         raise SettingsError(str(error)) from error
 
@@ -138,8 +130,8 @@ def _whole(text: str, what: str, low: int, high: int) -> int:
     return int(text)
 
 
-def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
-    if not any(fault.kind is LiveKind.REPLAY for fault in faults):
+def _recording(options: argparse.Namespace, faults: Sequence[kinds.LiveFault]) -> list[Timed]:
+    if not any(fault.kind is kinds.LiveKind.REPLAY for fault in faults):
         return []
     if options.recording is None:
         raise SettingsError("replay: needs a log, by --recording FILE")
@@ -169,14 +161,14 @@ def _refuse_fd_on_a_classic_bus(
 
 
 def _sources(
-    faults: Sequence[LiveFault],
+    faults: Sequence[kinds.LiveFault],
     start_ns: int,
     seed: int,
     bitrate_bit_s: int,
     recording: Sequence[Timed],
 ) -> Iterator[FrameSource]:
     for place, fault in enumerate(faults):
-        if fault.kind in FRAME_KINDS:
+        if fault.kind in kinds.FRAME_KINDS:
             fault_seed = seed * FAULTS_MAX + place
             yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
 

@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 
 from ...pair.processes import Processes
 from ...pair.virtual import QUIET_BUS
-from ...recordings.census import (
-    BusLog,
-    MessageCount,
-    count_messages,
-    mode_changes,
-    read_bus_log,
-    read_own_log,
-)
+from ...recordings import census
 from ...runtime.bus_settings import BusSettings
 from ...runtime.toml_text import dump_toml
 
@@ -134,8 +127,8 @@ class LiveSoak(NamedTuple):
     """
 
     plan: Plan
-    bus: BusLog
-    messages: list[MessageCount]
+    bus: census.BusLog
+    messages: list[census.MessageCount]
     modes: list[tuple[float, str, float]]
     memory: Mapping[str, MemoryFigures]
     memory_samples: Mapping[str, Sequence[tuple[float, int]]]
@@ -164,13 +157,15 @@ def run_live_soak(
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = programs.stop(name)
         report("reading the logs")
-        bus = read_bus_log(programs.path("bus", ".log"), plan.babble_ids, plan.bus.bitrate_bit_s)
+        bus = census.read_bus_log(
+            programs.path("bus", ".log"), plan.babble_ids, plan.bus.bitrate_bit_s
+        )
         own_logs = [programs.path(name, ".log") for name in (CONTROLLER, PLANT)]
-        messages = count_messages(bus, own_logs, plan.bus.bitrate_bit_s)
-        sent, _ = read_own_log(own_logs[0])
+        messages = census.count_messages(bus, own_logs, plan.bus.bitrate_bit_s)
+        sent, _ = census.read_own_log(own_logs[0])
         modes = [
             ((time_ns - bus.babble_ns[0]) * 1e-9, mode.name, steer_rad)
-            for time_ns, mode, steer_rad in mode_changes(sent)
+            for time_ns, mode, steer_rad in census.mode_changes(sent)
         ]
     return LiveSoak(plan, bus, messages, modes, watch.figures(), watch.samples, reports)
 

@@ -30,14 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.analysis.arrivals import (
-    AGE_PROBABILITY_MIN,
-    Arrivals,
-    LatencyCdf,
-    gamma_cdf,
-    hazards_by_age,
-    uniform_cdf,
-)
+from ...controller.analysis import arrivals
 from ...controller.analysis.jitter import newest_arrivals
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.latency import RESOLUTION_S, Distribution
@@ -99,7 +92,7 @@ def expected_cost(
     return moments.cost()
 
 
-def latency_cdf(line: LatencySettings) -> LatencyCdf:
+def latency_cdf(line: LatencySettings) -> arrivals.LatencyCdf:
     """Return the distribution of the latencies that a line draws."""
     from scipy.special import ndtr
 
@@ -108,9 +101,9 @@ def latency_cdf(line: LatencySettings) -> LatencyCdf:
         # Settings are whole ns: a latency on the grid must not leave it by rounding.
         return lambda t: np.where(t >= mean_s - 0.5 * RESOLUTION_S, 1.0, 0.0)
     if line.model is Distribution.GAMMA:
-        return gamma_cdf(mean_s, spread_s)
+        return arrivals.gamma_cdf(mean_s, spread_s)
     if line.model is Distribution.UNIFORM:
-        return uniform_cdf(mean_s, spread_s)
+        return arrivals.uniform_cdf(mean_s, spread_s)
     if line.model is Distribution.NORMAL:
         return lambda t: np.asarray(ndtr((t - mean_s) / spread_s))
     sigma = math.sqrt(math.log(1.0 + (spread_s / mean_s) ** 2))
@@ -120,15 +113,15 @@ def latency_cdf(line: LatencySettings) -> LatencyCdf:
 
 def _arrivals(
     line: LatencySettings, step_s: float, steps_per_period: int, rounding: Rounding
-) -> Arrivals:
+) -> arrivals.Arrivals:
     """Return when commands arrive, in whole steps, as far as the tail matters."""
     cdf, shift = latency_cdf(line), 0.5 if rounding is Rounding.NEAREST else 0.0
     count = 64
     while True:
         values = cdf((np.arange(count, dtype=np.float64) + shift) * step_s)
-        if values[-1] >= 1.0 - 1e-3 * AGE_PROBABILITY_MIN or count >= 1 << 16:
-            needed = int(np.searchsorted(values, 1.0 - 1e-3 * AGE_PROBABILITY_MIN)) + 1
-            return Arrivals(values[:needed], line.loss, steps_per_period)
+        if values[-1] >= 1.0 - 1e-3 * arrivals.AGE_PROBABILITY_MIN or count >= 1 << 16:
+            needed = int(np.searchsorted(values, 1.0 - 1e-3 * arrivals.AGE_PROBABILITY_MIN)) + 1
+            return arrivals.Arrivals(values[:needed], line.loss, steps_per_period)
         count *= 2
 
 
@@ -139,10 +132,10 @@ class _Moments:
     the first command arrives the oldest is held, of value 0; all real ones are younger than it.
     """
 
-    def __init__(self, loop: LinearLoop, when: Arrivals) -> None:
+    def __init__(self, loop: LinearLoop, when: arrivals.Arrivals) -> None:
         if when.loss >= 1.0:
             raise SettingsError("latency.downlink.loss: must be below 1, or no command arrives")
-        hazards, oldest = hazards_by_age(when)
+        hazards, oldest = arrivals.hazards_by_age(when)
         youngest = int(np.argmax(hazards > 0.0)) // when.steps_per_period
         plant_end = len(loop.hold)
         law_end = plant_end + len(loop.law.b)
