@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from ..plant_emulator.verdict import VerdictRules
 from .analysis import LogAnalysis
+from .bus_listener import Export
 from .held_path import PREVIEW_M
 from .log_file import LogError, open_log
-from .signal_table import Export
 
 PROGRESS_FRAMES = 5_000
 """Frames between two reports of progress."""

@@ -16,8 +16,7 @@ from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.store import Store
 from steer_by_wire.tools.stress_latency.replay import replay
-from steer_by_wire.tools.stress_latency.runner import run_study
-from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_latency.runner import Threads, run_study
 from steer_by_wire.tools.stress_report.results import read_rows, read_study
 from steer_by_wire.tools.stress_report.worst_runs import worst_runs
 from tests.support.compiled_runs import assert_same_as_nodes

@@ -9,8 +9,7 @@ from steer_by_wire.reports.page import page
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.store import Store
-from steer_by_wire.tools.stress_latency.runner import estimate, run_study
-from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_latency.runner import Threads, estimate, run_study
 from steer_by_wire.tools.stress_report.axes import study_axes
 from steer_by_wire.tools.stress_report.comparison import comparisons
 from steer_by_wire.tools.stress_report.cost_check import RUNS, cost_checks

@@ -27,8 +27,7 @@ from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.tools.stress_latency import __main__ as stress_latency
 from steer_by_wire.tools.stress_latency import replay
-from steer_by_wire.tools.stress_latency.runner import run_study
-from steer_by_wire.tools.stress_latency.workers import Block, ShouldStop, Threads
+from steer_by_wire.tools.stress_latency.runner import Block, ShouldStop, Threads, run_study
 from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
 
 RUNS = 3 * 2 * 2 * 2 * 2

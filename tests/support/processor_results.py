@@ -38,8 +38,7 @@ from steer_by_wire.tools.design_gains.search import find
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.study import make_study
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from steer_by_wire.tools.stress_latency.runner import run_study
-from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_latency.runner import Threads, run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTROLLERS, PLANTS = "steer_by_wire.controller.presets", "steer_by_wire.plant_emulator.presets"

@@ -5,8 +5,7 @@ from pathlib import Path
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.stress_latency.runner import run_study
-from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_latency.runner import Threads, run_study
 
 STUDY = """
 name = "small"

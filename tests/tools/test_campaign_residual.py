@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from steer_by_wire.tools.fault_campaign.acceptance import residual_finding
-from steer_by_wire.tools.fault_campaign.residual import (
+from steer_by_wire.tools.fault_campaign.acceptance import (
     Residual,
     exceeds,
     falls_short,
     measure_residual,
+    residual_finding,
 )
 
 

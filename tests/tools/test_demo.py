@@ -21,11 +21,9 @@ from steer_by_wire.tools.demo.story import (
     LawResult,
     Phase,
     PhaseFigures,
+    differing_phases,
     law_result,
     phases_of,
-)
-from steer_by_wire.tools.demo.summary import (
-    differing_phases,
     rms_difference_m,
     verdict_line,
     what_to_see,

@@ -18,6 +18,7 @@ from steer_by_wire.tools.design_gains.candidate import (
     Candidate,
     controller_settings,
     lattice_place,
+    why_no_gains,
 )
 from steer_by_wire.tools.design_gains.design import (
     Design,
@@ -27,7 +28,6 @@ from steer_by_wire.tools.design_gains.design import (
 )
 from steer_by_wire.tools.design_gains.explanation import failed
 from steer_by_wire.tools.design_gains.preset_text import preset_text
-from steer_by_wire.tools.design_gains.regions import why_no_gains
 from steer_by_wire.tools.design_gains.search import neighbours
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.study import (

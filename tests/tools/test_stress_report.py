@@ -15,8 +15,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.stress_latency.runner import run_study
-from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_latency.runner import Threads, run_study
 from steer_by_wire.tools.stress_report import __main__
 from steer_by_wire.tools.stress_report.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.stress_report.break_points import (

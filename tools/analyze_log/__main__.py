@@ -29,15 +29,15 @@ from steer_by_wire.controller.shared_settings import VehicleModelSettings
 from steer_by_wire.plant_emulator import quantities
 from steer_by_wire.plant_emulator.verdict import VerdictRules
 from steer_by_wire.plant_emulator.verdict_text import verdict_text
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.recordings.held_path import PREVIEW_M
-from steer_by_wire.recordings.log_file import LogError
-from steer_by_wire.recordings.signal_table import (
+from steer_by_wire.recordings.bus_listener import (
     CsvTable,
     Export,
     MissingLibraryError,
     ParquetTable,
 )
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.recordings.held_path import PREVIEW_M
+from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table

@@ -12,8 +12,7 @@ from typing import Any, get_type_hints
 
 from ...command_line import installation
 from ...dbc.messages import MESSAGE_TYPES
-from ...recordings.bus_listener import ReceivedMessage
-from ...recordings.signal_table import MissingLibraryError
+from ...recordings.bus_listener import MissingLibraryError, ReceivedMessage
 
 
 class McapFile:

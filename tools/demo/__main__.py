@@ -38,10 +38,14 @@ from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.runtime.thresholds import add_fail_if_argument
 from steer_by_wire.tools.demo.pictures import draw_all
-from steer_by_wire.tools.demo.story import LAWS, DemoLaw, LawResult, law_result, phases_of
-from steer_by_wire.tools.demo.summary import (
+from steer_by_wire.tools.demo.story import (
+    LAWS,
     QUANTITIES,
+    DemoLaw,
+    LawResult,
+    law_result,
     machine_table,
+    phases_of,
     story_table,
     summary_json,
     verdict_line,

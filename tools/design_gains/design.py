@@ -14,9 +14,8 @@ from ...controller.settings import ControllerSettings
 from ...loop_theory.tracking import rms_m, tracking_grid
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .candidate import SETTINGS_KEYS, controller_settings
+from .candidate import SETTINGS_KEYS, controller_settings, why_no_gains
 from .explanation import Reason, failed, reasons
-from .regions import why_no_gains
 from .search import Found, Progress, find, find_any
 from .specification import Specification
 from .study import DEMANDS, Study, make_study, unsteered_runs_m

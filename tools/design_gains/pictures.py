@@ -15,8 +15,8 @@ from ...loop_theory.loop_figures import behind_lag, frequency_grid, law_response
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, fill_region
 from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_MS, NS_PER_S
+from .candidate import pd_region, settled_region
 from .design import Design
-from .regions import pd_region, settled_region
 from .specification import Specification
 from .vehicle_file import VehicleFile
 

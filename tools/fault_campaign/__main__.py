@@ -31,6 +31,7 @@ from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.fault_campaign.acceptance import (
     Finding,
     findings_of,
+    measure_residual,
     memory_finding,
     residual_finding,
 )
@@ -53,7 +54,6 @@ from steer_by_wire.tools.fault_campaign.presentation import (
     table_lines,
     write_csv,
 )
-from steer_by_wire.tools.fault_campaign.residual import measure_residual
 from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of, scenarios_of
 from steer_by_wire.tools.fault_campaign.specification import SEED_MAX, CampaignSettings
 from steer_by_wire.tools.fault_campaign.trial import Result, run_trial

@@ -18,9 +18,8 @@ from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.client import EmulatedBus
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_US
-from .choices import Choices, promise
 from .fuzzed_bus import BITRATE_BIT_S, CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus, listening_socket
-from .traffic import Sender
+from .traffic import Choices, Sender, promise
 
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150

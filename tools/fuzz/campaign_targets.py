@@ -35,8 +35,8 @@ from ..fault_campaign.specification import (
     PointSettings,
 )
 from ..fault_campaign.trial import Result, Verdict, run_trial
-from .choices import Choices, promise
 from .settings_targets import begin_campaign, settled, toml_value
+from .traffic import Choices, promise
 
 TABLES_MAX = 3
 LINES_MAX = 8

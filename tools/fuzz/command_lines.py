@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
-from .choices import Choices, promise
 from .log_targets import faultless_log
+from .traffic import Choices, promise
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {

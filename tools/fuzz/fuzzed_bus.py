@@ -12,7 +12,7 @@ from ...runtime.emulated_bus.clients import CLIENTS_MAX
 from ...runtime.emulated_bus.journal import Journal
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
-from .choices import promise
+from .traffic import promise
 
 CHANNEL = "can0"
 BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000

@@ -40,8 +40,7 @@ from ...recordings.log_file import LogError
 from ...runtime.candump import format_entry, parse_entry
 from ...runtime.message import message_of
 from ..analyze_log.html_report import report_html
-from .choices import Choices, promise
-from .traffic import Sender
+from .traffic import Choices, Sender, promise
 
 _PIECES = (b"9" * 12, b"-", b".", b"0", b"1", b"7", b'"', b"\n", b"e9", b"@0+", b"(0,0)", b"|")
 _PAYLOADS = 4

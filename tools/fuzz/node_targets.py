@@ -53,8 +53,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, Node, ReportingNode
 from ...runtime.settings import load_settings
-from .choices import Choices, promise
-from .traffic import DATA_IDS, Sender, wake_ups
+from .traffic import DATA_IDS, Choices, Sender, promise, wake_ups
 
 TICKS_MAX = 10
 """Ticks at one time after which a node must have moved its deadline."""

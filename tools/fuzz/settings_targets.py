@@ -43,8 +43,8 @@ from ..fault_campaign.pair import make_pair
 from ..fault_campaign.scenario import Scenario, controller_settings_of, scenarios_of
 from ..fault_campaign.specification import CampaignSettings
 from ..fault_campaign.walks import WALK_FAULTS_MAX, draw_walk
-from .choices import Choices, promise
 from .node_targets import CommandLimits, Outgoing
+from .traffic import Choices, promise
 
 ENTRIES_MAX = 6
 """Settings that one input changes."""

@@ -42,8 +42,13 @@ from steer_by_wire.tools.stress_latency.replay import (
     run_live,
     subset,
 )
-from steer_by_wire.tools.stress_latency.runner import estimate, run_study
-from steer_by_wire.tools.stress_latency.workers import Processes, Threads, Workers
+from steer_by_wire.tools.stress_latency.runner import (
+    Processes,
+    Threads,
+    Workers,
+    estimate,
+    run_study,
+)
 
 NAME = "steer-by-wire stress"
 DIFFERENT = 1

@@ -15,7 +15,7 @@ from ...runtime.program import handled
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computed
 from ...studies.study import Study
-from .workers import (
+from .runner import (
     NOTHING,
     PATIENCE_S,
     WAITING_PER_WORKER,

@@ -1,15 +1,165 @@
-"""Runs the missing part of a study, until it is complete or stopped."""
+"""Runs the missing part of a study, until it is complete or stopped.
 
+Threads serve compiled runs, which do not hold the interpreter's lock; processes the others. A
+process is sent a study as text. It makes the study from its settings by itself and keeps what runs
+share, as a thread does.
+"""
+
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
-from typing import NamedTuple
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from functools import lru_cache, partial
+from itertools import chain, islice
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 from ...controller.design import design_law
-from ...studies.compute import Computer
+from ...studies.compute import Computed, Computer
+from ...studies.sampling import make_design
 from ...studies.scenario import Scenarios
 from ...studies.store import Store
-from .workers import Block, ShouldStop, Workers
+from ...studies.study import Study, study_factors
+from ...studies.study_file import StudySettings
+from ...worker_processes import worker_pool
+
+
+def compute_block(payload: str, ids: Sequence[int]) -> Computed:
+    """Compute runs of the study that ``payload_of`` has described."""
+    return _computer(payload).compute(ids, lambda: False)
+
+
+@lru_cache(maxsize=2)
+def _computer(payload: str) -> Computer:
+    study = json.loads(payload)
+    settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
+    design = make_design(study_factors(settings, study["file"]), settings.sampling)
+    tables = study["plant"], study["controllers"]
+    made = Study(study["file"], settings, *tables, design, study["fastmath"], study["bus"])
+    return Computer(Scenarios(made))
+
+
+def payload_of(study: Study) -> str:
+    """Return a study as text, from which another process makes it again."""
+    return json.dumps(
+        {
+            "file": str(Path(study.file).name),
+            "settings": study.settings.model_dump(mode="json", exclude_none=True),
+            "plant": study.plant,
+            "controllers": study.controllers,
+            "fastmath": study.fastmath,
+            "bus": study.bus,
+        }
+    )
+
+
+WAITING_PER_WORKER = 3
+"""Blocks in progress for each worker: memory stays bounded, and no worker idles."""
+PATIENCE_S = 0.25
+"""Longest wait for a block before checking whether to stop."""
+
+Block = list[int]
+ShouldStop = Callable[[], bool]
+
+
+class Workers(Protocol):
+    """Compute blocks of ids, in any order."""
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How many compute at the same time."""
+        ...
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield completed blocks; none computed is lost on a stop. An empty one now and then lets
+        the caller act.
+        """
+        ...
+
+
+class Threads:
+    """Threads of this process."""
+
+    def __init__(self, scenarios: Scenarios, count: int) -> None:
+        self._computer = Computer(scenarios)
+        self.count = count
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        return f"{self.count} thread{'s' if self.count > 1 else ''}"
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield completed blocks."""
+        task = partial(self._computer.compute, should_stop=should_stop)
+        with ThreadPoolExecutor(self.count, thread_name_prefix="stress") as pool:
+            yield from _completed(pool, task, self.count, blocks, should_stop)
+
+
+class Processes:
+    """Processes of this machine; on a stop they finish the runs that they have begun."""
+
+    def __init__(self, study: Study, count: int) -> None:
+        self._payload = payload_of(study)
+        self.count = count
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        return f"{self.count} processes"
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield completed blocks."""
+        task = partial(compute_block, self._payload)
+        with worker_pool(self.count) as pool:
+            yield from _completed(pool, task, self.count, blocks, should_stop)
+
+
+def _completed(
+    pool: Executor,
+    task: Callable[[Block], Computed],
+    count: int,
+    blocks: Iterable[Block],
+    should_stop: ShouldStop,
+) -> Iterator[Computed]:
+    """Yield what ``task`` makes of the blocks; raises its first error when the others are done."""
+    source = iter(blocks)
+    failed: list[BaseException] = []
+    waiting: set[Future[Computed]] = set()
+    while True:
+        if failed or should_stop():
+            waiting = {future for future in waiting if not future.cancel()}
+        else:
+            free = count * WAITING_PER_WORKER - len(waiting)
+            waiting |= {pool.submit(task, block) for block in islice(source, free)}
+        if not waiting:
+            break
+        done, waiting = wait(waiting, PATIENCE_S, FIRST_COMPLETED)
+        for future in done:
+            error = future.exception()
+            if error is not None:
+                failed.append(error)
+            else:
+                yield future.result()
+        if not done:
+            yield NOTHING
+    if failed:
+        raise failed[0]
+
+
+def _nothing() -> Computed:
+    import numpy as np
+
+    return Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+
+
+NOTHING = _nothing()
+
 
 BLOCK_RUNS = 64
 """Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer

@@ -38,8 +38,7 @@ from ...plant_emulator.latency_settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
-from .linear_loop import LATERAL_ERROR, LinearLoop, linear_loop
-from .moment_recursion import Recursion, move_first, move_second
+from .linear_loop import LATERAL_ERROR, LinearLoop, Recursion, linear_loop, move_first, move_second
 
 LAGS_FROM = 24
 NUMBERS_MAX = 250_000
