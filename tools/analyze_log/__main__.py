@@ -69,10 +69,6 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         NAME,
         __doc__,
@@ -118,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
     )
     add_fail_if_argument(parser, QUANTITIES)
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -36,10 +36,6 @@ CONTROLLERS = ("practical_pd", "practical_pd_ddob")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study; returns the exit status."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --load 0.7 0.9 --picture bus_study.png")
     parser.add_argument(
         "--load", type=number(0.0, 1.5), nargs="+", default=[0.7], metavar="SHARE",
@@ -71,7 +67,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument("--csv", type=output_file, metavar="FILE", help="write every run")
     parser.add_argument("--picture", type=output_file, metavar="FILE.png", help="draw the figures")
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

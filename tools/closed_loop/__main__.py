@@ -76,10 +76,6 @@ CONTROLLER_PRESET = "practical_pd_ddob"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         NAME,
         __doc__,
@@ -135,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     add_error_arguments(parser, "plant or controller", has_clocks=True)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     add_fail_if_argument(parser, QUANTITIES)
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -47,10 +47,6 @@ NAME = "steer-by-wire cockpit"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         NAME,
         __doc__,
@@ -88,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     add_bus_arguments(parser)
     add_traffic_arguments(parser)
     add_error_arguments(parser)
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

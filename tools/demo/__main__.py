@@ -66,10 +66,6 @@ GRACE_S = 30.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo; returns the exit status."""
-    return run_main(NAME, partial(_demo, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10 --out out/demo")
     add_out_argument(parser, "out/demo")
     parser.add_argument(
@@ -84,7 +80,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add_traffic_arguments(parser)
     add_error_arguments(parser)
     add_fail_if_argument(parser, QUANTITIES)
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_demo, parser.parse_args(arguments)))
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -65,10 +65,6 @@ _POLL_S = 0.2
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         NAME,
         __doc__,
@@ -101,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="also run every corner and delay in virtual time, half a second each",
     )
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _specifications() -> list[str]:

@@ -29,10 +29,6 @@ NAME = "steer-by-wire bits"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a frame, or write a waveform; returns the exit status."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     example = f"{NAME} 100#0123456789ABCDEF --vcd frame.vcd"
     parser = command_parser(NAME, __doc__, example, "FRAME|RECORDING [options]")
     parser.add_argument("frame", metavar="FRAME|RECORDING", help="as cansend takes it, or a file")
@@ -44,7 +40,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
         help="of CAN FD's data phase (default: %(default)s)",
     )  # fmt: skip
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

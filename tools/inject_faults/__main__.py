@@ -47,10 +47,6 @@ _RECEIVED = frozenset({CAN_IDS[SteeringCommand]})
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         NAME, __doc__, f"{NAME} babble,onset_s=2,duration_s=1", "FAULT... [options]"
     )
@@ -65,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
         "--report", type=output_file, metavar="FILE", help="write the actions, JSON"
     )
     add_bus_arguments(parser)
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

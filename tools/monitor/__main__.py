@@ -44,14 +44,10 @@ class _Settings(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
     add_bus_arguments(parser)
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -33,10 +33,6 @@ WIDTH_MIN = 95
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the probe; returns the exit status, which does not depend on the verdict."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --json probe.json")
     parser.add_argument(
         "--seconds",
@@ -53,7 +49,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         action="store_false",
         help="use python-can for SocketCAN too",
     )
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

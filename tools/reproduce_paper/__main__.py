@@ -107,7 +107,18 @@ WORKERS = 2
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Reproduce what is requested; returns the exit status."""
-    return run_main(NAME, partial(_reproduce, _parse(arguments)))
+    parser = command_parser(NAME, __doc__, f"{NAME} --figure 7 --table 2 --out out/paper")
+    for kind in ("figure", "table"):
+        parser.add_argument(
+            f"--{kind}",
+            action="append",
+            default=[],
+            metavar="N",
+            help=f"repeatable: {', '.join(numbers_of(kind))}",
+        )
+    parser.add_argument("--all", action="store_true", help="all of them (default)")
+    add_out_argument(parser, "out/paper")
+    return run_main(NAME, partial(_reproduce, parser.parse_args(arguments)))
 
 
 def _reproduce(options: argparse.Namespace) -> int:
@@ -136,21 +147,6 @@ def _check(kind: str, number: str) -> None:
         reason = NOT_COMPUTED[kind].get(number)
         why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
         raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = command_parser(NAME, __doc__, f"{NAME} --figure 7 --table 2 --out out/paper")
-    for kind in ("figure", "table"):
-        parser.add_argument(
-            f"--{kind}",
-            action="append",
-            default=[],
-            metavar="N",
-            help=f"repeatable: {', '.join(numbers_of(kind))}",
-        )
-    parser.add_argument("--all", action="store_true", help="all of them (default)")
-    add_out_argument(parser, "out/paper")
-    return parser.parse_args(arguments)
 
 
 def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:

@@ -42,10 +42,6 @@ NAME = "steer-by-wire response-times"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Analyse a message set and print it; returns the exit status."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(
         NAME, __doc__, f"{NAME} dbc/steer_by_wire.dbc --bitrate 125000", "FILE... [options]"
     )
@@ -86,7 +82,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="of the random phases (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -49,10 +49,6 @@ WIDTH = 132
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the soak; returns the exit status."""
-    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration-s 60")
     for option, default_s, where in (
         ("--duration-s", 600.0, "with the lowest priority"),
@@ -70,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_traffic_arguments(parser)
     add_out_argument(parser, "out/soak", "folder for logs and figures; 12 MB a minute")
-    return parser
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -59,10 +59,6 @@ ROW_BYTES = 150
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} latency_jitter --dry-run", "STUDY [options]")
     parser.add_argument(
         "study",
@@ -116,7 +112,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--live needs --subset N or --replay ID")
     if options.subset is not None and not options.live:
         parser.error("--subset belongs to --live")
-    return options
+    return run_main(NAME, partial(_run, options))
 
 
 def _run(options: argparse.Namespace) -> int:
