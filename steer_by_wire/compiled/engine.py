@@ -25,12 +25,11 @@ from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
-from .deviation import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
-from .motion import compiled_motion
+from .motion import cg_deviations_m, compiled_motion
 from .plan import Plan, arrivals_of, plan_run
 from .wire import Uplink, Wire, on_wire
 from .wire_plan import plan_wire, speed_on_wire

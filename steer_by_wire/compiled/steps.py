@@ -230,12 +230,11 @@ def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
     for module in [value for value in known if isinstance(value, ModuleType)]:
         known += [getattr(module, name, None) for name in names]
     for value in known:
-        if isinstance(value, FunctionType) and not _is_known_to_numba(value):
+        if (
+            isinstance(value, FunctionType)
+            and value.__module__.partition(".")[0] not in _COMPILED_BY_NUMBA
+        ):
             yield value
-
-
-def _is_known_to_numba(function: FunctionType) -> bool:
-    return function.__module__.partition(".")[0] in _COMPILED_BY_NUMBA
 
 
 def _names_in(code: CodeType) -> Iterator[str]:

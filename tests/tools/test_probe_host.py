@@ -15,7 +15,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.host import HostAnswer, StealClock
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.statistics import DurationSummary
-from steer_by_wire.tools.probe_host.presentation import (
+from steer_by_wire.tools.probe_host.__main__ import (
     is_kept,
     judged,
     rate_kept_hz,

@@ -13,6 +13,7 @@ import argparse
 import asyncio
 import json
 import logging
+import secrets
 import signal
 import sys
 import time
@@ -40,7 +41,7 @@ from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.rig import Rig
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
-from steer_by_wire.tools.cockpit.server import HOST, Server, new_token, serve
+from steer_by_wire.tools.cockpit.server import HOST, Server, serve
 
 NAME = "steer-by-wire cockpit"
 
@@ -120,7 +121,7 @@ async def _serve(
     first: Scenario | None = None,
 ) -> int:
     """Serve until a signal ends it, with a scenario to begin with where the programs are ours."""
-    token = new_token()
+    token = secrets.token_urlsafe(16)
     end = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

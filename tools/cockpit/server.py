@@ -26,11 +26,6 @@ from .signals import packed_rows
 HOST = "127.0.0.1"
 
 
-def new_token() -> str:
-    """Return a secret that nobody guesses."""
-    return secrets.token_urlsafe(16)
-
-
 def guarded(token: str) -> Middleware:
     """Return the middleware that refuses all but our own pages."""
 

@@ -149,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
         ("networks", tuple(NETWORKS)),
         ("corners", tuple(CORNERS)),
     ):
-        words = {_word(name): name for name in names}
+        words = {re.sub(r"\W+", "_", name): name for name in names}
         parser.add_argument(
             f"--{option}",
             nargs="+",
@@ -159,10 +159,6 @@ def _parser() -> argparse.ArgumentParser:
             help=f"of {', '.join(words)} (default: all)",
         )
     return parser
-
-
-def _word(name: str) -> str:
-    return re.sub(r"\W+", "_", name)
 
 
 def _name_of(words: Mapping[str, str], text: str) -> str:
