@@ -14,6 +14,9 @@ Matrix = NDArray[np.float64]
 
 def product(a: Matrix, b: Matrix) -> Matrix:
     """Return A B, shapes (..., n, k) and (..., k, m)."""
+    if a.ndim == b.ndim == 2:  # in few calls; all terms of a stack at once would be slower
+        last: Matrix = np.add.accumulate(a.T[:, :, np.newaxis] * b[:, np.newaxis, :])[-1]
+        return last
     total: Matrix = a[..., :, :1] * b[..., :1, :]
     for k in range(1, a.shape[-1]):
         total = total + a[..., :, k : k + 1] * b[..., k : k + 1, :]
