@@ -47,10 +47,7 @@ class OverrunSettings(Settings):
 
 
 class MissedPeriods:
-    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges.
-
-    ``periods``  so far, as far as they count
-    """
+    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges."""
 
     def __init__(self, missed_max: int, window_periods: int, stall_max: int) -> None:
         if missed_max < 0 or window_periods < 1 or stall_max < 1:
@@ -61,9 +58,10 @@ class MissedPeriods:
         self._missed_max = missed_max
         self._window = window_periods
         self._stall_max = stall_max
-        self.periods = 0
+        self._counted = 0
+        """Missed periods so far, as far as they count."""
         self._stalls: deque[tuple[int, int]] = deque()
-        """Stalls that reach into the window: end [periods], and count."""
+        """Stalls that reach into the window: end [periods, as far as they count], and count."""
         self._missed = 0
 
     @property
@@ -71,17 +69,18 @@ class MissedPeriods:
         """Whether no stall reaches into the window: a tick without one is only a period more."""
         return not self._stalls
 
-    def on_tick(self, missed: int) -> str:
-        """Process a tick and the number of periods missed with it; returns why that is too many."""
-        self.periods += 1
-        if missed:
-            counted = min(missed, self._stall_max)
-            self.periods += counted
+    def on_tick(self, ticks: int, missed: int) -> str:
+        """Process a tick, ``ticks`` so far, and the number of periods missed with it.
+
+        Returns why they are too many, and an empty text where they are not.
+        """
+        counted = min(missed, self._stall_max)
+        self._counted += counted
+        periods = ticks + self._counted
+        if counted:
             self._missed += counted
-            self._stalls.append((self.periods, counted))
-        elif not self._stalls:
-            return ""
-        begin = self.periods - self._window
+            self._stalls.append((periods, counted))
+        begin = periods - self._window
         while self._stalls and self._stalls[0][0] <= begin:
             self._missed -= self._stalls.popleft()[1]
         in_window = self._missed
@@ -91,7 +90,7 @@ class MissedPeriods:
         if in_window <= self._missed_max:
             return ""
         return (
-            f"{in_window} of the last {min(self.periods, self._window)} periods were missed, a "
+            f"{in_window} of the last {min(periods, self._window)} periods were missed, a "
             f"stall counted as {self._stall_max} at most, allowed are {self._missed_max} of "
             f"{self._window}"
         )
@@ -151,8 +150,6 @@ class OverrunSupervision:
         self._ticks += 1
         missed = timer.skipped - self._skipped_before
         if self._is_calm and not missed:
-            if self._missed is not None:
-                self._missed.periods += 1
             return True
         recent = self._recent
         if missed:
@@ -163,7 +160,7 @@ class OverrunSupervision:
             if recent[0] <= self._ticks - self._window_ticks:
                 recent.popleft()
             self._worst = max(self._worst, len(recent))
-        too_many_missed = "" if self._missed is None else self._missed.on_tick(missed)
+        too_many_missed = "" if self._missed is None else self._missed.on_tick(self._ticks, missed)
         if not self.failure and (recent or too_many_missed):
             self.failure = self._too_many_overruns() or too_many_missed
         self._is_calm = not (recent or self.failure) and (

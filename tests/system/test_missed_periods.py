@@ -106,8 +106,8 @@ def test_the_verdict_is_that_of_the_last_periods_one_by_one(
 ) -> None:
     judged = MissedPeriods(missed_max, window, stall_max)
     periods: list[bool] = []
-    for missed in late:
-        failures = judged.on_tick(missed)
+    for ticks, missed in enumerate(late, 1):
+        failures = judged.on_tick(ticks, missed)
         periods += [False] + [True] * min(missed, stall_max)
         count = sum(periods[-window:])
         assert bool(failures) is (count > missed_max)
