@@ -229,8 +229,9 @@ class PlantNode:
 
     def _advance(self, due_ns: int) -> int:
         """Advance the vehicle to ``due_ns``; returns the time since the start of motion [ns]."""
-        motion_ns = self._motion_ns(due_ns)
-        motion = self._motion
+        motion, motion_ns = self._motion, due_ns - self.motion_start_ns
+        if motion_ns < 0:
+            motion_ns = 0
         motion.advance(motion_ns)
         if not motion.is_finite:
             self._fail(NOT_FINITE_VEHICLE, due_ns)

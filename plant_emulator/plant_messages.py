@@ -44,6 +44,7 @@ SENT: tuple[type[Message], ...] = (
 """What the plant alone sends."""
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
+_WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = _WHEEL_RANGE
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
 (_CG_RANGE,) = limits(GroundTruth).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
@@ -89,7 +90,8 @@ class PlantMessages:
 
     def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
-        wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
+        if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
+            wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
         return self._statuses.frame((wheel_rad, applied, code))
 
     def vehicle_state(self, speed_m_s: float, yaw_rate_rad_s: float, curvature_1_m: float) -> Frame:
