@@ -281,14 +281,20 @@ def steer_by_measurement(log: Log) -> dict[int, float]:
     return steer_rad
 
 
-@pytest.fixture(scope="module")
-def replayed(folder: Path, run: Run) -> Log:
-    """Play the plant's frames of the first phase to a new controller; returns the bus's log."""
+@pytest.fixture
+def script(folder: Path, run: Run) -> Path:
+    """Return the log of the first phase without the controller's commands, for canplayer."""
     del run  # its log is there now
     before_mark = (folder / "log").read_text(encoding="ascii").partition(f" {MARK_ID:X}#")[0]
     lines = before_mark.splitlines(keepends=True)[:-1]
-    script, log = folder / "script", folder / "replayed"
+    script = folder / "script"
     script.write_text("".join(line for line in lines if A_COMMAND not in line), encoding="ascii")
+    return script
+
+
+def replayed(script: Path) -> Log:
+    """Play the plant's frames to a new controller; returns the bus's log."""
+    log = script.with_name("replayed")
     controller = [
         sys.executable,
         "-m",
@@ -319,10 +325,8 @@ def replayed(folder: Path, run: Run) -> Log:
     return read(log)
 
 
-def test_a_fresh_controller_commands_the_same_when_canplayer_replays_the_log(
-    run: Run, replayed: Log
-) -> None:
-    first, second = steer_by_measurement(run.phases.alone), steer_by_measurement(replayed)
+def share_commanded_alike(first: dict[int, float], second: dict[int, float]) -> float:
+    """Return the share of the measurements that both had to which both commanded the same."""
     both = [number for number in second if min(first) <= number <= max(first)]
     assert len(both) > 0.5 * PHASE_COMMANDS
     peak_rad = max(abs(steer_rad) for steer_rad in first.values())
@@ -330,5 +334,13 @@ def test_a_fresh_controller_commands_the_same_when_canplayer_replays_the_log(
     # The two need not wake up between the same measurements: what one lacks is between two others.
     expected_rad = np.interp(both, list(first), list(first.values()))
     differences_rad = np.abs(expected_rad - [second[number] for number in both])
-    # The machine may stall either.
-    assert np.count_nonzero(differences_rad <= 0.01 * peak_rad) > 0.8 * len(both)
+    return float(np.mean(differences_rad <= 0.01 * peak_rad))
+
+
+def test_a_fresh_controller_commands_the_same_when_canplayer_replays_the_log(
+    run: Run, script: Path
+) -> None:
+    first = steer_by_measurement(run.phases.alone)
+    # The machine may stall either: one that does skips measurements, and its law misses them.
+    replays = (steer_by_measurement(replayed(script)) for _ in range(3))
+    assert any(share_commanded_alike(first, second) > 0.8 for second in replays)
