@@ -31,13 +31,13 @@ def worker_pool(
     Ctrl-C reaches every process of a terminal; the workers leave it to this process. They end when
     this process has ended, however it ended.
     """
-    os.environ.update(_ONE_THREAD)
     others = set(multiprocessing.active_children())
     # A fork of a process with threads may hang; spawned processes import the modules once.
     context = multiprocessing.get_context("spawn")
     pool = _Pool(workers, context, _begin, (begin, arguments))
     try:
-        yield pool
+        with _one_thread():
+            yield pool
     except BaseException:
         with _ctrl_c_held():  # a second Ctrl-C would leave processes running
             pool.shutdown(wait=False, cancel_futures=True)
@@ -45,6 +45,21 @@ def worker_pool(
                 child.terminate()
         raise
     pool.shutdown()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Limit the processes that the block starts, and leave the environment as it was."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, text in before.items():
+            if text is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = text
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:

@@ -1,7 +1,9 @@
 """Studies on workers of dask.distributed: the same bytes."""
 
+import os
 from importlib.util import find_spec
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -19,7 +21,8 @@ def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
     expected = complete(tmp_path / "threads").results.read_bytes()
     scenarios = make_scenarios(tmp_path / "dask")
     store = open_store(tmp_path / "dask", scenarios)
-    with dask_workers(scenarios.study, None, 1) as workers:
+    # dask leaves what its workers need in this process's environment, which others inherit.
+    with mock.patch.dict(os.environ), dask_workers(scenarios.study, None, 1) as workers:
         assert workers.count == 1
         assert run_study(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected

@@ -25,6 +25,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.thread import _threads_queues
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from importlib import import_module
@@ -50,12 +51,18 @@ PRELOADED = (
 )
 REQUEST_BYTES_MAX = 1 << 17
 DESCRIPTORS_MAX = 16
-AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "NUMBA_", "OMP_", "LD_", "MPL")
-"""Variables of the environment that an interpreter and libraries only read when they start."""
+AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "OMP_", "LD_", "MPL")
+"""Variables of the environment that an interpreter and libraries only read when they start.
+
+numba's are not among them: it is imported by the program. To import ``steer_by_wire.compiled`` sets
+one, after which nothing would be forked any more in a process that has collected all tests.
+"""
 _USUAL = subprocess.Popen._execute_child  # type: ignore[attr-defined]
 _PIPES = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
 _PATH: list[str] = []
 """Where an interpreter searches for modules, apart from its folder."""
+_FINDERS: list[Any] = []
+"""How it searches; a pytest adds one of its own, which ``runpy`` cannot use."""
 _ABANDONED: list[Any] = []
 """A parent's streams: freed, they would write what it has not written yet, and close."""
 
@@ -155,6 +162,7 @@ def serve(descriptor: int) -> None:
         import_module(name)
     del sys.modules["matplotlib"]
     _PATH.extend(sys.path)
+    _FINDERS.extend(sys.meta_path)
     gc.collect()
     gc.freeze()  # a collection in a forked program would copy all these pages
     with socket.socket(fileno=descriptor) as line:
@@ -188,6 +196,8 @@ def _fork_child(request: Request, descriptors: Sequence[int]) -> int:
     program = os.fork()
     if not program:
         atexit._clear()
+        # At its end it would wait for threads that it lacks, and for itself.
+        _threads_queues.clear()  # type: ignore[attr-defined]
         gc.enable()
         gc.freeze()
         signal.set_wakeup_fd(-1)
@@ -211,6 +221,7 @@ def _run(request: Request, descriptors: Sequence[int]) -> NoReturn:
     os.environ.clear()
     os.environ.update(request.environment)
     sys.path[:] = [request.folder, *_PATH] if request.is_folder_searched else _PATH
+    sys.meta_path[:] = _FINDERS
     subprocess.Popen._execute_child = _starting(_fork_child)  # type: ignore[attr-defined]
     sys.modules.pop(request.module, None)  # runpy warns of what has run already
     sys.argv = [request.module, *request.arguments]

@@ -57,6 +57,20 @@ def test_workers_end_with_their_parent(end: signal.Signals, tmp_path: Path) -> N
     wait_until(lambda: not any(map(_is_there, workers)), "the workers' end")
 
 
+def test_workers_have_one_thread_each_and_the_environment_stays_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    before = dict(os.environ)
+    with worker_pool(1) as pool:
+        seen = [
+            pool.submit(os.getenv, f"{name}_NUM_THREADS").result() for name in ("OMP", "OPENBLAS")
+        ]
+    assert seen == ["1", "1"]
+    assert os.environ == before
+
+
 def _fail_beside_work(children: list[BaseProcess]) -> None:
     with worker_pool(1) as pool:
         pool.submit(time.sleep, 3600.0)
