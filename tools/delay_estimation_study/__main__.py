@@ -24,9 +24,11 @@ from steer_by_wire.reports.plot_style import COLOURS, plot_style
 from steer_by_wire.runtime.program import run_main
 from steer_by_wire.tools.delay_estimation_study.runs import (
     CORNERS,
+    DISTURBANCES,
     DURATION_S,
     LAWS,
     NETWORKS,
+    NO_DISTURBANCE,
     NOISES_M,
     PATHS,
     TOLERANCE_S,
@@ -49,7 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
-    todo = cases(options.laws, options.paths, options.networks, options.corners)
+    todo = cases(
+        options.laws, options.paths, options.networks, options.corners, options.disturbances
+    )
     results = []
     with worker_pool(PROCESSES) as pool, (options.out / "runs.csv").open("w") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -78,6 +82,7 @@ def report(results: Sequence[Result]) -> str:
         ("law", LAWS, lambda case: case.law),
         ("delay", NETWORKS, lambda case: case.network),
         ("corner", CORNERS, lambda case: case.corner),
+        ("disturbance", DISTURBANCES, lambda case: case.disturbance),
     )
     for heading, names, name_of in groups:
         parts.append(_table(heading, names, name_of, stable))
@@ -143,20 +148,21 @@ def _parser() -> argparse.ArgumentParser:
         f"{NAME} --laws pd_ddob --paths double_lane_change --networks 80_ms --corners a",
     )
     add_out_argument(parser, "out/delay_estimation")
-    for option, names in (
-        ("laws", LAWS),
-        ("paths", tuple(PATHS)),
-        ("networks", tuple(NETWORKS)),
-        ("corners", tuple(CORNERS)),
+    for option, names, default in (
+        ("laws", LAWS, LAWS),
+        ("paths", tuple(PATHS), tuple(PATHS)),
+        ("networks", tuple(NETWORKS), tuple(NETWORKS)),
+        ("corners", tuple(CORNERS), tuple(CORNERS)),
+        ("disturbances", tuple(DISTURBANCES), (NO_DISTURBANCE,)),
     ):
         words = {re.sub(r"\W+", "_", name): name for name in names}
         parser.add_argument(
             f"--{option}",
             nargs="+",
             type=partial(_name_of, words),
-            default=names,
+            default=default,
             metavar=option.upper().removesuffix("S"),
-            help=f"of {', '.join(words)} (default: all)",
+            help=f"of {', '.join(words)} (default: {'all' if default == names else default[0]})",
         )
     return parser
 
@@ -181,15 +187,18 @@ _SPAN_MS = 25.0
 
 
 def shown(cases: Sequence[Case]) -> list[list[Case]]:
-    """Return the cases of the panels, in rows of one path, corner and noise; one at the least."""
+    """Return the cases of the panels, in rows of one path, corner and noise; one at the least.
+
+    All have one law, and the first disturbance that was requested.
+    """
     laws = [case.law for case in cases]
-    law = _LAW if _LAW in laws else laws[0]
+    law, disturbance = _LAW if _LAW in laws else laws[0], cases[0].disturbance
     rows = [
         [
             case
             for network in _NETWORKS
             for case in cases
-            if case == Case(law, road, corner, network, noise_m)
+            if case == Case(law, road, corner, network, noise_m, disturbance)
         ]
         for road, corner, noise_m in _ROWS
     ]
@@ -205,10 +214,10 @@ def draw(path: Path, cases: Sequence[Case]) -> None:
         for row, cases_of_row in enumerate(rows):
             for column, case in enumerate(cases_of_row):
                 _panel(axes[row, column], run_case(case)[1])
-                axes[row, column].set_title(
-                    f"{case.path}, {case.corner}, {100 * case.noise_m:g} cm, {case.network}",
-                    fontsize=8,
-                )
+                title = f"{case.path}, {case.corner}, {100 * case.noise_m:g} cm, {case.network}"
+                if case.disturbance != NO_DISTURBANCE:
+                    title += f", {case.disturbance}"
+                axes[row, column].set_title(title, fontsize=8)
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         for axis in axes[:, 0]:

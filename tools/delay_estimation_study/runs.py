@@ -46,6 +46,13 @@ NETWORKS: dict[str, dict[str, Any]] = {
 }
 """Latency of each direction."""
 NOISES_M = (0.0, 0.02)
+NO_DISTURBANCE = "none"
+DISTURBANCES: dict[str, list[dict[str, float]]] = {
+    NO_DISTURBANCE: [],
+    "steering offset": [{"at_s": 20.0, "steering_offset_rad": 0.02}],
+    "side force": [{"at_s": 8.0, "side_force_n": 1000.0}],
+}
+"""Steps of a disturbance beside the command."""
 
 
 class Case(NamedTuple):
@@ -56,6 +63,7 @@ class Case(NamedTuple):
     corner: str
     network: str
     noise_m: float
+    disturbance: str = NO_DISTURBANCE
 
 
 class History(NamedTuple):
@@ -108,6 +116,7 @@ def _plant_settings(case: Case) -> PlantSettings:
             "path": PATHS[case.path],
             "sensor_noise": {"lateral_error_m": case.noise_m},
             "latency": {"downlink": way, "uplink": way},
+            "disturbance": {"steps": DISTURBANCES[case.disturbance]},
         }
     )
 
@@ -199,14 +208,19 @@ def _reported(message: messages.DelayStatus) -> tuple[float, float, float]:
 
 
 def cases(
-    laws: Sequence[str], paths: Sequence[str], networks: Sequence[str], corners: Sequence[str]
+    laws: Sequence[str],
+    paths: Sequence[str],
+    networks: Sequence[str],
+    corners: Sequence[str],
+    disturbances: Sequence[str] = (NO_DISTURBANCE,),
 ) -> list[Case]:
     """Return every combination, each with and without noise."""
     return [
-        Case(law, path, corner, network, noise_m)
+        Case(law, path, corner, network, noise_m, disturbance)
         for law in laws
         for path in paths
         for network in networks
         for corner in corners
         for noise_m in NOISES_M
+        for disturbance in disturbances
     ]
