@@ -60,6 +60,7 @@ class GrowingModes:
         self._delay_ns_max = delay_ns_max
         self._degree = len(self._law.b) + len(self._c)
         self._log_radius = -SLOWEST_DECAY_1_S * loop.period_ns / NS_PER_S
+        self._new: dict[int, FloatArray] = {}
         self._theta = self._grid()
         self._q, self._p = self._polynomials(self._theta)
 
@@ -130,7 +131,9 @@ class GrowingModes:
     ) -> ComplexArray:
         log_z = self._log_radius + 1j * theta
         whole_periods, rest_ns = divmod(delay_ns, self._period_ns)
-        new = self._held_for((self._period_ns - rest_ns) / NS_PER_S)
+        if rest_ns not in self._new:  # a scan has the same rest again and again
+            self._new[rest_ns] = self._held_for((self._period_ns - rest_ns) / NS_PER_S)
+        new = self._new[rest_ns]
         newer, older = _times(p, new), _times(p, self._whole - new)
         return np.asarray(
             q

@@ -83,7 +83,7 @@ def law_system(design: LawDesign) -> LinearSystem:
         raise NotLinearError("the law is not linear in the lateral error and its own commands")
     commands = max(design.commands_read, 1)  # the newest is part of every input
     rest = design.initial_state(0.0)
-    order = sum(1 for _ in floats_of(rest))
+    order = len(floats_of(rest))
     columns = []
     for unit in np.eye(order + commands + 1):
         values = [float(value) for value in _UNIT * unit]
@@ -173,13 +173,16 @@ def _product(factors: tuple[Any, ...], power_of_s: int) -> FloatArray:
     return product
 
 
-def floats_of(nested: Any) -> Iterator[float]:
+def floats_of(nested: Any) -> list[float]:
     """Return every number of a law's params or state, a nested tuple, in the order of fields."""
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from floats_of(member)
-    else:
-        yield nested
+    numbers, rest = [], [nested]
+    while rest:
+        member = rest.pop()
+        if isinstance(member, tuple):
+            rest.extend(reversed(member))
+        else:
+            numbers.append(member)
+    return numbers
 
 
 def _filled(form: Any, values: Iterator[float]) -> Any:

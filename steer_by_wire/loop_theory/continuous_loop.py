@@ -173,5 +173,10 @@ def product(*polynomials: Polynomial | Factor) -> Polynomial:
     """Return the product, without leading zeros."""
     product = np.ones(1)
     for polynomial in polynomials:
-        product = np.polymul(product, np.array(polynomial))
-    return np.asarray(np.trim_zeros(product, "f"), np.float64)
+        product = np.convolve(product, _without_leading_zeros(np.array(polynomial)))
+    return product[len(product) :] if not product.any() else _without_leading_zeros(product)
+
+
+def _without_leading_zeros(polynomial: Polynomial) -> Polynomial:
+    """Return the polynomial from its highest power on, of 0 the last coefficient."""
+    return polynomial[np.argmax(polynomial != 0.0) if polynomial.any() else -1 :]

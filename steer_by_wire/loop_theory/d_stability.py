@@ -38,7 +38,7 @@ import numpy as np
 
 from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
-from .root_count import Polynomial, count_roots, followed, turns_rad
+from .root_count import Polynomial, count_roots, followed
 
 _DOMINANT_ROOTS = 2
 _MODULUS_MIN = 1e-300
@@ -162,8 +162,8 @@ def roots_within(
     ``contour`` maps [0, 1] to the contour, once around counterclockwise.
     """
     points = np.linspace(0.0, 1.0, _FIRST_POINTS)
-    _, values = followed(lambda x: function(contour(x)), points)
-    return round(float(np.sum(turns_rad(values))) / (2.0 * math.pi))
+    *_, turned_rad = followed(lambda x: function(contour(x)), points)
+    return round(turned_rad / (2.0 * math.pi))
 
 
 def _shifted(polynomial: Polynomial, sigma_1_s: float) -> Polynomial:

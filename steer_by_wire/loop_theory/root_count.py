@@ -12,6 +12,7 @@ are taken out first and reported: roots at s = 0 that no delay and no gain moves
 """
 
 from collections.abc import Callable
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -61,12 +62,12 @@ def count_roots(undelayed: Polynomial, delayed: Polynomial, delay_s: float) -> R
     p, q, at_origin = _without_common_powers(undelayed, delayed)
     if len(q) >= len(p):
         raise ValueError("the loop has to be strictly proper")
-    omega_rad_s, values = followed(
+    omega_rad_s, values, turned_rad = followed(
         lambda omega_rad_s: _values(p, q, delay_s, omega_rad_s), _initial_points(p, q, delay_s)
     )
     order = len(p) - 1
     leading = p[0] * (1j * omega_rad_s[-1]) ** order
-    change_rad = float(np.sum(turns_rad(values))) - float(np.angle(values[-1] / leading))
+    change_rad = turned_rad - float(np.angle(values[-1] / leading))
     s = on_axis(omega_rad_s)
     size = np.abs(np.polyval(p, s)) + np.abs(np.polyval(q, s))
     return RootCount(
@@ -94,12 +95,17 @@ def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> FloatArray:
     others = np.abs(p)
     others[0] = 0.0
     others[len(p) - len(q) :] += np.abs(q)
-    last_rad_s = 1.0
-    while np.polyval(others, last_rad_s) > 0.5 * abs(p[0]) * last_rad_s ** (len(p) - 1):
+    last_rad_s, sizes = 1.0, others.tolist()
+    while _at(sizes, last_rad_s) > 0.5 * abs(p[0]) * last_rad_s ** (len(p) - 1):
         last_rad_s *= 1.5
     logarithmic = np.geomspace(1e-6 * last_rad_s, last_rad_s, _LOGARITHMIC_POINTS)
     turns = 1 + int(_POINTS_PER_RAD * last_rad_s * delay_s)
     return np.union1d(logarithmic, np.linspace(0.0, last_rad_s, turns + 1))
+
+
+def _at(coefficients: list[float], omega_rad_s: float) -> float:
+    """Return a polynomial at one point."""
+    return reduce(lambda value, each: value * omega_rad_s + each, coefficients)
 
 
 def _values(p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: FloatArray) -> ComplexArray:
@@ -110,19 +116,23 @@ def _values(p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: FloatArra
 
 def followed(
     values_at: Callable[[FloatArray], ComplexArray], points: FloatArray
-) -> tuple[FloatArray, ComplexArray]:
-    """Return points and values, halved where the argument turns too far from one to the next."""
+) -> tuple[FloatArray, ComplexArray, float]:
+    """Return points and values, halved where the argument turns too far, and all turns [rad]."""
     values = values_at(points)
+    turns_rad = _turns_rad(values[:-1], values[1:])
     for _ in range(_HALVINGS_MAX):
-        coarse = np.flatnonzero(np.abs(turns_rad(values)) > _LARGEST_TURN_RAD)
+        coarse = np.flatnonzero(np.abs(turns_rad) > _LARGEST_TURN_RAD)
         if not len(coarse):
             break
         middles = 0.5 * (points[coarse] + points[coarse + 1])
         points = np.insert(points, coarse + 1, middles)
         values = np.insert(values, coarse + 1, values_at(middles))
-    return points, values
+        before, middle = coarse + np.arange(len(coarse)), coarse + np.arange(1, len(coarse) + 1)
+        turns_rad = np.insert(turns_rad, coarse + 1, _turns_rad(values[middle], values[middle + 1]))
+        turns_rad[before] = _turns_rad(values[before], values[middle])
+    return points, values, float(np.sum(turns_rad))
 
 
-def turns_rad(values: ComplexArray) -> FloatArray:
+def _turns_rad(values: ComplexArray, next_values: ComplexArray) -> FloatArray:
     """Return the angle from each value to the next, within ±π [rad]."""
-    return np.angle(values[1:] * np.conj(values[:-1]))
+    return np.angle(next_values * np.conj(values))

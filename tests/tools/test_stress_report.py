@@ -267,6 +267,9 @@ def test_the_bounds_are_right_as_often_as_they_say() -> None:
 
     assert 0.94 < coverage(lambda r: r.random(29), holds_the_median) < 0.99
     assert median_interval((1.0, 2.0), 0.95) == (-math.inf, math.inf)
+    for count, first in ((5, -math.inf), (6, 1.0), (8, 1.0), (9, 2.0), (10, 2.0)):  # as in tables
+        ascending = tuple(map(float, range(1, count + 1)))
+        assert median_interval(ascending, 0.95)[0] == first
 
 
 def test_a_break_point_lies_between_what_holds_and_what_does_not(study: StudyRecord) -> None:

@@ -149,8 +149,8 @@ class _Moments:
         law, ages = loop.law, np.arange(youngest, oldest + 1) * when.steps_per_period
         choices = [newest_arrivals(hazards[ages + s]) for s in range(when.steps_per_period)]
         self._recursion = Recursion(
-            decision=np.column_stack([np.append(law.b, law.d), np.vstack([law.a, law.c])]),
-            transition=np.ascontiguousarray(loop.transition),
+            decision=np.vstack([np.append(law.b, law.d), np.column_stack([law.a.T, law.c])]),
+            transition=np.ascontiguousarray(loop.transition.T),
             hold=np.ascontiguousarray(loop.hold),
             chosen=np.array([chosen for chosen, _ in choices]),
             kept=np.array([kept for _, kept in choices]),

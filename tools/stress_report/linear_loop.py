@@ -86,7 +86,7 @@ def linear_loop(
     driven = np.outer(rho_1_m[:-1], at_start) + np.outer(np.diff(rho_1_m) / step_s, rise)
     driven += _disturbances(plant.disturbance, params, ends_s) @ np.array(disturbed)
     design = design_law(controller)
-    law, at_rest = law_system(design), list(floats_of(design.initial_state(1.0)))
+    law, at_rest = law_system(design), floats_of(design.initial_state(1.0))
     return LinearLoop(
         law,
         np.array([*at_rest, *[0.0] * (len(law.b) - len(at_rest))]),
@@ -179,8 +179,8 @@ def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
 class Recursion(NamedTuple):
     """The matrices of a period.
 
-    ``decision``    (law + 1, 1 + law): the law's new states and its command, from y and the law
-    ``transition``, ``hold``   of the plant over one step
+    ``decision``    (1 + law, law + 1): from y and the law, the law's new states and its command
+    ``transition``, ``hold``   of the plant over one step, ``transition`` (from, to)
     ``chosen``, ``kept``       (steps, modes): see ``jitter``
     ``held``        state that holds the command of mode 0, the youngest; each older one is next
     ``plant_end``, ``law_end``   where law and commands begin
@@ -236,11 +236,12 @@ def _decide_rows(r: Any, x: Any, work: Any) -> None:
     for i in range(last, end, -1):
         x[i] = x[i - 1]
     for column in range(x.shape[1]):
-        for i in range(len(r.decision)):
-            work[i] = r.decision[i, 0] * x[3, column]
-            for j in range(end - start):
-                work[i] += r.decision[i, 1 + j] * x[start + j, column]
-        for i in range(len(r.decision)):
+        for i in range(end - start + 1):
+            work[i] = r.decision[0, i] * x[3, column]
+        for j in range(end - start):
+            for i in range(end - start + 1):
+                work[i] += r.decision[1 + j, i] * x[start + j, column]
+        for i in range(end - start + 1):
             x[start + i, column] = work[i]
 
 
@@ -251,8 +252,9 @@ def _move_rows(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
     for column in range(x.shape[1]):
         for i in range(order):
             work[i] = r.hold[i] * x[held, column] + driven[i] * x[one, column]
-            for j in range(order):
-                work[i] += r.transition[i, j] * x[j, column]
+        for j in range(order):
+            for i in range(order):
+                work[i] += r.transition[j, i] * x[j, column]
         for i in range(order):
             x[i, column] = work[i]
 
