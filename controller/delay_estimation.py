@@ -159,12 +159,12 @@ class DelayEstimator:
     def _take_pair(self, periods: Sequence[Seen]) -> None:
         """Take the means of the control periods of a pair."""
         steer_rad = error_m = error_age_s = yaw_rate_rad_s = curvature_1_m = age_s = 0.0
-        for steer, error, error_age, (_, yaw_rate, curvature, _), age in periods:
+        for steer, error, error_age, vehicle, age in periods:
             steer_rad += steer
             error_m += error
             error_age_s += error_age
-            yaw_rate_rad_s += yaw_rate
-            curvature_1_m += curvature
+            yaw_rate_rad_s += vehicle.yaw_rate_rad_s
+            curvature_1_m += vehicle.preview_curvature_1_m
             age_s += age
         count = len(periods)
         is_fresh = _is_fresh(periods[-1])
@@ -249,9 +249,9 @@ class DelayEstimator:
 
 def _is_fresh(seen: Seen) -> bool:
     """Whether the measurements are up to date and the vehicle moves."""
-    _, _, error_age_s, (speed_m_s, _, _, _), vehicle_age_s = seen
+    _, _, error_age_s, vehicle, vehicle_age_s = seen
     is_young = error_age_s <= _AGE_S_MAX and vehicle_age_s <= _AGE_S_MAX
-    return is_young and speed_m_s >= _SPEED_M_S_MIN
+    return is_young and vehicle.speed_m_s >= _SPEED_M_S_MIN
 
 
 def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:

@@ -31,7 +31,7 @@ def design_pd(settings: PdSettings | None, period_s: float) -> PdParams:
         raise ValueError("the law needs the table [pd]")
     k_p, k_d = settings.proportional_gain_rad_m, settings.derivative_gain_rad_s_m
     if settings.derivative_filter_rad_s is None:
-        return PdParams(Section(k_p + k_d / period_s, -k_d / period_s, 0.0, 0.0, 0.0))
+        return PdParams((k_p + k_d / period_s, -k_d / period_s, 0.0, 0.0, 0.0))
     filter_s = 1.0 / settings.derivative_filter_rad_s
     compensator = (Factor(0.0, k_p * filter_s + k_d, k_p), Factor(0.0, filter_s, 1.0))
     return PdParams(tustin(*compensator, period_s))
@@ -94,7 +94,7 @@ def tustin(numerator: Factor, denominator: Factor, period_s: float) -> Section:
     order = denominator.degree
     b0, b1, b2 = _tustin_factor(numerator, order, period_s)
     a0, a1, a2 = _tustin_factor(denominator, order, period_s)
-    return Section(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0)
+    return b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0
 
 
 def tustin_sections(transfer: TransferFunction, period_s: float) -> tuple[Section, ...]:
@@ -110,7 +110,7 @@ def hold_equivalent_order_2(omega_rad_s: float, period_s: float) -> Section:
     x = omega_rad_s * period_s
     pole, gap = exp(-x), -expm1(-x)  # gap = 1 - pole without cancellation at small x
     b0 = gap - x * pole
-    return Section(b0, gap**2 - b0, 0.0, -2.0 * pole, pole**2)
+    return b0, gap**2 - b0, 0.0, -2.0 * pole, pole**2
 
 
 def hold_equivalent_type_2(omega_rad_s: float, period_s: float) -> Cascade2:
@@ -127,8 +127,8 @@ def hold_equivalent_type_2(omega_rad_s: float, period_s: float) -> Cascade2:
     b1 = after_two - after_one - 3.0 * pole * after_one
     b2 = gap**3 - b0 - b1
     return (
-        Section(b0, b1, b2, -2.0 * pole, pole**2),
-        Section(1.0, 0.0, 0.0, -pole, 0.0),
+        (b0, b1, b2, -2.0 * pole, pole**2),
+        (1.0, 0.0, 0.0, -pole, 0.0),
     )
 
 

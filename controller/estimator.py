@@ -22,6 +22,7 @@ every tick, through data that arrived early.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ..runtime.record import new_record
 from .law_interface import History, Link
 from .link import LinkParams
 from .plan import value_at
@@ -105,10 +106,15 @@ def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
     return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
 
 
-def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> EstimatorState:
-    """Return the state one sample later, with a mean command of ``command_rad`` in between."""
+def model_step(
+    g: VehicleGains, x: EstimatorState, command_rad: float, change_1_m: float = 0.0
+) -> EstimatorState:
+    """Return the state one sample later, with a mean command of ``command_rad`` in between.
+
+    ``change_1_m``  of the path's curvature until then
+    """
     sample, beta, r, psi, y, rho, d, delta = x
-    return EstimatorState(
+    after = (
         sample + 1,
         g.beta_beta * beta
         + g.beta_r * r
@@ -131,10 +137,11 @@ def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> Estima
         + g.y_d * d
         + g.y_delta * delta
         + g.y_u * command_rad,
-        rho,
+        rho + change_1_m,
         d,
         g.delta_delta * delta + g.delta_u * command_rad,
     )
+    return new_record(EstimatorState, after)
 
 
 def step_on_path(
@@ -144,13 +151,11 @@ def step_on_path(
 
     Only the change is taken, so that the estimate still contains what looks like a curvature.
     """
-    after = model_step(g, x, command_rad)
-    if after.sample > link.path_end:
-        return after
-    mask = history.sample_mask
-    change_1_m = history.curvature_1_m[after.sample & mask] - history.curvature_1_m[x.sample & mask]
-    sample, beta, r, psi, y, rho, d, delta = after
-    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+    sample, change_1_m = x.sample, 0.0
+    if sample < link.path_end:
+        known_1_m, mask = history.curvature_1_m, history.sample_mask
+        change_1_m = known_1_m[(sample + 1) & mask] - known_1_m[sample & mask]
+    return model_step(g, x, command_rad, change_1_m)
 
 
 def correction_step(
@@ -159,7 +164,7 @@ def correction_step(
     """Return the state corrected by the measurement of its sample."""
     sample, beta, r, psi, y, rho, d, delta = x
     e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
-    return EstimatorState(
+    corrected = (
         sample,
         beta + (g.beta_from_y * e_y + g.beta_from_psi * e_psi),
         r + (g.r_from_y * e_y + g.r_from_psi * e_psi),
@@ -169,6 +174,7 @@ def correction_step(
         d + (g.d_from_y * e_y + g.d_from_psi * e_psi),
         delta,
     )
+    return new_record(EstimatorState, corrected)
 
 
 def sent_for(history: History, tick: int, sample: int) -> float:

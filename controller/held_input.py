@@ -35,7 +35,8 @@ def _exponential(matrix: Matrix) -> Matrix:
     powers = (np.eye(matrix.shape[-1]), scaled, square, product(square, scaled))
     fourth, total = product(square, square), np.zeros_like(matrix)
     for block in reversed(range(_BLOCKS)):
-        total = product(total, fourth)
+        if block < _BLOCKS - 1:
+            total = product(total, fourth)
         for power in reversed(range(4)):
             total = total + powers[power] / factorial(4 * block + power)
     for _ in range(squarings):

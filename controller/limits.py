@@ -30,7 +30,7 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
     """
     if not math.isfinite(wanted_steer_rad):
         return last_steer_rad
-    steer_rad_max, step_rad_max = p
+    steer_rad_max, step_rad_max = p.steer_rad_max, p.step_rad_max
     low_rad, high_rad = last_steer_rad - step_rad_max, last_steer_rad + step_rad_max
     if low_rad < -steer_rad_max:
         low_rad = -steer_rad_max

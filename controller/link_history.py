@@ -204,16 +204,17 @@ def path_step(
     if errors.sample < 0 or speed_m_s <= 0.0:
         return path_end
     sample = unwrapped(counter, errors.sample, COUNTERS)
+    known_1_m, last_index = rings.curvature_1_m, len(ahead_1_m) - 2
     for unknown in range(max(path_end + 1, sample - RING_SIZE // 2), sample):
-        rings.curvature_1_m[unknown & _MASK] = ahead_1_m[0]
+        known_1_m[unknown & _MASK] = ahead_1_m[0]
     step = speed_m_s * (p.link.sensor_period_ns * 1e-9) / spacing_m
     last = min(int((len(ahead_1_m) - 1) / step), RING_SIZE // 2)
     for ahead in range(last + 1):
         position = ahead * step
-        index = min(int(position), len(ahead_1_m) - 2)
+        index = min(int(position), last_index)
         before_1_m = ahead_1_m[index]
         change_1_m = ahead_1_m[index + 1] - before_1_m
-        rings.curvature_1_m[(sample + ahead) & _MASK] = before_1_m + change_1_m * (position - index)
+        known_1_m[(sample + ahead) & _MASK] = before_1_m + change_1_m * (position - index)
     return sample + last
 
 

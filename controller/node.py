@@ -106,7 +106,7 @@ class ControllerNode:
         before_ns = received.errors.arrival_ns
         message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
-            received.lateral_error_m, _ = message
+            received.lateral_error_m = message.lateral_error_m
             self._supervisor.on_measurement(before_ns, now_ns)
             if memory is not None:
                 memory.on_error(message, received.errors.counter, now_ns)
@@ -116,7 +116,7 @@ class ControllerNode:
                 memory.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             received.vehicle = new_record(VehicleReading, (*message, False))
-            speed_m_s, _, _ = message
+            speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
             if memory is not None:
@@ -226,11 +226,11 @@ class ControllerNode:
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
-        _, applied_counter, code = status
+        code = status.status
         self._steering_acts = code < _NOBODY_STEERS_FROM
         if code is _NO_COMMAND:
             return
-        echo = self._commands.sent.on_echo(applied_counter)
+        echo = self._commands.sent.on_echo(status.applied_counter)
         if echo is not None:
             sent_ns, is_first = echo
             self._delay.echo.on_echo(sent_ns, now_ns)

@@ -28,6 +28,10 @@ class Factor(NamedTuple):
         """Highest power of s with a non-zero coefficient."""
         return 2 if self.s2 else 1 if self.s1 else 0
 
+    def at(self, s_rad_s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the polynomial at complex s [rad/s], same shape."""
+        return ((self.s2 * s_rad_s + self.s1) if self.s2 else self.s1) * s_rad_s + self.s0
+
     @property
     def hurwitz(self) -> bool:
         """Whether every root lies in the open left half-plane (degree ≤ 2: all signs equal)."""
@@ -58,9 +62,9 @@ class TransferFunction(NamedTuple):
         """Return F at complex s [rad/s], same shape; s = 0 only if power_of_s ≥ 0."""
         value = s_rad_s ** float(self.power_of_s)
         for factor in self.numerator:
-            value = value * np.polyval(factor, s_rad_s)
+            value = value * factor.at(s_rad_s)
         for factor in self.denominator:
-            value = value / np.polyval(factor, s_rad_s)
+            value = value / factor.at(s_rad_s)
         return value
 
     def biquads(self) -> tuple[tuple[Factor, Factor], ...]:

@@ -20,9 +20,9 @@ class Sender:
 
         The message's values alone, in their order, save the time of making it.
         """
-        counter = self.counter
+        counter, pack = self.counter, self._pack
         self.counter = (counter + 1) % COUNTERS
-        return new_record(Frame, (self._can_id, self._pack(message, counter), self._flags))
+        return new_record(Frame, (self._can_id, pack(message, counter), self._flags))
 
     def not_available(self, message: Message) -> Frame:
         """Return the next frame, as ``encode_not_available`` does."""

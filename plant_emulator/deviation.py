@@ -84,7 +84,7 @@ def deviation_behind_m(
 
     ``end_piece``, ``end_along_m``  of the point ``preview_m`` before; negative before an open path
     """
-    _, curvatures_1_m, slopes_1_m2, poses, _, _, _ = path
+    curvatures_1_m, slopes_1_m2, poses = path.curvature_1_m, path.curvature_slope_1_m2, path.pose
     slope_1_m2 = slopes_1_m2[piece]
     curvature_1_m = curvatures_1_m[piece] + slope_1_m2 * along_m
     part_m = preview_m if preview_m < along_m else along_m

@@ -49,6 +49,7 @@ from .plan_buffer import PlanBuffer
 from .plant_messages import RECEIVED, SENT, STEERING, PlantMessages
 from .plant_report import line_report, motion_report, reception_report
 from .plant_samples import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
+from .propagation import DELTA
 from .safety_settings import design_guard
 from .sampling import Sampling
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
@@ -273,13 +274,13 @@ class PlantNode:
         self._own.on_sample(self._sensor_timer, time_ns)
         if self._own.failure:
             self._fail(self._own.failure, time_ns)
-        if self._plans.is_filled:
+        if self._plans.plan is not None:
             played = self._plans.play(self._messages.next_sample)
             if played is not None:
                 command, latency_s, is_new = played
                 self._follow(command, latency_s, time_ns, is_new=is_new)
         motion, is_limited = self._motion, self._motion.is_limited
-        self._unit.on_wheel(motion.wheel_rad, motion_ns)
+        self._unit.on_wheel(motion.linear[DELTA], motion_ns)
         if time_ns >= self.motion_start_ns:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")

@@ -81,9 +81,11 @@ def end_of_place_m(path: Path, place: Place) -> float:
 
 def locate(path: Path, arc_length_m: float) -> tuple[int, int, float]:
     """Return lap and piece that hold a point, and its distance from the piece's start [m]."""
-    start_m, _, _, _, length_m, _, closed = path
-    lap = int(arc_length_m // length_m) if closed else 0
-    in_lap_m = arc_length_m - lap * length_m
+    start_m = path.start_m
+    lap, in_lap_m = 0, arc_length_m
+    if path.closed:
+        lap = int(arc_length_m // path.length_m)
+        in_lap_m -= lap * path.length_m
     piece = bisect_right(start_m, in_lap_m) - 1 if in_lap_m > 0.0 else 0
     return lap, piece, in_lap_m - start_m[piece]
 

@@ -35,26 +35,21 @@ def planned_rad(age: int, spacing: int, steers_rad: Sequence[float]) -> float:
 
 
 class PlanBuffer:
-    """Holds the newest plan; ``is_filled`` says whether there is one."""
+    """Holds the newest plan to play in ``plan``; None without one."""
 
     def __init__(self) -> None:
-        self._plan: SteeringPlan | None = None
+        self.plan: SteeringPlan | None = None
         self._latency_s = math.nan
         self._is_new = False
-
-    @property
-    def is_filled(self) -> bool:
-        """Whether there is a plan to play."""
-        return self._plan is not None
 
     def take(
         self, arrived: SteeringCommand | SteeringPlan, latency_s: float
     ) -> SteeringCommand | None:
         """Keep a plan in place of the one before; return a single command, which ends it."""
         if isinstance(arrived, SteeringPlan):
-            self._plan, self._latency_s, self._is_new = arrived, latency_s, True
+            self.plan, self._latency_s, self._is_new = arrived, latency_s, True
             return None
-        self._plan = None
+        self.plan = None
         return arrived
 
     def play(self, sample: int) -> tuple[SteeringCommand, float, bool] | None:
@@ -63,13 +58,13 @@ class PlanBuffer:
         With it come the plan's latency [s], and whether it is the plan's first. None if there is
         none.
         """
-        plan, is_new = self._plan, self._is_new
+        plan, is_new = self.plan, self._is_new
         if plan is None:
             return None
         self._is_new = False
         age = (sample - plan.first_sample) % COUNTERS
         if has_run_out(age, plan.spacing):
-            self._plan = None
+            self.plan = None
             return None
         steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
         command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)

@@ -128,8 +128,7 @@ class PlantMessages:
 
     def _clamp(self, value: float, allowed: SignalRange) -> float:
         """Return the nearest value within the signal's range; the value is finite."""
-        low, high = allowed
-        if low <= value <= high:
+        if allowed.minimum <= value <= allowed.maximum:
             return value
         self.clamped += 1
-        return low if value < low else high
+        return allowed.minimum if value < allowed.minimum else allowed.maximum

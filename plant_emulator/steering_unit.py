@@ -39,17 +39,20 @@ _LIMITED_BY_SAFETY = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 
 def status_of(x: GuardState, actuator_is_limited: bool) -> int:
     """Return the present code of STEERING_STATUS."""
-    if x.mode == _FOLLOWING:
+    mode = x.mode
+    if mode == _FOLLOWING:
         if is_overruled(x):
             return _LIMITED_BY_SAFETY
         if actuator_is_limited:
             return _LIMITED
-    return _CODES[x.mode]
+    return _CODES[mode]
 
 
 class SteeringUnit:
     """Holds the guard's state; all times are of motion [ns].
 
+    ``target_rad``   target of the wheel
+    ``limit``        the name of the limit that decides about it now; empty for none
     ``deadline_ns``  when `on_timer` is due [ns]
     ``safety``       what PLANT_STATUS would say now: LIMITING for any intervention since it was
                      taken
@@ -58,8 +61,6 @@ class SteeringUnit:
     def __init__(self, params: GuardParams) -> None:
         self._params = params
         self._state: GuardState = start_guard(params)
-        self.deadline_ns = self._state.deadline_ns
-        self.safety = _NORMAL
         self._interventions: Counter[str] = Counter()
         self._entered: Counter[str] = Counter()
         self._ignored = 0
@@ -69,11 +70,7 @@ class SteeringUnit:
         self._safe_state_at_ns = NEVER_NS
         self._safe_state_cause = ""
         self._limited_since_report = False
-
-    @property
-    def target_rad(self) -> float:
-        """Target of the wheel."""
-        return self._state.limiter.steer_rad
+        self._enter(self._state)
 
     @property
     def interventions(self) -> Mapping[str, int]:
@@ -96,19 +93,15 @@ class SteeringUnit:
 
         ``is_new``  whether it has just arrived, and is no later value of a plan
         """
-        before = self._state.mode
-        state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns, is_new)
+        before = self._state
+        state, is_followed = guard_command(self._params, before, steer_rad, now_ns, is_new)
         if is_new:
             self._longest_silence_ns = self._silence_until_ns(now_ns)
             self._command_ns = now_ns
-        if is_followed:
-            if before > _FOLLOWING and state.mode == _FOLLOWING:
-                self._recoveries += 1
-            if state.limiter.cause:
-                self._count_intervention(state)
-        elif is_new:
-            self._ignored += 1
-        self._enter(state)
+            self._ignored += not is_followed
+        if is_followed and before.mode > _FOLLOWING and state.mode == _FOLLOWING:
+            self._recoveries += 1
+        self._enter(state, is_set=is_followed)
         return is_followed
 
     def on_rejection(self) -> None:
@@ -119,9 +112,7 @@ class SteeringUnit:
         """Do what is due; returns whether it sets the target."""
         state, is_set = guard_timer(self._params, self._state, now_ns)
         self._note_mode(state, now_ns, "override")
-        if is_set and state.limiter.cause:
-            self._count_intervention(state)
-        self._enter(state)
+        self._enter(state, is_set=is_set)
         return is_set
 
     def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
@@ -139,14 +130,6 @@ class SteeringUnit:
         state = guard_fault(self._state, now_ns)
         self._note_mode(state, now_ns, cause)
         self._enter(state)
-
-    @property
-    def limit(self) -> str:
-        """The name of the limit that decides about the target now; empty for none."""
-        cause = self._state.limiter.cause
-        if not cause or self._state.mode != _FOLLOWING:
-            return ""
-        return Cause(cause).name.lower()
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return the present content of STEERING_STATUS."""
@@ -184,12 +167,25 @@ class SteeringUnit:
 
     def _silence_until_ns(self, now_ns: int) -> int:
         """Return the longest silence up to now; the one that lasts included."""
-        return max(self._longest_silence_ns, now_ns - self._command_ns)
+        silence_ns = now_ns - self._command_ns
+        return silence_ns if silence_ns > self._longest_silence_ns else self._longest_silence_ns
 
-    def _enter(self, state: GuardState) -> None:
-        """Keep a state, and what is read of it at every event of the plant."""
+    def _enter(self, state: GuardState, *, is_set: bool = False) -> None:
+        """Keep a state, and what is read of it at every event of the plant.
+
+        ``is_set``  whether its target has just been set
+        """
         self._state = state
-        mode, _, _, self.deadline_ns, _, _, _ = state
+        mode, cause = state.mode, state.limiter.cause
+        self.deadline_ns, self.target_rad = state.deadline_ns, state.limiter.steer_rad
+        self.limit = ""
+        if cause:
+            name = Cause(cause).name.lower()
+            if mode == _FOLLOWING:
+                self.limit = name
+            if is_set:
+                self._interventions[name] += 1
+                self._limited_since_report = True
         safety = _STATES[mode]
         if self._limited_since_report and safety is _NORMAL:
             safety = SafetyState.LIMITING
@@ -203,7 +199,3 @@ class SteeringUnit:
         self._entered[mode.name] += 1
         if mode is GuardMode.SAFE_STATE:
             self._safe_state_at_ns, self._safe_state_cause = now_ns, cause
-
-    def _count_intervention(self, state: GuardState) -> None:
-        self._interventions[Cause(state.limiter.cause).name.lower()] += 1
-        self._limited_since_report = True

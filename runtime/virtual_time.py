@@ -60,9 +60,10 @@ class InstantWire:
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Take a frame to send at ``now_ns``."""
-        if not self._sent:
+        sent = self._sent
+        if not sent:
             self.next_event_ns = now_ns
-        self._sent.append((now_ns, sender, frame))
+        sent.append((now_ns, sender, frame))
 
     def advance(self, now_ns: int) -> Sequence[Delivered]:  # noqa: ARG002 all are complete
         """Return the frames sent since the last call."""
@@ -114,7 +115,7 @@ class VirtualTimeExecutor:
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
         submit, advance, listeners_of = wire.submit, wire.advance, self._listeners_of.get
-        now_ns, events, busy_index, finished = _BEFORE_ALL_NS, 0, 0, self.finished
+        now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
         while events < EVENTS_PER_INSTANT_MAX:
             next_ns = wire.next_event_ns
             if next_ns <= now_ns:
@@ -125,8 +126,6 @@ class VirtualTimeExecutor:
                     for index, node in listeners_of(busy_index, nodes):
                         for answer in node.on_frame(frame, now_ns):
                             submit(answer, index, now_ns)
-                        if node.finished:
-                            finished = True
                 continue
             for busy_index, node in nodes:
                 deadline_ns = node.deadline_ns
@@ -134,14 +133,15 @@ class VirtualTimeExecutor:
                     events += 1
                     for frame in node.on_tick(now_ns):
                         submit(frame, busy_index, now_ns)
-                    if node.finished:
-                        finished = True
                     break
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns
             else:  # Nothing is left to do at this instant.
-                if finished or next_ns >= until_ns:
+                if next_ns >= until_ns:
                     return
+                for _, node in nodes:
+                    if node.finished:
+                        return
                 self._now_ns = now_ns = next_ns
                 events = 0
         raise RuntimeError(

@@ -26,11 +26,11 @@ poles = st.floats(-0.95, 0.95)
 def stable_sections(draw: st.DrawFn) -> Section:
     first, second = draw(poles), draw(poles)
     b0, b1, b2 = (draw(st.floats(-5.0, 5.0)) for _ in range(3))
-    return Section(b0, b1, b2, -(first + second), first * second)
+    return b0, b1, b2, -(first + second), first * second
 
 
 def test_a_section_worked_by_hand() -> None:
-    p = Section(b0=1.0, b1=2.0, b2=3.0, a1=-0.5, a2=0.25)
+    p = (1.0, 2.0, 3.0, -0.5, 0.25)
     x, first = section_step(p, AT_ZERO, 1.0)
     x, second = section_step(p, x, 0.0)
     x, third = section_step(p, x, 0.0)
@@ -49,7 +49,7 @@ def test_cascades_are_the_filters_in_series(
         x3, y3 = cascade_3_step(sections, x3, u)
         two.append(y2)
         three.append(y3)
-    sos = np.array([[p.b0, p.b1, p.b2, 1.0, p.a1, p.a2] for p in sections])
+    sos = np.array([[b0, b1, b2, 1.0, a1, a2] for b0, b1, b2, a1, a2 in sections])
     np.testing.assert_allclose(two, signal.sosfilt(sos[:2], samples), rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(three, signal.sosfilt(sos, samples), rtol=1e-9, atol=1e-6)
 
@@ -74,7 +74,7 @@ def test_the_identity_passes_its_input_and_keeps_no_state() -> None:
 
 
 def test_an_integrator_rests_at_zero_only() -> None:
-    integrator = Section(0.5, 0.5, 0.0, -1.0, 0.0)
+    integrator = (0.5, 0.5, 0.0, -1.0, 0.0)
     assert section_at_rest(integrator, 0.0) == (AT_ZERO, 0.0)
     with pytest.raises(ValueError, match="does not come to rest"):
         section_at_rest(integrator, 1.0)
