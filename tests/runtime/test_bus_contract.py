@@ -78,19 +78,21 @@ def multicast_obstacle() -> str:
 
 
 @pytest.fixture(params=[*OF_PYTHON_CAN, FAST])
-def open_client(request: pytest.FixtureRequest, broker_address: str) -> Iterator[OpenClient]:
+def open_client(request: pytest.FixtureRequest) -> Iterator[OpenClient]:
     """Opens one more client on a bus that is this test's own (vcan0 has to be quiet)."""
     interface: str = request.param
     if interface == "udp_multicast" and multicast_obstacle():
         pytest.skip(f"no multicast on this machine: {multicast_obstacle()}")
     channel = uuid.uuid4().hex
     options: dict[str, dict[str, Any]] = {
-        "emulated": {"channel": channel, "address": broker_address, "fd": True},
         "virtual": {"channel": channel, "protocol": can.CanProtocol.CAN_FD},
         "socketcan": {"channel": "vcan0", "fd": True},
         "fast_socketcan": {"channel": "vcan0", "fd": True},
         "udp_multicast": multicast_options(),
     }
+    if interface == "emulated":  # the others need no broker
+        address = request.getfixturevalue("broker_address")
+        options["emulated"] = {"channel": channel, "address": address, "fd": True}
     opened: list[can.BusABC] = []
 
     def open_one(**more: Any) -> can.BusABC:

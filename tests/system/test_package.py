@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -34,12 +35,12 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def built(folder: Path, out: Path) -> zipfile.ZipFile:
-    """Build the wheel of a folder."""
-    options = ["--no-deps", "--no-build-isolation", "--quiet", "--disable-pip-version-check"]
+    """Build the wheel of a folder as pip does, by the function that the folder names."""
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))
+    backend = project["build-system"]["build-backend"]
+    code = f"import sys, {backend} as backend; backend.build_wheel(sys.argv[1])"
     subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(out), str(folder)],
-        check=True,
-        capture_output=True,
+        [sys.executable, "-c", code, str(out)], cwd=folder, check=True, capture_output=True
     )
     (path,) = out.glob("*.whl")
     return zipfile.ZipFile(path)

@@ -67,6 +67,7 @@ from steer_by_wire.tools.benchmark_bus.runs import (
 from steer_by_wire.tools.benchmark_bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
 
 MS = 1_000_000
+RUNS_S = (0.2, 2.0, 20.0)  # the next where nobody has answered yet: a machine may be late
 needs_gcc = pytest.mark.skipif(
     sys.platform != "linux" or shutil.which("gcc") is None, reason="needs gcc on Linux"
 )
@@ -376,16 +377,23 @@ def test_a_fed_controller_commands_without_anybody_on_the_bus() -> None:
 @pytest.mark.vcan
 def test_everyone_answers_on_a_real_bus(tmp_path: Path) -> None:
     priority = PRIORITY_MIN if may_have_priority() else 0
-    bus = socketcan_options("vcan0")
+    bus = (*socketcan_options("vcan0"), "--no-memory-lock")
     bench = Bench("vcan0", bus, tmp_path, compile_all(tmp_path), priority)
     write_frames(bench.frames)
     for who in (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE):
-        run = answer_run(bench, who, 100, 0.5)
-        assert run.answers.durations.samples + run.answers.unanswered == 50, who
-        assert run.answers.durations.samples > 0, who
-    beside = tick_run(bench, 100, 0.5)
-    assert beside.answers is not None
-    assert beside.answers.durations.samples > 0
+        for seconds in RUNS_S:
+            run = answer_run(bench, who, 100, seconds)
+            answered = run.answers.durations.samples
+            assert answered + run.answers.unanswered == round(100 * seconds), who
+            if answered:
+                break
+        assert answered, who
+    for seconds in RUNS_S:
+        beside = tick_run(bench, 100, seconds)
+        if beside.answers is not None and beside.answers.durations.samples:
+            break
+    else:
+        raise AssertionError("nobody answers at its own rate")
     assert beside.report["connection"]["driver"] == "AF_CAN"
     assert beside.ticks
     assert beside.reference

@@ -28,6 +28,7 @@ from steer_by_wire.tools.demo.story import (
     verdict_line,
     what_to_see,
 )
+from tests.support.same_process import no_workers
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -35,7 +36,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    with chdir(folder):  # not where the folders of the programs are
+    with chdir(folder), no_workers():  # not where the folders of the programs are
         assert demo.main(["--bus", "emulated", "--duration", "2", "--out", str(folder)]) == 0
     return folder
 

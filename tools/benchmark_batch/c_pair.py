@@ -127,8 +127,8 @@ class CPair:
         first_m = round(float(plan.noise_m[plan.tick_sample[0]]) / resolution_m) * resolution_m
         self._inputs: list[Any] = [
             # The C structs have the fields in the same order.
-            np.array(list(floats_of(law.params))),
-            np.array(list(floats_of(law.initial_state(first_m)))),
+            np.array(floats_of(law.params)),
+            np.array(floats_of(law.initial_state(first_m))),
             self._rig_pointers,
             plan.tick_ns,
             plan.tick_sample,

@@ -19,8 +19,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from scipy.stats import qmc
-
 from steer_by_wire.command_line import (
     add_out_argument,
     add_overrides_argument,
@@ -199,6 +197,8 @@ class Point(NamedTuple):
 
 def interior_points(count: int, duration_s: float, contestant: Contestant) -> list[Point]:
     """Return points of a Sobol sequence over speed, mass and delay, the worst first."""
+    from scipy.stats import qmc  # takes a second
+
     vertices = paper_box().vertices()
     speeds = [vehicle.speed_m_s for vehicle in vertices]
     masses = [vehicle.virtual_mass_kg for vehicle in vertices]
