@@ -44,9 +44,7 @@ COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
 _FIRST_RESULT = (
-    "from steer_by_wire.tools.benchmark_batch.comparison import NETWORKS, pair_settings;"
-    "from steer_by_wire.compiled.engine import run_batch;"
-    "run_batch(*pair_settings(NETWORKS['80 ms']))"
+    "from steer_by_wire import simulate; simulate('paper_corner_d', duration_s=60, engine='compiled')"
 )
 
 
