@@ -43,9 +43,10 @@ NAME = "steer-by-wire benchmark-batch"
 COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
-_FIRST_RESULT = (
-    "from steer_by_wire import simulate; simulate('paper_corner_d', duration_s=60, engine='compiled')"
-)
+_FIRST_RESULT = """
+from steer_by_wire import simulate
+simulate("paper_corner_d", duration_s=60.0, engine="compiled")
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
