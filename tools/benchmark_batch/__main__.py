@@ -44,8 +44,10 @@ COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
 _FIRST_RESULT = """
-from steer_by_wire import simulate
-simulate("paper_corner_d", duration_s=60.0, engine="compiled")
+from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
+run_batch(plant_preset("paper_corner_d"), controller_preset("practical_pd_ddob"))
 """
 
 
