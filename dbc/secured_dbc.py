@@ -16,13 +16,7 @@ from .secured_frame import DATA, LAYOUTS, LONG, SYNC, Layout
 _TRAILERS = {
     DATA: (("MAC_COUNTER", 32), ("MAC", 64)),
     LONG: (("MAC_COUNTER", 32), ("MAC_HIGH", 64), ("MAC_LOW", 32)),
-    SYNC: (
-        ("CHALLENGE", 64),
-        ("ECHO", 64),
-        ("MAC_COUNTER", 64),
-        ("MAC_HIGH", 64),
-        ("MAC_LOW", 64),
-    ),
+    SYNC: (("CHALLENGE", 64), ("ECHO", 64), ("MAC_COUNTER", 64), ("MAC_HIGH", 64), ("MAC_LOW", 64)),
 }
 """The signals after the payload, without their message's name, and their bits: at most 64."""
 _FD_FORMAT = 14

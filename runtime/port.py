@@ -82,10 +82,7 @@ def open_port(
 
 
 def _open(
-    namespace: argparse.Namespace,
-    filters: Sequence[CanFilter] | None,
-    fast: bool,
-    choice: Choice,
+    namespace: argparse.Namespace, filters: Sequence[CanFilter] | None, fast: bool, choice: Choice
 ) -> OpenPort:
     reopen = partial(_open, namespace, filters, fast, choice)
     is_socketcan = choice.interface == "socketcan"
@@ -106,10 +103,7 @@ def _open(
 
 
 def _open_fast(
-    choice: Choice,
-    channel: str,
-    config: Mapping[str, Any],
-    filters: Sequence[CanFilter] | None,
+    choice: Choice, channel: str, config: Mapping[str, Any], filters: Sequence[CanFilter] | None
 ) -> SocketCanPort:
     check_openable(choice)
     try:

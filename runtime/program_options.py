@@ -9,20 +9,8 @@ from ..command_line import add_overrides_argument, command_parser, seconds
 from .bus import add_bus_arguments
 from .bus_options import clock
 from .bus_settings import ClockSettings
-from .option_types import (
-    SPIN_US_MAX,
-    output_file,
-    priority,
-    recording_file,
-    spin_us,
-)
-from .settings import (
-    Settings,
-    SharedTable,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from .option_types import SPIN_US_MAX, output_file, priority, recording_file, spin_us
+from .settings import Settings, SharedTable, load_settings, preset_names, read_preset
 
 _S = TypeVar("_S", bound=Settings)
 PATIENCE_S = 60.0

@@ -173,10 +173,7 @@ class RecordingPort:
     """A port that records what passes through it."""
 
     def __init__(
-        self,
-        port: Port,
-        recording: Recording,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
+        self, port: Port, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self._port = port
         self._recording = recording

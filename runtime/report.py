@@ -69,10 +69,7 @@ def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
 
 def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> dict[str, Any]:
     """Return what the host granted, and the share of processor time of other guests."""
-    return {
-        "answers": [answer._asdict() for answer in answers],
-        "steal_fraction": steal_fraction,
-    }
+    return {"answers": [answer._asdict() for answer in answers], "steal_fraction": steal_fraction}
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -49,10 +49,7 @@ def schema_of(model: type[BaseModel]) -> Schema:
 
 
 def explain(
-    error: ValidationError,
-    schema: Schema,
-    data: Mapping[str, Any],
-    sources: Mapping[KeyPath, str],
+    error: ValidationError, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> list[str]:
     """Return one line for each mistake.
 
@@ -100,10 +97,7 @@ def allowed(schema: Schema, path: KeyPath) -> str:
 
 
 def _explain_one(
-    mistake: ErrorDetails,
-    schema: Schema,
-    data: Mapping[str, Any],
-    sources: Mapping[KeyPath, str],
+    mistake: ErrorDetails, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> str:
     """Return the line for one mistake."""
     context = mistake.get("ctx", {})

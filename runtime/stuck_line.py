@@ -24,10 +24,7 @@ def disturb_stuck(frame: Frame, level: int, first: int, stuck_bits: int) -> Dist
     ``stuck_bits``  how long from then on
     """
     bits = frame_on_wire(frame)
-    wrong = next(
-        (i for i in range(max(first, 0), len(bits)) if bits[i].level != level),
-        None,
-    )
+    wrong = next((i for i in range(max(first, 0), len(bits)) if bits[i].level != level), None)
     if wrong is None or wrong >= first + stuck_bits:
         return None
     fast = sum(bit.is_fast for bit in bits[: wrong + 1])

@@ -50,8 +50,7 @@ class TransmitQueue:
         self._waiting_of[buffer] = waiting + 1
         self._sequence += 1
         entry = new_record(
-            Waiting,
-            (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer),
+            Waiting, (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer)
         )
         if waiting and self._is_fifo:
             self._behind.setdefault(sender, deque()).append(entry)

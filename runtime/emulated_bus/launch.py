@@ -27,12 +27,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
         address = str(Path(directory) / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(
-            "steer_by_wire.tools.bus",
-            arguments,
-            PIPE,
-            log,
-            after_s=AFTER_S,
-            remove=Path(directory),
+            "steer_by_wire.tools.bus", arguments, PIPE, log, after_s=AFTER_S, remove=Path(directory)
         )
         with broker:  # ends with waiting for it
             if broker.stdout is None or not broker.stdout.readline():

@@ -4,14 +4,7 @@ import can
 
 from ..frame import Frame
 from ..message import frame_of, message_of
-from .protocol import (
-    ERROR_STATE,
-    FD_LENGTHS,
-    OWN,
-    REMOTE_LENGTH_SHIFT,
-    ProtocolError,
-    check_frame,
-)
+from .protocol import ERROR_STATE, FD_LENGTHS, OWN, REMOTE_LENGTH_SHIFT, ProtocolError, check_frame
 
 
 def sent_frame(message: can.Message) -> Frame:
