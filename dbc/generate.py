@@ -4,6 +4,7 @@ python -m steer_by_wire.dbc.generate
 """
 
 from pathlib import Path
+from textwrap import fill
 
 from .dbc_file import layouts_of, load_database
 from .layout import MessageLayout, SignalLayout
@@ -15,7 +16,13 @@ _HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``dbc.generate``
 from .layout import MessageLayout, SignalLayout
 
 # fmt: off
-# ruff: noqa: E501
+
+
+def _signals(*rows: tuple[object, ...]) -> tuple[SignalLayout, ...]:
+    """Rows: name, field, start, length, is_signed, scale, minimum, maximum, unit, not_available."""
+    return tuple(map(SignalLayout._make, rows))
+
+
 LAYOUTS: tuple[MessageLayout, ...] = (
 '''
 
@@ -30,19 +37,13 @@ def _message_text(layout: MessageLayout) -> str:
     return (
         f'    MessageLayout("{layout.name}", can_id={layout.can_id:#05x}, length={layout.length},'
         f" cycle_time_ms={layout.cycle_time_ms}, data_id={data_id},\n"
-        "        signals=(\n" + "".join(map(_signal_text, layout.signals)) + "    )),\n"
+        "        signals=_signals(\n" + "".join(map(_signal_text, layout.signals)) + "    )),\n"
     )
 
 
 def _signal_text(layout: SignalLayout) -> str:
-    unit = f', unit="{layout.unit}"' if layout.unit else ""
-    missing = layout.not_available
-    not_available = "" if missing is None else f", not_available={missing}"
-    return (
-        f'        SignalLayout("{layout.name}", "{layout.field}"{unit}{not_available},\n'
-        f"            start={layout.start}, length={layout.length}, is_signed={layout.is_signed},"
-        f" scale={layout.scale!r}, minimum={layout.minimum!r}, maximum={layout.maximum!r}),\n"
-    )
+    row = f"{tuple(layout)},".replace("'", '"')
+    return fill(row, 100, initial_indent=" " * 8, subsequent_indent=" " * 9) + "\n"
 
 
 if __name__ == "__main__":
