@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from .error_text import cause_of
+
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 PRIORITY_MAX = 99  # of SCHED_FIFO, sched(7)
@@ -129,7 +131,7 @@ def _fifo(priority: int) -> HostAnswer:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except (OSError, ValueError) as error:
-        return HostAnswer(name, False, f"SCHED_FIFO {priority}: {_why(error)}")
+        return HostAnswer(name, False, f"SCHED_FIFO {priority}: {cause_of(error)}")
     return HostAnswer(name, True, f"SCHED_FIFO {priority}")
 
 
@@ -140,7 +142,7 @@ def _affinity(cpu: int) -> HostAnswer:
     try:
         os.sched_setaffinity(0, {cpu})
     except (OSError, ValueError, OverflowError) as error:
-        return HostAnswer(name, False, f"{cpu}: {_why(error)}")
+        return HostAnswer(name, False, f"{cpu}: {cause_of(error)}")
     return HostAnswer(name, True, f"runs on {cpu} only")
 
 
@@ -177,7 +179,3 @@ def _call_libc(function: str, *arguments: int) -> str:
     if call(*(ctypes.c_ulong(argument) for argument in arguments)) == 0:
         return ""
     return os.strerror(ctypes.get_errno())
-
-
-def _why(error: Exception) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)

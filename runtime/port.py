@@ -14,10 +14,9 @@ import can
 from can.typechecking import CanFilter
 from can.util import load_config
 
-from .bus import BusError, BusPort, Choice, check_openable, choose_bus, open_bus
-from .error_text import one_line
-from .frame import Frame
-from .real_time import Received
+from .bus import BusError, BusPort, Choice, Closable, check_openable, choose_bus, open_bus
+from .error_text import cause_of
+from .real_time import Port
 from .socketcan import SocketCanPort
 
 AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"
@@ -29,20 +28,8 @@ _FAST_PATH_TAKES = {
 }
 
 
-class ClosablePort(Protocol):
+class ClosablePort(Port, Closable, Protocol):
     """A port that can be shut down."""
-
-    def recv(self, timeout_s: float) -> Received | None:
-        """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
-        ...
-
-    def send(self, frame: Frame) -> bool:
-        """Send ``frame`` without waiting; returns whether the bus had room."""
-        ...
-
-    def shutdown(self) -> None:
-        """Leave the bus."""
-        ...
 
 
 class OpenPort(NamedTuple):
@@ -111,8 +98,7 @@ def _open_fast(
             channel, config.get("can_filters") or filters, fd=bool(config.get("fd"))
         )
     except (OSError, ValueError) as error:
-        cause = (error.strerror if isinstance(error, OSError) else None) or one_line(error)
-        raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
+        raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause_of(error)}") from error
 
 
 def _configuration(namespace: argparse.Namespace, choice: Choice) -> Mapping[str, Any] | None:

@@ -29,6 +29,7 @@ from typing import Any, BinaryIO, NamedTuple
 import can
 from can.io.generic import TextIOMessageWriter
 
+from .error_text import cause_of
 from .frame import Frame
 from .message import message_of
 from .node import NS_PER_S
@@ -86,13 +87,13 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
         os.write(1, b"ready\n")
         _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
     except Exception as error:  # a writer may raise anything
-        failure = _why(error)
+        failure = cause_of(error)
     try:
         if writer is not None:
             _settle(writer, counts["frames"])
             writer.stop()
     except Exception as error:
-        failure = failure or _why(error)
+        failure = failure or cause_of(error)
     if isinstance(writer, can.SqliteWriter) and writer.num_frames < counts["frames"]:
         # It writes in its own thread, whose errors are visible only here.
         failure = failure or "the database has refused frames"
@@ -247,12 +248,6 @@ def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:
             patience_s = 0.0 if writer.num_frames > before else patience_s + _POLL_S
             before = writer.num_frames
             time.sleep(_POLL_S)
-
-
-def _why(error: Exception) -> str:
-    """Return an error as one line."""
-    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return " ".join(text.split()) or type(error).__name__
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from pathlib import Path
 from can.typechecking import CanFilter
 
 from .bus import BusError
+from .error_text import cause_of
 from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from .node import NS_PER_S
 from .real_time import Received
@@ -57,6 +58,8 @@ class SocketCanPort:
     ``filters``  in python-can's form; None: receives everything
     ``fd``       whether CAN FD frames are received
 
+    ``dropped``  frames for which the socket had no room, as of the last frame received
+
     Raises OSError if it cannot be opened, ValueError for invalid filters.
     """
 
@@ -66,7 +69,7 @@ class SocketCanPort:
         self._channel = channel
         self._fd = fd
         self._clock = ArrivalClock()
-        self._dropped = 0
+        self.dropped = 0
         self._socket = socket.socket(_AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, _CAN_RAW)
         try:
             self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERR_MASK)
@@ -78,11 +81,6 @@ class SocketCanPort:
         except BaseException:
             self._socket.close()
             raise
-
-    @property
-    def dropped(self) -> int:
-        """Frames for which the socket had no room, as of the last frame received."""
-        return self._dropped
 
     @property
     def takes_fd(self) -> bool:
@@ -117,7 +115,7 @@ class SocketCanPort:
                 seconds, nanoseconds = _TIMESPEC.unpack(data)
                 arrival_ns = self._clock.monotonic_ns(seconds * NS_PER_S + nanoseconds)
             elif level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL:
-                (self._dropped,) = _COUNT.unpack(data)
+                (self.dropped,) = _COUNT.unpack(data)
         return Received(unpacked(raw), arrival_ns)
 
     def send(self, frame: Frame) -> bool:
@@ -146,8 +144,7 @@ class SocketCanPort:
         code = error.errno if isinstance(error, OSError) else None
         if code in _GONE:
             return BusError(f"cannot {what}: the network interface {self._channel} {_GONE[code]}")
-        why = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        return BusError(f"cannot {what}: {why}")
+        return BusError(f"cannot {what}: {cause_of(error)}")
 
 
 class ArrivalClock:
