@@ -102,6 +102,8 @@ class Authentication:
     ``challenge``      CHALLENGE_LENGTH random bytes, different at each start of the program: the
                        only protection against frames of earlier runs. Zeros stand for "none"
     ``first_counter``  counter of the first frame; at each start higher than all before
+
+    ``is_synchronised``  whether the peer has answered this end's challenge
     """
 
     def __init__(
@@ -117,14 +119,9 @@ class Authentication:
         self._counter = first_counter
         self._peer_challenge = _NONE
         self._unproven = Challenges()
-        self._is_synchronised = False
+        self.is_synchronised = False
         self._peer_counter = 0
         self._newest = dict.fromkeys(LAYOUTS, -1)
-
-    @property
-    def is_synchronised(self) -> bool:
-        """Whether the peer has answered this end's challenge."""
-        return self._is_synchronised
 
     def secure(self, frame: Frame) -> Frame:
         """The secured form of a plain ``frame``; KeyError for what a tool sends."""
@@ -165,7 +162,7 @@ class Authentication:
         expected = self._mac(can_id, payload, _freshness(self._challenge, counter))
         if not hmac.compare_digest(mac, expected[: layout.mac_length]):
             # A sender that does not know our challenge yet can only send this: no attack.
-            return Refused.FORGED if self._is_synchronised and any(mac) else Refused.UNSYNCHRONISED
+            return Refused.FORGED if self.is_synchronised and any(mac) else Refused.UNSYNCHRONISED
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED
         self._newest[can_id] = counter
@@ -180,17 +177,15 @@ class Authentication:
             return Refused.FORGED
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED
-        challenge, is_proof = (
-            secured[PAYLOAD_LENGTH:_ECHO_START],
-            secured[_ECHO_START:] == self._challenge,
-        )
+        challenge = secured[PAYLOAD_LENGTH:_ECHO_START]
+        is_proof = secured[_ECHO_START:] == self._challenge
         if not is_proof and not self._unproven.add(challenge, counter):
             return Refused.REPLAYED
-        if is_proof or not self._is_synchronised:
+        if is_proof or not self.is_synchronised:
             self._peer_challenge, self._peer_counter = challenge, counter
         if not is_proof:
             return Refused.UNSYNCHRONISED
-        self._is_synchronised = True
+        self.is_synchronised = True
         self._newest[can_id] = counter
         return Frame(can_id, secured[:PAYLOAD_LENGTH])
 

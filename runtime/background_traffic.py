@@ -96,11 +96,6 @@ class BackgroundTraffic:
         self.on_wire: OnWire | None = None
 
     @property
-    def senders(self) -> frozenset[int]:
-        """Numbers of the nodes that send."""
-        return frozenset(self._senders)
-
-    @property
     def frames(self) -> int:
         """Frames that ``carry`` has sent."""
         return sum(self._counts) - self._handed_over

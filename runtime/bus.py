@@ -95,14 +95,9 @@ class Closable(Protocol):
         ...
 
 
-def add_bus_arguments(parser: argparse.ArgumentParser, *, with_filters: bool = False) -> None:
-    """Add python-can's options: interface, channel, bit rates, FD, timing, bus arguments.
-
-    ``with_filters``  also its ``--filter``, for programs that take any frame
-    """
-    can.cli.add_bus_arguments(
-        cast(argparse.ArgumentParser, _BriefGroup(parser)), filter_arg=with_filters
-    )
+def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add python-can's options: interface, channel, bit rates, FD, timing, bus arguments."""
+    can.cli.add_bus_arguments(cast(argparse.ArgumentParser, _BriefGroup(parser)))
 
 
 class _BriefGroup:
@@ -180,20 +175,15 @@ def shutting_down(bus: Closable) -> Iterator[None]:
 
 
 class BusPort:
-    """A python-can bus as the port of a node's executor; takes and returns frames."""
+    """The python-can ``bus`` as the port of a node's executor; takes and returns frames."""
 
     def __init__(self, bus: can.BusABC) -> None:
-        self._bus = bus
-
-    @property
-    def bus(self) -> can.BusABC:
-        """The bus behind this port."""
-        return self._bus
+        self.bus = bus
 
     @property
     def takes_fd(self) -> bool:
         """Whether it was opened for CAN FD frames."""
-        return self._bus.protocol is not can.CanProtocol.CAN_20
+        return self.bus.protocol is not can.CanProtocol.CAN_20
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
@@ -203,7 +193,7 @@ class BusPort:
         differs between interfaces. Raises BusError when the bus has failed.
         """
         try:
-            message = self._bus.recv(max(timeout_s, 0.0))
+            message = self.bus.recv(max(timeout_s, 0.0))
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot receive: {one_line(error)}") from error
         return None if message is None else Received(frame_of(message), None)
@@ -214,7 +204,7 @@ class BusPort:
         Raises BusError when the bus has failed.
         """
         try:
-            self._bus.send(message_of(frame), timeout=0)
+            self.bus.send(message_of(frame), timeout=0)
         except (can.CanError, OSError, ValueError) as error:
             if _is_full(error):
                 return False
@@ -223,7 +213,7 @@ class BusPort:
 
     def shutdown(self) -> None:
         """Shut the bus down."""
-        self._bus.shutdown()
+        self.bus.shutdown()
 
 
 def _choose(namespace: argparse.Namespace) -> Choice:

@@ -79,7 +79,7 @@ class BusModel:
         if traffic is not None:
             traffic.join(ticks)
             if errors is not None:
-                for sender in traffic.senders:
+                for sender in traffic.sent:
                     errors.join(sender)
                 traffic.sent = errors.sent
         self._disturbed: Disturbed | None = None

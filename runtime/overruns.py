@@ -102,7 +102,8 @@ class OverrunSupervision:
     ``overruns_max``, ``window_ticks``  as in OverrunSettings; ValueError outside their ranges
     ``missed``                          checks the missed periods; None: any number is allowed
 
-    ``failure``  why the rate is not kept, for good; empty while it is kept
+    ``failure``   why the rate is not kept, for good; empty while it is kept
+    ``overruns``  so far; ``worst`` most of them in a window
     """
 
     def __init__(
@@ -115,10 +116,8 @@ class OverrunSupervision:
         self._ticks = 0
         self._recent: deque[int] = deque()
         """Numbers of the ticks in the window that overran."""
-        self._total = 0
-        self._worst = 0
         self._missed = missed
-        self._skipped_before = 0
+        self._skipped_before = self.overruns = self.worst = 0
         self._is_calm = True
         self.failure = ""
 
@@ -135,16 +134,6 @@ class OverrunSupervision:
             )
         return cls(overruns_max, window_ticks, missed)
 
-    @property
-    def overruns(self) -> int:
-        """Overruns so far."""
-        return self._total
-
-    @property
-    def worst(self) -> int:
-        """Most overruns in a window so far."""
-        return self._worst
-
     def on_tick(self, timer: PeriodicTimer) -> bool:
         """Process the tick that ``timer`` has advanced for; returns whether the rate is kept."""
         self._ticks += 1
@@ -155,11 +144,11 @@ class OverrunSupervision:
         if missed:
             self._skipped_before = timer.skipped
             recent.append(self._ticks)
-            self._total += 1
+            self.overruns += 1
         if recent:
             if recent[0] <= self._ticks - self._window_ticks:
                 recent.popleft()
-            self._worst = max(self._worst, len(recent))
+            self.worst = max(self.worst, len(recent))
         too_many_missed = "" if self._missed is None else self._missed.on_tick(self._ticks, missed)
         if not self.failure and (recent or too_many_missed):
             self.failure = self._too_many_overruns() or too_many_missed

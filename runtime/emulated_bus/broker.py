@@ -21,7 +21,7 @@ next millisecond, which is four frames.
 import select
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from ..node import NEVER_NS, NS_PER_S, NS_PER_US
 from ..statistics import DurationStatistics, DurationSummary
@@ -52,6 +52,7 @@ class Broker:
     ``beside``              traffic and errors on every channel
 
     ``clients``             who is connected
+    ``channels``            those that there have been, by name
     """
 
     def __init__(
@@ -75,13 +76,8 @@ class Broker:
         self._is_fifo = is_fifo
         self._beside = beside
         self._wall_clock = WallClock()
-        self._channels: dict[str, Channel] = {}
+        self.channels: dict[str, Channel] = {}
         self._lateness = DurationStatistics()
-
-    @property
-    def channels(self) -> Mapping[str, Channel]:
-        """The channels there have been, by name."""
-        return self._channels
 
     @property
     def lateness(self) -> DurationSummary:
@@ -106,7 +102,7 @@ class Broker:
         readable, writable, _ = select.select(sources, clients.writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
-        for channel in self._channels.values():
+        for channel in self.channels.values():
             if channel.is_due(now_ns):
                 self._deliver(channel, now_ns)
         for source in readable:
@@ -127,7 +123,7 @@ class Broker:
     def _timeout_s(self) -> float | None:
         """Time until the next thing that comes by itself [s]; None with nothing under way."""
         next_ns = min(
-            (channel.next_event_ns for channel in self._channels.values()), default=NEVER_NS
+            (channel.next_event_ns for channel in self.channels.values()), default=NEVER_NS
         )
         now_ns = self._clock_ns()
         next_ns = min(next_ns, self.clients.next_ns(now_ns))
@@ -176,17 +172,17 @@ class Broker:
         if reason:
             self._refuse(client, reason, now_ns)
             return
-        if hello.channel not in self._channels:
+        if hello.channel not in self.channels:
             # Each with errors of its own; those of the first are those of virtual time.
-            seed = self._beside.seed + _SEED_STEP * len(self._channels)
-            self._channels[hello.channel] = Channel(
+            seed = self._beside.seed + _SEED_STEP * len(self.channels)
+            self.channels[hello.channel] = Channel(
                 self._bitrate_bit_s,
                 self._data_bitrate_bit_s,
                 self._beside._replace(seed=seed),
                 now_ns,
                 is_fifo=self._is_fifo,
             )
-        self._channels[hello.channel].join(client)
+        self.channels[hello.channel].join(client)
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())
         self.clients.flush(client, now_ns)
@@ -201,7 +197,7 @@ class Broker:
         ):
             if wanted and actual and wanted != actual:
                 return f"it runs at {actual} bit/s, not at {wanted}"
-        if hello.channel not in self._channels and len(self._channels) >= CHANNELS_MAX:
+        if hello.channel not in self.channels and len(self.channels) >= CHANNELS_MAX:
             return f"it has {CHANNELS_MAX} channels already"
         return ""
 
@@ -223,7 +219,7 @@ class Broker:
         if client.hello is None:
             return
         try:
-            has_all = self._channels[client.hello.channel].submit(client, now_ns)
+            has_all = self.channels[client.hello.channel].submit(client, now_ns)
         except ProtocolError as reason:
             self.clients.drop(client, Cause.GARBAGE, str(reason), now_ns)
             return
@@ -251,7 +247,7 @@ class Broker:
         if asking.hello is None or asking not in self.clients:
             return
         self._wall_clock.update()
-        channel = self._channels[asking.hello.channel]
+        channel = self.channels[asking.hello.channel]
         client = channel.go_off(request, now_ns, self._wall_clock.at(now_ns))
         if client is not None:
             self._journal.note(f"{client} is in bus-off: requested by {asking}", now_ns)
@@ -259,5 +255,5 @@ class Broker:
 
     def _leave(self, client: Connection) -> None:
         """Let a client leave its channel."""
-        if client.hello is not None and client.hello.channel in self._channels:
-            self._channels[client.hello.channel].leave(client)
+        if client.hello is not None and client.hello.channel in self.channels:
+            self.channels[client.hello.channel].leave(client)

@@ -58,6 +58,8 @@ class EmulatedBus(can.BusABC):
     ``error_frames``          also receive an error frame for every error on the bus, as SocketCAN
                               with ``berr-reporting``; without it, for the own controller's states
 
+    ``takes_bus_off``         whether the broker allows ``send_bus_off``
+
     Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
 
     Raises can.CanInitializationError in one line when the bus cannot be joined.
@@ -84,7 +86,7 @@ class EmulatedBus(can.BusABC):
         self._partial = b""
         self._is_lost = self._listens_only = False
         self._confinement = ControllerState.ERROR_ACTIVE
-        self._takes_bus_off = answer.takes_bus_off
+        self.takes_bus_off = answer.takes_bus_off
         self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
@@ -111,11 +113,6 @@ class EmulatedBus(can.BusABC):
         with self._send_lock:
             self._send_all(raw, timeout)
 
-    @property
-    def takes_bus_off(self) -> bool:
-        """Whether the broker allows ``send_bus_off``."""
-        return self._takes_bus_off
-
     def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
         """Put the CAN controller that has sent ``can_id`` last into bus-off.
 
@@ -125,7 +122,7 @@ class EmulatedBus(can.BusABC):
 
         Raises can.CanOperationError if the broker does not allow this or has ended.
         """
-        if not self._takes_bus_off:
+        if not self.takes_bus_off:
             raise can.CanOperationError(
                 "this emulated bus takes no bus-off: start its broker with --allow-bus-off"
             )

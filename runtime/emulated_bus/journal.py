@@ -37,6 +37,8 @@ class Journal:
 
     ``print_line``  takes one line and returns whether it could be printed without waiting
     ``is_verbose``  whether to print orderly joins and ends too
+
+    ``unprinted``   lines that were not printed
     """
 
     def __init__(self, print_line: Callable[[str], bool], is_verbose: bool = False) -> None:
@@ -45,18 +47,12 @@ class Journal:
         self._causes: Counter[Cause] = Counter()
         self._lines_left = LINES_AT_ONCE
         self._counted_from_ns: int | None = None
-        self._unprinted = 0
-        self._unprinted_since = 0
+        self.unprinted = self._unprinted_since = 0
 
     @property
     def disconnections(self) -> Mapping[str, int]:
         """How many clients have left, for every cause."""
         return {cause.value: self._causes[cause] for cause in Cause}
-
-    @property
-    def unprinted(self) -> int:
-        """Lines that were not printed."""
-        return self._unprinted
 
     def join(self, who: str, now_ns: int) -> None:
         """Record that a client has joined a channel."""
@@ -80,7 +76,7 @@ class Journal:
             self._lines_left -= 1
             self._unprinted_since = 0
         else:
-            self._unprinted += 1
+            self.unprinted += 1
             self._unprinted_since += 1
 
     def _ration(self, now_ns: int) -> None:
