@@ -4,8 +4,8 @@ A node uses ``dbc.generated_layout`` instead, because cantools imports python-ca
 line, and takes longer to import than all the rest of a node.
 """
 
-import importlib.resources
 from collections.abc import Mapping
+from pathlib import Path
 
 import cantools.database
 from cantools.database.can import Database, Message, Signal
@@ -33,7 +33,7 @@ UNIT_SUFFIXES: Mapping[str | None, str] = {
 def load_database() -> Database:
     """Read the DBC beside this file; raises ContractError."""
     try:
-        text = importlib.resources.files("steer_by_wire.dbc").joinpath(FILE).read_text("ascii")
+        text = Path(__file__).with_name(FILE).read_text("ascii")
     except (OSError, UnicodeDecodeError) as error:
         raise ContractError(f"{FILE}: {one_line(error)}") from error
     return parse_database(text)

@@ -7,9 +7,9 @@ It is ``steer_by_wire.dbc`` with longer messages: the bytes after the eighth, de
 ``dbc.secured_frame``, are signals of their own. What a tool sends is unchanged.
 """
 
-import importlib.resources
 import re
 import sys
+from pathlib import Path
 
 from .secured_frame import DATA, LAYOUTS, LONG, SYNC, Layout
 
@@ -26,12 +26,8 @@ _MESSAGE = re.compile(r"^BO_ (\d+) (\w+): (?:8|48) (\w+)$((?:\n SG_ .*)+)", re.M
 
 def secured_dbc() -> str:
     """Return the text of the DBC."""
-    text = (
-        importlib.resources.files("steer_by_wire.dbc")
-        .joinpath("steer_by_wire.dbc")
-        .read_text("ascii")
-    )
-    text = _MESSAGE.sub(lambda found: _longer(found), text)
+    text = Path(__file__).with_name("steer_by_wire.dbc").read_text("ascii")
+    text = _MESSAGE.sub(_longer, text)
     formats = {can_id: f'BA_ "VFrameFormat" BO_ {can_id} {_FD_FORMAT};\n' for can_id in LAYOUTS}
     values = "".join(line for line in formats.values() if line not in text)
     first_value = text.index("\nVAL_ ")

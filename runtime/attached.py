@@ -19,8 +19,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
@@ -54,17 +54,10 @@ class Lifeline:
         ``after_s``  how long after this process the child ends
         ``remove``   folder that the child then removes
         """
+        program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.attached"]
         options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
         return subprocess.Popen(  # noqa: S603 the command is our own
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "steer_by_wire.runtime.attached",
-                *options,
-                module,
-                *arguments,
-            ],
+            [*program, *options, module, *arguments],
             stdin=self._waiting,
             stdout=output,
             stderr=errors,
@@ -75,16 +68,6 @@ class Lifeline:
         """Close the pipe, which ends the children that still run."""
         os.close(self._held)
         os.close(self._waiting)
-
-
-@contextmanager
-def lifeline() -> Iterator[Lifeline]:
-    """Open a lifeline until the end of the block."""
-    line = Lifeline()
-    try:
-        yield line
-    finally:
-        line.close()
 
 
 def main() -> None:
@@ -117,11 +100,9 @@ def _end(_number: int, _frame: FrameType | None) -> NoReturn:
 def _wait(after_s: float, is_cut: threading.Event) -> None:
     """Wait for the end of standard input, then end this process."""
     descriptor = sys.stdin.fileno()
-    try:
+    with suppress(OSError):  # treated as its end
         while os.read(descriptor, 1 << 12):
             pass
-    except OSError:  # treated as its end
-        pass
     time.sleep(after_s)
     is_cut.set()
     if hasattr(signal, "pthread_kill"):

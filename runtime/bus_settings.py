@@ -119,11 +119,8 @@ def errors_of(
     if not settings.has_errors:
         return None
     bitrate_bit_s, burst = settings.bitrate_bit_s, settings.burst
-    rates = NoiseRates(settings.bit_error_rate)
-    if burst is not None:
-        rates = NoiseRates(
-            settings.bit_error_rate, burst.bit_error_rate, burst.interval_s, burst.length_s
-        )
+    in_bursts = () if burst is None else (burst.bit_error_rate, burst.interval_s, burst.length_s)
+    rates = NoiseRates(settings.bit_error_rate, *in_bursts)
     noise_of = {}
     for name, rate in settings.receiver_bit_error_rate.items():
         try:

@@ -79,10 +79,7 @@ class Connection:
         self._report = report
         self._clock_ns = clock_ns
         self._error_frames: Counter[str] = Counter()
-        self._dropped = 0
-        self._outages = 0
-        self._reconnections = 0
-        self._outage_ns = 0
+        self._dropped = self._outages = self._reconnections = self._outage_ns = 0
         self._lost_at_ns = NEVER_NS  # begin of the present outage
         self._reopened_at_ns = 0
         self._is_silent = False
@@ -153,7 +150,8 @@ class Connection:
     def _take_error_frame(self, frame: Frame) -> None:
         """Count an error frame, and react to bus-off and restart."""
         causes = error_causes(frame) if self._opened.is_socketcan else (UNSPECIFIED,)
-        if BUS_OFF in causes and self._is_disproved():
+        may_ask = BUS_OFF in causes and self._opened.has_carrier
+        if may_ask and is_in_bus_off(self._opened.channel) is False:
             causes = tuple(FORGED_BUS_OFF if one == BUS_OFF else one for one in causes)
         self._error_frames.update(causes)
         if BUS_OFF in causes:
@@ -164,10 +162,6 @@ class Connection:
             self._look_at_ns = self._clock_ns() + _RETRY_NS
         elif self._is_silent and RESTARTED in causes:
             self._end_outage()
-
-    def _is_disproved(self) -> bool:
-        """Whether the kernel contradicts the bus-off."""
-        return self._opened.has_carrier and is_in_bus_off(self._opened.channel) is False
 
     def _lose(self, cause: str) -> None:
         """Close the failed port, and start to reopen it."""

@@ -103,14 +103,9 @@ class RealTimeExecutor:
         self._spin_ns = spin_ns
         self._observe = observe
         self._lateness = DurationStatistics()
-        self._unwaited = 0
-        self._wake_ups = 0
-        self._full_wake_ups = 0
-        self._frames_received = 0
-        self._frames_sent = 0
-        self._frames_refused = 0
-        self._duration_ns = 0
-        self._busy_ns = 0
+        self._unwaited = self._wake_ups = self._full_wake_ups = 0
+        self._frames_received = self._frames_sent = self._frames_refused = 0
+        self._duration_ns = self._busy_ns = 0
 
     @property
     def figures(self) -> LoopFigures:

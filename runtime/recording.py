@@ -105,16 +105,9 @@ class Recording:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
         progress = -1 if sys.platform == "win32" else self._progress.fileno()
+        program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording_file"]
         self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "steer_by_wire.runtime.recording_file",
-                str(path),
-                channel,
-                str(progress),
-            ],
+            [*program, str(path), channel, str(progress)],
             pass_fds=() if progress < 0 else (progress,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -132,10 +125,10 @@ class Recording:
             raise
         if first.strip() != b"ready":
             self.recorder.communicate()
-            raise RecordingError(f"{path}: {_failure(first) or 'the recorder does not start'}")
+            failure = _summary(first).get("failure") or "the recorder does not start"
+            raise RecordingError(f"{path}: {failure}")
         self._pipe, self._answer = pipe, answer
-        offer, self._flush = _offering(pipe)
-        self._offer: Callable[[bytes], bool] = offer
+        self._offer, self._flush = _offering(pipe)
 
     def take(self, frame: Frame, time_ns: int, direction: int) -> None:
         """Hand over one frame, in a few microseconds and without waiting.
@@ -156,17 +149,11 @@ class Recording:
             rest = self._answer.read() if _ends(self.recorder) else b""
         finally:
             self._answer.close()
-        summary = _summary(rest)
         with self._progress as noted:
             frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
-        failure = summary.get("failure", "the recorder was ended before it could finish the file")
-        return RecordingFigures(
-            str(self._path),
-            summary.get("frames", frames),
-            self._dropped,
-            summary.get("left_out", 0),
-            failure,
-        )
+        ended = "the recorder was ended before it could finish the file"
+        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": ended}
+        return RecordingFigures(str(self._path), dropped=self._dropped, **summary | _summary(rest))
 
 
 class RecordingPort:
@@ -268,7 +255,3 @@ def _summary(line: bytes) -> dict[str, Any]:
     except ValueError:
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def _failure(line: bytes) -> str:
-    return str(_summary(line).get("failure", ""))

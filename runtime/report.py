@@ -42,29 +42,20 @@ def run_report(
 
 def loop_report(figures: LoopFigures) -> dict[str, Any]:
     """Return the figures of a real-time loop, times in seconds."""
-    return {
+    report = figures._asdict()
+    duration_ns, busy_ns = report.pop("duration_ns"), report.pop("busy_ns")
+    return report | {
         "lateness": durations_report(figures.lateness),
-        "unwaited": figures.unwaited,
-        "wake_ups": figures.wake_ups,
-        "full_wake_ups": figures.full_wake_ups,
-        "frames_received": figures.frames_received,
-        "frames_sent": figures.frames_sent,
-        "frames_refused": figures.frames_refused,
-        "duration_s": figures.duration_ns / NS_PER_S,
-        "busy_fraction": figures.busy_ns / figures.duration_ns if figures.duration_ns else 0.0,
+        "duration_s": duration_ns / NS_PER_S,
+        "busy_fraction": busy_ns / duration_ns if duration_ns else 0.0,
     }
 
 
 def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
     """Return the figures of the connection to the bus, times in seconds."""
-    return {
-        "driver": figures.driver,
-        "error_frames": dict(figures.error_frames),
-        "frames_dropped": figures.frames_dropped,
-        "outages": figures.outages,
-        "reconnections": figures.reconnections,
-        "outage_s": figures.outage_ns / NS_PER_S,
-    }
+    report = figures._asdict()
+    outage_ns = report.pop("outage_ns")
+    return report | {"outage_s": outage_ns / NS_PER_S}
 
 
 def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> dict[str, Any]:

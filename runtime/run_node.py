@@ -78,8 +78,11 @@ def run_node(
     stop = StopRequest()
     # Report and recording are written before the shut-down, which may take seconds or fail.
     with shutting_down(connection), ExitStack() as stack:
-        # Before the signals are handled: opening a file may block, and Ctrl-C has to end that.
-        recording = _start_recording(options, opened.channel)
+        # Before the signals are handled: opening a file may block, and Ctrl-C has to end that;
+        # and before the run, whose priority the recorder must not inherit.
+        recording = None
+        if options.record is not None:
+            recording = Recording(options.record, opened.channel.replace(" ", "_"))
         stack.enter_context(stop.on_signals())
         if notice:
             say(name, notice, sys.stderr)
@@ -118,13 +121,6 @@ def run_node(
     if status is ExitStatus.OK and recorded is not None and recorded.failure:
         return ExitStatus.OUTPUT
     return status
-
-
-def _start_recording(options: argparse.Namespace, channel: str) -> Recording | None:
-    """Start the recorder, before the run, whose priority it must not inherit."""
-    if options.record is None:
-        return None
-    return Recording(options.record, channel.replace(" ", "_"))
 
 
 def _run_in_real_time(

@@ -227,7 +227,7 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     """Return ``table.key=value`` texts as tables, later ones on top; raises SettingsError."""
     tables: dict[str, Any] = {}
     for override in overrides:
-        if not _is_unicode(override):
+        if override != override.encode(errors="ignore").decode():  # its other bytes are surrogates
             raise SettingsError(f"{COMMAND_LINE}: {override}: is not UTF-8 text")
         place, equals, text = override.partition("=")
         *parents, key = (part.strip() for part in place.split("."))
@@ -246,15 +246,6 @@ def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -
         if not isinstance(tables, dict):
             raise SettingsError(f"{source}: {parent} is set to a value before")
     tables[key] = value
-
-
-def _is_unicode(text: str) -> bool:
-    """Whether ``text`` from the command line was UTF-8; other bytes become lone surrogates."""
-    try:
-        text.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _parse_value(text: str) -> Any:

@@ -57,10 +57,9 @@ def explain(
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
-    mistakes = error.errors(include_url=False)
     return [
         _explain_one(mistake, schema, data, sources)
-        for mistake in mistakes
+        for mistake in error.errors(include_url=False)
         if not _is_consequence(mistake)
     ]
 
@@ -110,9 +109,9 @@ def _explain_one(
     where = f"{_source(sources, path)}: {key}"
     match mistake["type"]:
         case "extra_forbidden":
-            siblings = {name for s in _schemas_at(schema, path[:-1], data) for name in _keys(s)}
-            prefix = key.removesuffix(str(path[-1]))
-            meant = hint(str(path[-1]), sorted(siblings), prefix)
+            tables = _schemas_at(schema, path[:-1], data)
+            siblings = {name for table in tables for name in table.get("properties", ())}
+            meant = hint(str(path[-1]), sorted(siblings), key.removesuffix(str(path[-1])))
             return f"{where} is not a known key ({meant})"
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{may_be}"
@@ -210,12 +209,6 @@ def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
         yield schema
     for member in members or ():
         yield from _alternatives(root, member, data)
-
-
-def _keys(schema: Schema) -> Iterable[str]:
-    """Return the keys of a table."""
-    keys: Iterable[str] = schema.get("properties", ())
-    return keys
 
 
 def _texts(schemas: Sequence[Schema]) -> Iterable[str]:

@@ -9,8 +9,6 @@ from typing import NamedTuple
 from .frame import EXTENDED, REMOTE, Frame
 from .frame_length import DATA_LENGTH_CODE, crc15
 
-_ROWS = tuple[str, str, int]
-
 
 class StuffedText(NamedTuple):
     """One character a bit.
@@ -34,14 +32,9 @@ def stuffed_text(frame: Frame) -> StuffedText:
         head, width = base << 27 | 0b11 << 25 | extension << 7 | rtr << 6 | dlc, 39
     else:
         head, width = can_id << 7 | rtr << 6 | dlc, 19
-    text = (
-        f"{head:0{width}b}{int.from_bytes(data, 'big'):0{8 * len(data)}b}"
-        if data
-        else (f"{head:0{width}b}")
-    )
-    whole = text.rjust(-(-len(text) // 8) * 8, "0")
-    crc = crc15(int(whole, 2).to_bytes(len(whole) // 8, "big"))
-    text += f"{crc:015b}"
+    bits, width = head << 8 * len(data) | int.from_bytes(data, "big"), width + 8 * len(data)
+    crc = crc15(bits.to_bytes(-(-width // 8), "big"))
+    text = f"{bits:0{width}b}{crc:015b}"
     levels, stuff, state = [], [], 5
     for start in range(0, len(text), 8):
         part, marks, state = _stuffed(text[start : start + 8], state)
@@ -51,8 +44,8 @@ def stuffed_text(frame: Frame) -> StuffedText:
 
 
 @cache
-def _stuffed(bits: str, state: int) -> _ROWS:
-    """Bits and marks, each stuff bit as soon as five equal bits are there.
+def _stuffed(bits: str, state: int) -> tuple[str, str, int]:
+    """Bits and marks, each stuff bit as soon as five equal bits are there, and the next state.
 
     ``state``  5 times the last bit before, plus the length of its run, less 1
     """

@@ -2,12 +2,12 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from subprocess import PIPE
 from typing import IO
 
-from ..attached import lifeline
+from ..attached import Lifeline
 
 AFTER_S = 1.0
 """How long the broker outlives a killed parent, so that its clients end first."""
@@ -23,7 +23,10 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
     directory go with this process, however that ends. Raises RuntimeError if the broker does not
     start, after it has printed the reason on standard error.
     """
-    with tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory, lifeline() as line:
+    with (
+        tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory,
+        closing(Lifeline()) as line,
+    ):
         address = str(Path(directory) / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(

@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ NAME = "with-vcan"
 UNAVAILABLE_STATUS = 3
 UNWRITABLE_STATUS = 4
 STDERR = 2
+BACKENDS = ("host", "namespace", "uml")
+"""Modules beside this one."""
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
 """Of Debian and Ubuntu, for all backends but the host's own kernel."""
 
@@ -39,17 +42,9 @@ class Backend(NamedTuple):
 
 def backends() -> Iterator[Backend]:
     """Yield the backends of this platform, best first; each is imported at its turn."""
-    if sys.platform != "linux":
-        return
-    from steer_by_wire.vcan import host
-
-    yield Backend(host.NAME, host.obstacle, host.run)
-    from steer_by_wire.vcan import namespace
-
-    yield Backend(namespace.NAME, namespace.obstacle, namespace.run)
-    from steer_by_wire.vcan import uml
-
-    yield Backend(uml.NAME, uml.obstacle, uml.run)
+    for name in BACKENDS if sys.platform == "linux" else ():
+        module = import_module(f"steer_by_wire.vcan.{name}")
+        yield Backend(name, module.obstacle, module.run)
 
 
 def choose(wanted: str, request: Request) -> Backend:
@@ -126,7 +121,7 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
     )
     parser.add_argument(
         "--backend",
-        choices=("auto", "host", "namespace", "uml"),
+        choices=("auto", *BACKENDS),
         default="auto",
         help="default: auto, the first one that works here",
     )

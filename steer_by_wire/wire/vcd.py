@@ -11,8 +11,8 @@ from typing import NamedTuple, TextIO
 from ..runtime.frame import Frame
 from ..runtime.frame_length import INTERMISSION_BITS
 from ..runtime.frame_on_wire import RECESSIVE, frame_on_wire
+from ..runtime.node import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 _HEADER = """$timescale 1 ns $end
 $scope module bus $end
 $var wire 1 c can $end

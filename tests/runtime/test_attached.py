@@ -6,13 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 
 from steer_by_wire.pair import processes
-from steer_by_wire.runtime.attached import Lifeline, lifeline
+from steer_by_wire.runtime.attached import Lifeline
 from steer_by_wire.runtime.program import ExitStatus
 from tests.support.running_program import PATIENCE_S, wait_until
 
@@ -34,8 +34,9 @@ while True:
 """Ends in order when it is asked to, and else never."""
 PARENT = """
 import subprocess, sys, time
+from contextlib import closing
 from pathlib import Path
-from steer_by_wire.runtime.attached import lifeline
+from steer_by_wire.runtime.attached import Lifeline
 from steer_by_wire.runtime.emulated_bus import launch
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.program import run_main
@@ -43,7 +44,7 @@ from steer_by_wire.runtime.program import run_main
 def main():
     first, second, folder = sys.argv[1:]
     launch.AFTER_S = 0.3
-    with launched_broker() as address, lifeline() as line:
+    with launched_broker() as address, closing(Lifeline()) as line:
         children = [
             line.start("child", [first], subprocess.PIPE),
             line.start("child", [second], subprocess.PIPE, after_s=0.2, remove=Path(folder)),
@@ -136,7 +137,7 @@ def test_sigterm_ends_a_tool_as_ctrl_c_does(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("environment")
 def test_a_child_runs_as_the_module_that_it_is_and_ends_as_that_does(tmp_path: Path) -> None:
     ended = tmp_path / "ended"
-    with lifeline() as line:
+    with closing(Lifeline()) as line:
         with started(line, [str(ended), "--after", "-m"]) as child:
             child.terminate()
             assert child.wait(PATIENCE_S) == 7
