@@ -41,25 +41,21 @@ def check_text(settings: PlantSettings) -> str:
     """Return the settings and what follows from them; raises what ``motion_params`` raises."""
     params = motion_params(settings)
     comments = [*_vehicle(settings), "", *_path(settings, params), "", *_network(settings), ""]
-    comments += _wire(settings)
-    lines = [f"# {comment}" if comment else "#" for comment in comments]
+    lines = [f"# {comment}" if comment else "#" for comment in [*comments, *_wire(settings)]]
     return "\n".join([dump_toml(settings), *lines, ""])
 
 
 def understeer_gradient_s2_m(vehicle: VehicleSettings) -> float:
     """Return K of the steady steer (L + K V²) ρ [rad per m/s²]; negative: it oversteers."""
-    wheelbase_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
     compliance = (
         vehicle.rear_axle_distance_m / vehicle.front_cornering_stiffness_n_rad
         - vehicle.front_axle_distance_m / vehicle.rear_cornering_stiffness_n_rad
     )
-    return vehicle.virtual_mass_kg / wheelbase_m * compliance
+    return vehicle.virtual_mass_kg / _wheelbase_m(vehicle) * compliance
 
 
-def _steady_steer_m(vehicle: VehicleSettings) -> float:
-    """Return the steady steer per curvature, L + K V² [m]; not positive above a critical speed."""
-    wheelbase_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
-    return wheelbase_m + understeer_gradient_s2_m(vehicle) * vehicle.speed_m_s**2
+def _wheelbase_m(vehicle: VehicleSettings) -> float:
+    return vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
 
 
 def _vehicle(settings: PlantSettings) -> Iterator[str]:
@@ -67,7 +63,7 @@ def _vehicle(settings: PlantSettings) -> Iterator[str]:
     if vehicle.model is not None:
         yield f"Vehicle: equations of another package ({vehicle.model}), which are not analysed."
         return
-    wheelbase_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
+    wheelbase_m = _wheelbase_m(vehicle)
     gradient = understeer_gradient_s2_m(vehicle)
     yield f"Vehicle: {vehicle.speed_m_s:.4g} m/s ({3.6 * vehicle.speed_m_s:.4g} km/h):"
     yield f"  wheelbase            {wheelbase_m:.4g} m"
@@ -81,7 +77,8 @@ def _vehicle(settings: PlantSettings) -> Iterator[str]:
 
 
 def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
-    speed_m_s, path = settings.vehicle.speed_m_s, params.path
+    vehicle, path = settings.vehicle, params.path
+    speed_m_s = vehicle.speed_m_s
     driven_m = speed_m_s * settings.duration_s
     lap = f"a lap of {path.length_m:.4g} m" if path.closed else f"{path.length_m:.4g} m long"
     yield f"Path: {settings.path.kind}, {lap}; {driven_m:.4g} m in {settings.duration_s:g} s:"
@@ -90,8 +87,9 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     largest_1_m = float(np.abs(curvature_1_m).max())
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
-    steer_m = _steady_steer_m(settings.vehicle)
-    if settings.vehicle.model is not None or steer_m <= 0.0:
+    # Not positive above a critical speed.
+    steer_m = _wheelbase_m(vehicle) + understeer_gradient_s2_m(vehicle) * speed_m_s**2
+    if vehicle.model is not None or steer_m <= 0.0:
         return
     steer = steer_m * curvature_1_m
     window = max(1, min(_POINTS - 1, round(AVERAGING_S * speed_m_s / within_m * _POINTS)))
@@ -100,7 +98,7 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     reach_rad = float(np.abs(steer).max())
     within = f" within {AVERAGING_S:g} s"
     yield f"  steer to follow it   {reach_rad:.4g} rad, {sweep_rad:.4g} rad{within}"
-    guard = design_guard(settings.safety, settings.vehicle, settings.actuator)
+    guard = design_guard(settings.safety, vehicle, settings.actuator)
     for row in guard.limiter.rows:
         for needed_rad, allowed_rad, when in (
             (reach_rad, row.reach_rad, ""),
@@ -125,9 +123,8 @@ def _curvature(path: Path, arc_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _network(settings: PlantSettings) -> Iterator[str]:
     yield "Latency of the emulated network:"
-    latency = settings.latency
-    for name, line in (("commands", latency.downlink), ("measurements", latency.uplink)):
-        yield f"  {name:12} {_latency(line)}"
+    yield f"  commands     {_latency(settings.latency.downlink)}"
+    yield f"  measurements {_latency(settings.latency.uplink)}"
 
 
 def _latency(line: LatencySettings) -> str:
@@ -142,12 +139,11 @@ def _latency(line: LatencySettings) -> str:
 def _wire(settings: PlantSettings) -> Iterator[str]:
     sensor_ms = settings.sensor_period_ms
     state_ms = sensor_ms * samples_per_vehicle_state(settings.sensor_period_ns)
-    status_ms = PERIOD_NS / NS_PER_MS
     sent: tuple[tuple[type[Message], float], ...] = (
         (LateralError, sensor_ms),
         (SteeringStatus, sensor_ms),
         (VehicleState, state_ms),
-        (PlantStatus, status_ms),
+        (PlantStatus, PERIOD_NS / NS_PER_MS),
     )
     yield f"On the bus: {sum(1e3 / ms for _, ms in sent):.4g} frames/s:"
     for message_type, period_ms in sent:

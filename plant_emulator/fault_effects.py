@@ -21,7 +21,6 @@ from ..dbc.messages import (
     Decoded,
     DelayStatus,
     LateralError,
-    Message,
     PlantStatus,
     SteeringCommand,
     SteeringPlan,
@@ -79,9 +78,7 @@ def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
 _RAW_OUTSIDE = MappingProxyType(
     {layout.can_id: next(_raws_outside(layout)) for layout in LAYOUTS if layout.data_id is not None}
 )
-_TYPES_BY_ID: Mapping[int, type[Message]] = MappingProxyType(
-    {can_id: message_type for message_type, can_id in CAN_IDS.items()}
-)
+_TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 
 
 def bits_of(fault: FaultSettings) -> int:
@@ -94,6 +91,7 @@ class FaultMemory:
     """Memory of one fault.
 
     ``draws``     its random stream
+    ``now_ns``, ``since_onset_s``  of the present frame
     ``before``    the last frame of each identifier before the onset
     ``recorded``  frames and their arrival times [ns], for a replay
     ``burst``     frames that the present burst still drops
@@ -103,6 +101,7 @@ class FaultMemory:
 
     def __init__(self, draws: Iterator[float]) -> None:
         self.draws = draws
+        self.now_ns, self.since_onset_s = 0, 0.0
         self.before: dict[int, Frame] = {}
         self.recorded: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
         self.burst = 0
@@ -114,15 +113,15 @@ class FaultMemory:
         return next(self.draws) < chance
 
 
-Effect = Callable[[FaultSettings, FaultMemory, Frame, int, float], Sequence[Frame]]
-"""``effect(settings, memory, frame, now_ns, since_onset_s)``"""
+Effect = Callable[[FaultSettings, FaultMemory, Frame], Sequence[Frame]]
+"""``effect(settings, memory, frame)``"""
 
 
-def _drop(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _drop(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return () if x.happens(p.magnitude) else (frame,)
 
 
-def _burst(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _burst(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     begins = x.happens(BURST_CHANCE)
     if x.burst == 0 and begins:
         x.burst = int(p.magnitude)
@@ -132,15 +131,11 @@ def _burst(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) 
     return ()
 
 
-def _duplicate(
-    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
-) -> Sequence[Frame]:
+def _duplicate(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return (frame, frame) if x.happens(p.magnitude) else (frame,)
 
 
-def _reorder(
-    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
-) -> Sequence[Frame]:
+def _reorder(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     # ``overtake`` counts down the frames that are held already.
     if x.happens(REORDER_CHANCE):
         x.held.append((int(p.magnitude), frame))
@@ -155,52 +150,42 @@ def overtake(x: FaultMemory, frame: Frame) -> list[Frame]:
     return [kept for left, kept in counted if left <= 0]
 
 
-def _delay(p: FaultSettings, x: FaultMemory, frame: Frame, ns: int, _s: float) -> Sequence[Frame]:
-    x.delayed.append((ns + round(p.magnitude * NS_PER_S), frame))
+def _delay(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
+    x.delayed.append((x.now_ns + round(p.magnitude * NS_PER_S), frame))
     return ()
 
 
-def _freeze(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _freeze(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return (x.before.get(frame.can_id, frame) if x.happens(p.magnitude) else frame,)
 
 
-def _flip(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _flip(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     mask = sum(1 << bit for bit in range(8 * len(frame.data)) if x.happens(p.magnitude))
     word = int.from_bytes(frame.data, "little") ^ mask
     return (frame._replace(data=word.to_bytes(len(frame.data), "little")),)
 
 
-def _shorten(
-    p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float
-) -> Sequence[Frame]:
+def _shorten(p: FaultSettings, _x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return (frame._replace(data=frame.data[: int(p.magnitude)]),)
 
 
-def _move(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
-    if x.happens(p.magnitude):
-        return (frame._replace(can_id=_MOVED_TO.get(frame.can_id, frame.can_id)),)
-    return (frame,)
+def _move(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
+    can_id = _MOVED_TO.get(frame.can_id, frame.can_id)
+    return (frame._replace(can_id=can_id) if x.happens(p.magnitude) else frame,)
 
 
-def _spoof(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _spoof(p: FaultSettings, _x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     forged = with_value(frame, str(p.signal), lambda _name, _value: p.magnitude, steps=1)
     return (frame,) if forged is None else (frame, forged)
 
 
-def _replay(p: FaultSettings, x: FaultMemory, frame: Frame, ns: int, _s: float) -> Sequence[Frame]:
-    then_ns = ns - round(p.magnitude * NS_PER_S)
-    candidate = None
-    for came_ns, old in x.recorded:
-        if came_ns > then_ns:
-            break
-        if old.can_id == frame.can_id:
-            candidate = old
-    return (frame if candidate is None else candidate,)
+def _replay(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
+    then_ns = x.now_ns - round(p.magnitude * NS_PER_S)
+    newest_first = (old for came_ns, old in reversed(x.recorded) if came_ns <= then_ns)
+    return (next((old for old in newest_first if old.can_id == frame.can_id), frame),)
 
 
-def _out_of_range(
-    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
-) -> Sequence[Frame]:
+def _out_of_range(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     first, bits, raw = _RAW_OUTSIDE[frame.can_id]
     if not x.happens(p.magnitude) or not isinstance(decode(frame), Decoded):
         return (frame,)
@@ -210,7 +195,7 @@ def _out_of_range(
     return (frame._replace(data=bytes(payload)),)
 
 
-def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     before = decode(x.before[frame.can_id]) if frame.can_id in x.before else None
     if not isinstance(before, Decoded) or not x.happens(p.magnitude):
         return (frame,)
@@ -218,21 +203,14 @@ def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) 
     return (_changed(p, frame, lambda name, _value: float(getattr(message, name))),)
 
 
-def _offset(p: FaultSettings, _x: FaultMemory, frame: Frame, _n: int, _s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda _name, value: value + p.magnitude),)
-
-
-def _scale(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda _name, value: value * p.magnitude),)
-
-
-def _drift(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda _name, value: value + p.magnitude * s),)
-
-
-def _noise(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+def _noise(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     score = NormalDist().inv_cdf(min(max(next(x.draws), 1e-15), 1.0 - 1e-15))
     return (_changed(p, frame, lambda _name, value: value + p.magnitude * score),)
+
+
+def _changing(change: Callable[[FaultSettings, FaultMemory, float], float]) -> Effect:
+    """Return the effect of a change of the signal's value."""
+    return lambda p, x, frame: (_changed(p, frame, lambda _name, value: change(p, x, value)),)
 
 
 def _changed(p: FaultSettings, frame: Frame, change: Callable[[str, float], float]) -> Frame:
@@ -275,9 +253,9 @@ EFFECTS: Mapping[FaultKind, Effect] = MappingProxyType(
         FaultKind.REPLAY: _replay,
         FaultKind.OUT_OF_RANGE: _out_of_range,
         FaultKind.STUCK: _stuck,
-        FaultKind.OFFSET: _offset,
-        FaultKind.SCALE: _scale,
-        FaultKind.DRIFT: _drift,
+        FaultKind.OFFSET: _changing(lambda p, _x, value: value + p.magnitude),
+        FaultKind.SCALE: _changing(lambda p, _x, value: value * p.magnitude),
+        FaultKind.DRIFT: _changing(lambda p, x, value: value + p.magnitude * x.since_onset_s),
         FaultKind.NOISE: _noise,
     }
 )

@@ -29,6 +29,8 @@ class FaultStage:
     ``seed``      of the run
     ``place``     in the list of faults; selects the random stream, unless the settings do
 
+    ``changed``   frames so far that were not passed on unchanged and alone
+
     ``on_change`` may be set. It is called with each frame that was not passed on unchanged, and the
     frames passed on instead.
     """
@@ -42,7 +44,7 @@ class FaultStage:
         self._records = settings.kind is FaultKind.REPLAY
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
-        self._changed = 0
+        self.changed = 0
         self.on_change: Callable[[Frame, Sequence[Frame]], None] | None = None
         self.first_ns: int | None = None
         self.last_ns: int | None = None
@@ -52,11 +54,6 @@ class FaultStage:
         """When the next delayed frame is due [ns]; NEVER_NS if there is none."""
         delayed = self._memory.delayed
         return delayed[0][0] if delayed else NEVER_NS
-
-    @property
-    def changed(self) -> int:
-        """Frames so far that were not passed on unchanged and alone."""
-        return self._changed
 
     def take(self, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
         """Return the frames passed on for one that comes ``since_ns`` after the clock's start."""
@@ -69,10 +66,10 @@ class FaultStage:
         out: Sequence[Frame] = (frame,)
         # A burst may last beyond the fault's end.
         if self._onset_ns <= since_ns < self._end_ns or memory.burst > 0:
-            since_onset_s = (since_ns - self._onset_ns) / NS_PER_S
-            out = self._effect(self.settings, memory, frame, now_ns, since_onset_s)
+            memory.now_ns, memory.since_onset_s = now_ns, (since_ns - self._onset_ns) / NS_PER_S
+            out = self._effect(self.settings, memory, frame)
             if tuple(out) != (frame,):
-                self._changed += 1
+                self.changed += 1
                 self.first_ns = now_ns if self.first_ns is None else self.first_ns
                 self.last_ns = now_ns
                 if self.on_change is not None:
@@ -97,7 +94,7 @@ class FaultStage:
             "kind": self.settings.kind.value,
             "direction": self.settings.direction.value,
             "message": self.settings.message,
-            "changed": self._changed,
+            "changed": self.changed,
             "first_s": None if self.first_ns is None else self.first_ns / NS_PER_S,
             "last_s": None if self.last_ns is None else self.last_ns / NS_PER_S,
         }
@@ -123,17 +120,16 @@ class FaultyNode(Wrapper[N]):
     ) -> None:
         super().__init__(node)
         self.stages = [FaultStage(fault, seed, place) for place, fault in enumerate(faults)]
-        self._down = self._of(FaultDirection.DOWNLINK)
-        self._up = self._of(FaultDirection.UPLINK)
+        self._down, self._up = (
+            [stage for stage in self.stages if stage.settings.direction is direction]
+            for direction in (FaultDirection.DOWNLINK, FaultDirection.UPLINK)
+        )
         self._start_ns = start_ns
 
     @property
     def deadline_ns(self) -> int:
         """When the node's next tick or a delayed frame is due [ns]."""
-        deadline_ns = self.node.deadline_ns
-        for stage in self.stages:
-            deadline_ns = min(deadline_ns, stage.next_due_ns)
-        return deadline_ns
+        return min([self.node.deadline_ns, *(stage.next_due_ns for stage in self.stages)])
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame to the node through the downlink's faults."""
@@ -154,9 +150,6 @@ class FaultyNode(Wrapper[N]):
     def report(self) -> Mapping[str, Any]:
         """Return the node's report, with the figures of each fault under ``faults``."""
         return {**self.node.report(), "faults": [stage.report() for stage in self.stages]}
-
-    def _of(self, direction: FaultDirection) -> list[FaultStage]:
-        return [stage for stage in self.stages if stage.settings.direction is direction]
 
     def _hand_in(self, frames: Iterable[Frame], now_ns: int) -> Sequence[Frame]:
         answers = [answer for frame in frames for answer in self.node.on_frame(frame, now_ns)]

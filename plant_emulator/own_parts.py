@@ -7,6 +7,7 @@ depend on their arguments only, because runs are repeated and compared bit for b
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, WithJsonSchema
@@ -86,24 +87,11 @@ class DisturbanceModel(NamedTuple):
     settings: type[Settings] | None = None
 
 
-def find_latency_model(place: str) -> LatencyModel:
-    """Return the latency model at a place; raises ValueError."""
-    return find_part(place, LatencyModel, "latency model")
-
-
-def find_path_model(place: str) -> PathModel:
-    """Return the path model at a place; raises ValueError."""
-    return find_part(place, PathModel, "path model")
-
-
-def find_vehicle_model(place: str) -> VehicleModel:
-    """Return the vehicle model at a place; raises ValueError."""
-    return find_part(place, VehicleModel, "vehicle model")
-
-
-def find_disturbance_model(place: str) -> DisturbanceModel:
-    """Return the disturbance model at a place; raises ValueError."""
-    return find_part(place, DisturbanceModel, "disturbance model")
+find_latency_model = partial(find_part, kind=LatencyModel, noun="latency model")
+find_path_model = partial(find_part, kind=PathModel, noun="path model")
+find_vehicle_model = partial(find_part, kind=VehicleModel, noun="vehicle model")
+find_disturbance_model = partial(find_part, kind=DisturbanceModel, noun="disturbance model")
+"""Each returns the model at a place; raises ValueError."""
 
 
 def _checked(find: Callable[[str], Any]) -> Callable[[str], str]:

@@ -8,6 +8,7 @@ from ..dbc.messages import LateralError, limits
 from .verdict import Verdict
 
 Report = Mapping[str, Any]
+_RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 
 
 def verdict_text(node: Report) -> str:
@@ -15,16 +16,13 @@ def verdict_text(node: Report) -> str:
     verdict = Verdict(node["verdict"])
     parts = [f"{verdict}: {_REASONS[verdict](node)}"]
     if node["limited_share_by"]:
-        limited = (f"{_name(name)} {_percent(s)}" for name, s in node["limited_share_by"].items())
-        parts.append(
-            f"the plant's steering limited for {_percent(node['limited_share'])} of the time "
-            f"({', '.join(limited)})"
+        limited = ", ".join(
+            f"{name.replace('_', ' ')} {_percent(s)}"
+            for name, s in node["limited_share_by"].items()
         )
+        share = _percent(node["limited_share"])
+        parts.append(f"the plant's steering limited for {share} of the time ({limited})")
     return "; ".join(parts)
-
-
-def _name(limit: str) -> str:
-    return limit.replace("_", " ")
 
 
 def _percent(share: float) -> str:
@@ -33,10 +31,6 @@ def _percent(share: float) -> str:
 
 def _millimetres(value_m: float) -> str:
     return f"{1e3 * value_m:.1f} mm" if abs(value_m) < 1.0 else f"{value_m:.2f} m"
-
-
-def _left_range(_node: Report) -> str:
-    return f"the error exceeded ±{limits(LateralError)['lateral_error_m'].maximum:g} m"
 
 
 def _swings(how: str) -> Callable[[Report], str]:
@@ -57,10 +51,6 @@ def _drifts(node: Report) -> str:
     )
 
 
-def _left_road(node: Report) -> str:
-    return f"the error reached {_millimetres(node['lateral_error_peak_m'])}"
-
-
 def _at_the_end(node: Report) -> str:
     windows = node["windows"]
     return (
@@ -72,11 +62,13 @@ def _at_the_end(node: Report) -> str:
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
     {
         Verdict.NO_START: lambda _node: "no command ever reached the plant",
-        Verdict.LEFT_RANGE: _left_range,
+        Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
         Verdict.UNSTABLE: _swings("grow"),
         Verdict.LIMIT_CYCLE: _swings("last"),
         Verdict.DRIFTS: _drifts,
-        Verdict.LEFT_ROAD: _left_road,
+        Verdict.LEFT_ROAD: lambda node: (
+            f"the error reached {_millimetres(node['lateral_error_peak_m'])}"
+        ),
         Verdict.DECAYS: lambda node: f"{_at_the_end(node)}, less than before: too late",
         Verdict.OFF_PATH: _at_the_end,
         Verdict.HOLDS: _at_the_end,
