@@ -32,34 +32,25 @@ if TYPE_CHECKING:
     from .simulation import controller_presets, plant_presets, simulate
     from .study_table import run_study
 
-_MODULES = {
-    "ControllerSettings": "controller.settings",
-    "ControllerTable": "run_tables",
-    "DisturbanceModel": "plant_emulator.own_parts",
-    "DisturbanceStep": "plant_emulator.own_parts",
-    "LatencyModel": "plant_emulator.own_parts",
-    "Law": "controller.laws",
-    "LawInput": "controller.laws",
-    "LawOutput": "controller.laws",
-    "Mode": "dbc.messages",
-    "PathModel": "plant_emulator.own_parts",
-    "PlantSettings": "plant_emulator.settings",
-    "PlantTable": "run_tables",
-    "Run": "simulated_run",
-    "Settings": "runtime.settings",
-    "SettingsError": "runtime.settings",
-    "Track": "run_tables",
-    "VehicleInput": "plant_emulator.own_parts",
-    "VehicleModel": "plant_emulator.own_parts",
-    "VehicleParams": "plant_emulator.vehicle",
-    "VehicleState": "plant_emulator.own_parts",
-    "controller_presets": "simulation",
-    "path_of_curvature": "plant_emulator.path_shapes",
-    "path_through": "plant_emulator.waypoints",
-    "plant_presets": "simulation",
-    "run_study": "study_table",
-    "simulate": "simulation",
+_NAMES = {
+    "controller.laws": ("Law", "LawInput", "LawOutput"),
+    "controller.settings": ("ControllerSettings",),
+    "dbc.messages": ("Mode",),
+    "plant_emulator.own_parts": (
+        *("DisturbanceModel", "DisturbanceStep", "LatencyModel", "PathModel"),
+        *("VehicleInput", "VehicleModel", "VehicleState"),
+    ),
+    "plant_emulator.path_shapes": ("path_of_curvature",),
+    "plant_emulator.settings": ("PlantSettings",),
+    "plant_emulator.vehicle": ("VehicleParams",),
+    "plant_emulator.waypoints": ("path_through",),
+    "run_tables": ("ControllerTable", "PlantTable", "Track"),
+    "runtime.settings": ("Settings", "SettingsError"),
+    "simulated_run": ("Run",),
+    "simulation": ("controller_presets", "plant_presets", "simulate"),
+    "study_table": ("run_study",),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name comes from. It is imported at its first use: importing the package itself takes
 the standard library alone."""
 

@@ -14,8 +14,10 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
 
 from .command_line import installation
+from .controller.settings import PRESETS as CONTROLLER_PRESETS
 from .controller.settings import ControllerSettings
 from .controller.settings import shared_vehicle as nominal_vehicle
+from .plant_emulator.settings import PRESETS as PLANT_PRESETS
 from .plant_emulator.settings import PlantSettings
 from .plant_emulator.settings import shared_vehicle as plant_vehicle
 from .run_tables import ControllerTable, PlantTable
@@ -32,13 +34,19 @@ from .runtime.settings import (
 )
 from .simulated_run import Run
 
-PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
-CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 START_S_MAX = 60
 """How long in virtual time a plant waits for its first command before the network is assumed to
 lose every frame."""
+
+_SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
+    {
+        PlantSettings: ("plant", PLANT_PRESETS),
+        ControllerSettings: ("controller", CONTROLLER_PRESETS),
+    }
+)
+"""What the settings of each side are called, and the package with its presets."""
 
 S = TypeVar("S", bound=Settings)
 
@@ -96,15 +104,18 @@ def simulate(
 be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     """
     own = {"plant.seed": seed, "plant.duration_s": duration_s, "controller.law": law}
-    values = {**overrides, **{key: value for key, value in own.items() if value is not None}}
-    _refuse_unknown_sides(values)
+    given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
+    values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
+    for key, value in given.items():
+        side, _, name = key.partition(".")
+        if side not in values or not name:
+            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
+        values[side][name] = value
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
     settings = (
-        settings_of(PlantSettings, "plant", plant, PLANT_PRESETS, values, of_plant),
-        settings_of(
-            ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values, of_controller
-        ),
+        settings_of(PlantSettings, plant, values["plant"], of_plant),
+        settings_of(ControllerSettings, controller, values["controller"], of_controller),
     )
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
@@ -118,19 +129,18 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
 
 def settings_of(
     model: type[S],
-    side: str,
     given: str | Path | S,
-    presets: str,
     values: Mapping[str, Any],
     shared: SharedTable | None = None,
 ) -> S:
     """Return the settings of one side, plant or controller, as ``simulate`` takes them.
 
-    ``values``  overrides of both sides, by ``plant.table.key`` or ``controller.table.key``
+    ``values``  overrides, by ``table.key``
     ``shared``  table of the vehicle's file, in place of the same of a preset or file
 
     Raises SettingsError.
     """
+    side, presets = _SIDES[model]
     if isinstance(given, model):
         if shared is not None:
             raise SettingsError(f"vehicle and {side} of type {model.__name__}: give one of the two")
@@ -144,15 +154,7 @@ def settings_of(
             f"{side} is of type {type(given).__name__} (allowed: name of a preset, path of a"
             f" settings file, {model.__name__})"
         )
-    own = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(side)}
-    return with_values(settings, own, f"overrides of {side}") if own else settings
-
-
-def _refuse_unknown_sides(values: Mapping[str, Any]) -> None:
-    for key in values:
-        side, dot, name = key.partition(".")
-        if side not in ("plant", "controller") or not dot or not name:
-            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
+    return with_values(settings, values, f"overrides of {side}") if values else settings
 
 
 def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:

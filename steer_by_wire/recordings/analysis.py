@@ -12,6 +12,7 @@ from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
+from .candump_text import CLOCK_STARTED_NS
 from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency import Latencies
@@ -22,9 +23,6 @@ GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
 """How many changes of the latency are listed, the first."""
-_CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
-"""1990: smaller times count from some start and are no dates."""
-
 _FROM_PLANT = (
     messages.LateralError,
     messages.SteeringStatus,
@@ -55,9 +53,14 @@ COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
 }
 """Counts that the nodes report: their message and the field."""
 _COUNTED_IN = {
-    kind: [(name, field) for name, (of, field) in COUNTED.items() if of is kind]
+    kind: [
+        (name, field, int(messages.limits(kind)[field].maximum) + 1)
+        for name, (of, field) in COUNTED.items()
+        if of is kind
+    ]
     for kind, _ in COUNTED.values()
 }
+"""Name, field and modulus of each: a count comes back to 0 after the maximum of its signal."""
 CG_DEVIATION = "cg_deviation_m"
 """One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
 
@@ -68,20 +71,6 @@ class Gap(NamedTuple):
     duration_s: float
     at_s: float
     name: str
-
-
-class _Modular:
-    """How far a count went during the log; only the count modulo ``modulus`` is sent."""
-
-    def __init__(self, modulus: int) -> None:
-        self._modulus = modulus
-        self._last: int | None = None
-        self.advanced = 0
-
-    def take(self, value: int) -> None:
-        if self._last is not None:
-            self.advanced += (value - self._last) % self._modulus
-        self._last = value
 
 
 class LogAnalysis:
@@ -117,10 +106,8 @@ class LogAnalysis:
         self._modes_ns = Counter[messages.Mode]()
         self._mode: tuple[messages.Mode, int] | None = None
         self._laws: dict[str, None] = {}
-        self._counts = {
-            name: _Modular(int(messages.limits(message_type)[field].maximum) + 1)
-            for name, (message_type, field) in COUNTED.items()
-        }
+        self._counts: dict[str, int] = {}
+        self._advanced = dict.fromkeys(COUNTED, 0)
 
     def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
         """Take the next frame; returns the time since the start [s] and the message.
@@ -152,11 +139,10 @@ class LogAnalysis:
         self.latencies.finish()
         self._leave_mode(self._end_ns - (self._start_ns or 0))
         start_ns = self._start_ns
-        is_date = start_ns is not None and start_ns >= _CLOCK_STARTED_NS
         return {
             "frames": self._frames,
             "has_times": start_ns is not None,
-            "start": _date(start_ns) if is_date and start_ns is not None else None,
+            "start": _date(start_ns),
             "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
             "times_backwards": self._backwards,
             "messages": {name: self._message_figures(name) for name in messages.MESSAGE_TYPES},
@@ -169,7 +155,7 @@ class LogAnalysis:
             "latency": self._latency_figures(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
-            **{name: count.advanced for name, count in self._counts.items()},
+            **self._advanced,
             "latency_configs": self._configs,
             "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
         }
@@ -214,8 +200,10 @@ class LogAnalysis:
     def _watch(self, message: messages.Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
         self._held_path.take(message, self._cg_m)
-        for name, field in _COUNTED_IN.get(type(message), ()):
-            self._counts[name].take(getattr(message, field))
+        for name, field, modulus in _COUNTED_IN.get(type(message), ()):
+            count = getattr(message, field)
+            self._advanced[name] += (count - self._counts.get(name, count)) % modulus
+            self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.Law(message.law).name] = None
         elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
@@ -272,5 +260,7 @@ class LogAnalysis:
         }
 
 
-def _date(time_ns: int) -> str:
+def _date(time_ns: int | None) -> str | None:
+    if time_ns is None or time_ns < CLOCK_STARTED_NS:
+        return None
     return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="microseconds")

@@ -16,6 +16,7 @@ message are empty before its first frame. Enumerations are numbers, as in the DB
 from collections import Counter
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -177,16 +178,10 @@ class BusListener:
 ROWS_PER_GROUP = 50_000
 """Rows that are kept until they are written as one part of a Parquet file."""
 
+_ENDS = accumulate(len(kind._fields) for kind in MESSAGE_TYPES.values())
 PLACES = {
-    name: slice(start, start + len(kind._fields))
-    for (name, kind), start in zip(
-        MESSAGE_TYPES.items(),
-        (
-            sum(len(kind._fields) for kind in list(MESSAGE_TYPES.values())[:index])
-            for index in range(len(MESSAGE_TYPES))
-        ),
-        strict=True,
-    )
+    name: slice(end - len(kind._fields), end)
+    for (name, kind), end in zip(MESSAGE_TYPES.items(), _ENDS, strict=True)
 }
 """Where the signals of each message are among the columns of signals."""
 COLUMNS = tuple(

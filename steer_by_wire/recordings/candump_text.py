@@ -91,8 +91,8 @@ _HEAD_LINES = 200
 _CAN_ERR_FLAG = 0x20000000
 TIME_NS_LIMIT = 1 << 62
 """The year 2116: a later time is a misprint, and differences of times must fit into 64 bits."""
-_CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
-"""1990: greater times are dates."""
+CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
+"""1990: greater times are dates; smaller ones count from some start."""
 _PLAIN = re.compile(
     r"""\s*(?:\(([^)]+)\)\s+)?              # time
         (\S+)\s+                             # channel
@@ -168,7 +168,7 @@ def _time_ns(stamp: str) -> int | None:
 def _are_distances(stamps: list[str]) -> bool:
     """Whether times are those of candump -td, not -tz: as times they would run backwards."""
     times = [time_ns for stamp in stamps if (time_ns := _time_ns(stamp)) is not None]
-    if max(times, default=0) >= _CLOCK_STARTED_NS:
+    if max(times, default=0) >= CLOCK_STARTED_NS:
         return False
     # Differences fall as often as they rise; times hardly ever step back.
     backwards = sum(after < before for before, after in pairwise(times))

@@ -7,7 +7,7 @@ text, line by line. A line that cannot be read is counted and skipped.
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import can
 
@@ -26,31 +26,15 @@ class LogError(SettingsError):
     """A log that cannot be read at all; the text is one line for the user."""
 
 
-class LogFile(Protocol):
-    """The frames of one file, to be iterated over once."""
+def open_log(path: Path) -> "_TextLog | _BinaryLog":
+    """Open a log file; raises LogError.
 
-    def __iter__(self) -> Iterator[Logged]:
-        """Yield the frames; raises LogError if there are none."""
-        ...
+    The result yields the frames, once; it raises LogError if there are none. It also has
 
-    @property
-    def unreadable(self) -> int:
-        """Lines, or parts of a binary file, that could not be read so far."""
-        ...
-
-    @property
-    def first_unreadable(self) -> str:
-        """The first of them, with file and line number; empty when there is none."""
-        ...
-
-    @property
-    def fraction_read(self) -> float | None:
-        """How much of the file has been read, 0 to 1; None where that is not known."""
-        ...
-
-
-def open_log(path: Path) -> LogFile:
-    """Open a log file; raises LogError."""
+    ``unreadable``        lines, or parts of a binary file, that could not be read so far
+    ``first_unreadable``  the first of them, with file and line number; empty when there is none
+    ``fraction_read``     how much of the file has been read, 0 to 1; None where that is not known
+    """
     suffix = path.suffix.lower()
     if suffix in _BINARY_SUFFIXES:
         return _BinaryLog(path)

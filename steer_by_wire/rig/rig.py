@@ -35,7 +35,7 @@ from ..runtime.node import NEVER_NS, ReportingNode
 from ..runtime.settings import SettingsError
 from ..runtime.settings_mistakes import hint
 from ..runtime.toml_text import dump_toml
-from ..simulation import CONTROLLER_PRESETS, NO_OVERRIDES, PLANT_PRESETS, START_S_MAX, settings_of
+from ..simulation import NO_OVERRIDES, START_S_MAX, settings_of
 from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
@@ -65,10 +65,8 @@ class Rig:
     ) -> None:
         if bus not in BUSES:
             raise SettingsError(f"bus {bus}: there is none of this name ({hint(bus, BUSES)})")
-        values = {f"plant.{key}": value for key, value in overrides.items()}
-        if seed is not None:
-            values["plant.seed"] = seed
-        self.settings = settings_of(PlantSettings, "plant", plant, PLANT_PRESETS, values)
+        values = {**overrides, **({} if seed is None else {"seed": seed})}
+        self.settings = settings_of(PlantSettings, plant, values)
         self.bus = bus
         self.outcomes: list[Outcome] = []
         self._folder = folder
@@ -106,10 +104,7 @@ class Rig:
             return self._in_virtual_time(controller, files)
         if not isinstance(controller, str):
             return self._in_real_time("steer_by_wire.rig.command", controller, files)
-        values = {f"controller.{key}": value for key, value in overrides.items()}
-        settings = settings_of(
-            ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values
-        )
+        settings = settings_of(ControllerSettings, controller, overrides)
         files.settings("controller").write_text(dump_toml(settings), encoding="utf-8")
         if in_real_time:
             words = [str(files.settings("controller")), "{bus}"]

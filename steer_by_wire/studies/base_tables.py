@@ -8,6 +8,7 @@ from typing import Any
 from ..controller.settings import PRESETS as CONTROLLER_PRESETS
 from ..controller.settings import ControllerSettings
 from ..controller.settings import shared_vehicle as nominal_vehicle
+from ..plant_emulator.rig_settings import EllipseSettings
 from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
@@ -20,10 +21,14 @@ from ..runtime.settings import (
     load_settings,
     read_preset,
 )
-from .factors import named_path
 from .study_file import BaseSettings
 
 Tables = Mapping[str, Any]
+NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
+    "paper_ellipse": EllipseSettings().model_dump(),
+    "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
+}
+"""The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
 
 
 def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:
@@ -97,13 +102,22 @@ def _checked(
     return dumped
 
 
-def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested tables by dotted key; an empty table is a value."""
+def leaves(tables: Tables, path: str = "", whole: str | None = None) -> list[tuple[str, Any]]:
+    """Return the values of nested tables by dotted key; an empty table is a value.
+
+    ``whole``  a table with this key is one, too
+    """
     found: list[tuple[str, Any]] = []
     for key, value in tables.items():
         dotted = f"{path}.{key}" if path else key
-        found += leaves(value, dotted) if isinstance(value, dict) and value else [(dotted, value)]
+        is_table = isinstance(value, dict) and value and whole not in value
+        found += leaves(value, dotted, whole) if is_table else [(dotted, value)]
     return found
+
+
+def named_path(value: Any) -> Any:
+    """Return a path by its name, or by its kind with that kind's own measures."""
+    return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
 
 
 def _toml(value: Any) -> str:

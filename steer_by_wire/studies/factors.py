@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from ..plant_emulator.rig_settings import EllipseSettings
 from ..runtime.settings import SettingsError, read_preset
+from .base_tables import leaves, named_path
 from .study_file import (
     DistributionSettings,
     FactorSettings,
@@ -20,11 +20,6 @@ PATH = "plant.path"
 CORNERS = ("a", "b", "c", "d")
 BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
 Label = bool | int | float | str
-NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
-    "paper_ellipse": EllipseSettings().model_dump(),
-    "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
-}
-"""The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
 
 
 class Level(NamedTuple):
@@ -52,6 +47,10 @@ class Factor(NamedTuple):
     quantile: Callable[[float], float] | None
     is_endless: bool = False
 
+    def sets(self, *places: str) -> bool:
+        """Whether a key of it begins with one of these."""
+        return any(key.startswith(places) for key in self.keys)
+
     def at(self, u: float) -> Level:
         """Return the level at the quantile u; listed levels are equally likely."""
         if self.quantile is None:
@@ -75,14 +74,15 @@ def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Fa
         return _box(settings, is_grid, where)
     if settings.levels is not None:
         levels = tuple(
-            Level(label, tuple(_flat(table, ""))) for label, table in settings.levels.items()
+            Level(label, tuple(_with_path(*leaf) for leaf in leaves(table, whole="kind")))
+            for label, table in settings.levels.items()
         )
         keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
         return [Factor(settings.name or "level", keys, levels, None)]
     keys = settings.keys or (settings.key or "",)
     name = settings.name or keys[0].rpartition(".")[2]
     if settings.values is not None:
-        levels = tuple(Level(_label(value), _all(keys, value)) for value in settings.values)
+        levels = tuple(_level(value, keys) for value in settings.values)
         if len({level.label for level in levels}) < len(levels):
             raise SettingsError(f"{where}: values of factor {name} must differ from each other")
         return [Factor(name, keys, levels, None)]
@@ -159,7 +159,7 @@ def _ranged(
             )
         return Factor(name, keys, None, lambda u: start + u * (stop - start))
     values = range_values(start, stop, settings.step, settings.count)
-    return Factor(name, keys, tuple(Level(value, _all(keys, value)) for value in values), None)
+    return Factor(name, keys, tuple(_level(value, keys) for value in values), None)
 
 
 def corner_vehicle(corner: str) -> Mapping[str, float]:
@@ -193,13 +193,12 @@ def _box(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
     return factors
 
 
-def named_path(value: Any) -> Any:
-    """Return a path by its name, or by its kind with that kind's own measures."""
-    return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
+def _level(value: Any, keys: tuple[str, ...]) -> Level:
+    return Level(_label(value), tuple(_with_path(key, value) for key in keys))
 
 
-def _all(keys: tuple[str, ...], value: Any) -> tuple[tuple[str, Any], ...]:
-    return tuple((key, named_path(value) if key == PATH else value) for key in keys)
+def _with_path(key: str, value: Any) -> tuple[str, Any]:
+    return key, named_path(value) if key == PATH else value
 
 
 def _label(value: Any) -> Label:
@@ -207,15 +206,3 @@ def _label(value: Any) -> Label:
     if isinstance(value, dict):
         return ", ".join(f"{key}={item}" for key, item in value.items())
     return value if isinstance(value, bool | int | float) else str(value)
-
-
-def _flat(table: Mapping[str, Any], path: str) -> list[tuple[str, Any]]:
-    """Return the values of nested tables by dotted key; a table with a ``kind`` stays whole."""
-    found: list[tuple[str, Any]] = []
-    for key, value in table.items():
-        dotted = f"{path}.{key}" if path else key
-        if isinstance(value, dict) and value and "kind" not in value:
-            found += _flat(value, dotted)
-        else:
-            found.append((dotted, named_path(value) if dotted == PATH else value))
-    return found

@@ -19,10 +19,7 @@ from numpy.typing import NDArray
 
 from ..compiled.compilation import compiled
 from ..compiled.steps import register
-from ..controller.settings import ControllerSettings, limits_of
-from ..plant_emulator.error_windows import WINDOW_SHARE_MAX, window_figures
-from ..plant_emulator.settings import PlantSettings
-from ..runtime.node import NS_PER_S
+from ..plant_emulator.error_windows import window_figures
 
 FloatArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
@@ -88,21 +85,6 @@ class FigureRules(NamedTuple):
     step_rad_max: float
     window_s: float
     settling_band_m: float
-
-
-def figure_rules(
-    plant: PlantSettings, controller: ControllerSettings, window_s: float, settling_band_m: float
-) -> FigureRules:
-    """Return the rules for the figures of a run of these settings."""
-    limits = limits_of(controller)
-    return FigureRules(
-        plant.sensor_period_ns / NS_PER_S,
-        controller.period_ns / NS_PER_S,
-        limits.steer_rad_max,
-        limits.step_rad_max,
-        min(window_s, WINDOW_SHARE_MAX * plant.duration_s),
-        settling_band_m,
-    )
 
 
 def take_figures(

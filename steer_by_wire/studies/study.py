@@ -7,6 +7,7 @@ so that runs that share a network, and differ only in the controller, are consec
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.util import find_spec
@@ -31,7 +32,6 @@ FILE_KEYS = ("trace_file", "file")
 """Settings of the plant that name a file; the results depend on its content."""
 PART_KEYS = ("law", "model")
 """Settings that may name a part of another package; the results depend on its module."""
-FAULTS_KEY = "plant.faults"
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
@@ -108,6 +108,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     Raises SettingsError.
     """
     factors = study_factors(settings, file)
+    has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
     study = Study(
         file=file,
         settings=settings,
@@ -117,7 +118,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
             for name in settings.base.controllers
         },
         design=make_design(factors, settings.sampling),
-        bus=bus_tables(settings.base, file) if _has_bus(settings, factors) else None,
+        bus=bus_tables(settings.base, file) if has_bus else None,
     )
     _refuse_faults(study)
     _refuse_own_verdict(study)
@@ -126,19 +127,9 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     return study
 
 
-def _has_bus(settings: StudySettings, factors: tuple[Factor, ...]) -> bool:
-    return settings.base.bus is not None or any(
-        key.startswith("bus.") for factor in factors for key in factor.keys
-    )
-
-
 def _refuse_faults(study: Study) -> None:
     """Refuse faults before anything is computed: compiled runs have none; raises SettingsError."""
-    factors = [
-        f"factor {factor.name}"
-        for factor in study.design.factors
-        if any(key.startswith(FAULTS_KEY) for key in factor.keys)
-    ]
+    factors = [f"factor {one.name}" for one in study.design.factors if one.sets("plant.faults")]
     for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
         raise SettingsError(
             f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
@@ -150,9 +141,7 @@ def _refuse_own_verdict(study: Study) -> None:
     """Refuse thresholds for a single run: a study judges all its runs by one table."""
     defaults = VerdictRules().model_dump(mode="json")
     is_default = study.plant.get("verdict", defaults) == defaults
-    is_varied = any(
-        key.startswith("plant.verdict") for one in study.design.factors for key in one.keys
-    )
+    is_varied = any(factor.sets("plant.verdict") for factor in study.design.factors)
     if is_varied or not is_default:
         raise SettingsError(
             f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
@@ -221,13 +210,7 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
         return tuple(factors)
     # The network is computed once for consecutive vehicles that share it, but only a few vehicles
     # are cached.
-    motions = [factor for factor in factors if _sets_motion(factor)]
-    others = [factor for factor in factors if not _sets_motion(factor)]
-    count = 1
-    for factor in motions:
-        count *= len(factor.levels or ())
+    motions = [factor for factor in factors if factor.sets(*MOTION_TABLES)]
+    others = [factor for factor in factors if not factor.sets(*MOTION_TABLES)]
+    count = math.prod(len(factor.levels or ()) for factor in motions)
     return tuple(others + motions if count <= MOTIONS_KEPT else motions + others)
-
-
-def _sets_motion(factor: Factor) -> bool:
-    return any(key.startswith(MOTION_TABLES) for key in factor.keys)

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from ..controller.settings import ControllerSettings
+from ..controller.settings import ControllerSettings, limits_of
 from ..plant_emulator import verdict
 from ..plant_emulator.error_windows import WINDOW_SHARE_MAX, WindowFigures
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
 from ..runtime.array_types import FloatArray, IntArray
-from .figures import FigureRules, Figures, figure_rules
+from ..runtime.node import NS_PER_S
+from .figures import FigureRules, Figures
 
 _PEAK = Figures._fields.index("peak_m")
 _WINDOWS = [Figures._fields.index(name) for name in WindowFigures._fields]
@@ -18,7 +19,15 @@ def rules_of(
     rules: VerdictRules, plant: PlantSettings, controller: ControllerSettings
 ) -> FigureRules:
     """Return the rules for the figures of a run of these settings."""
-    return figure_rules(plant, controller, rules.window_s, rules.settling_band_m)
+    limits = limits_of(controller)
+    return FigureRules(
+        plant.sensor_period_ns / NS_PER_S,
+        controller.period_ns / NS_PER_S,
+        limits.steer_rad_max,
+        limits.step_rad_max,
+        min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
+        rules.settling_band_m,
+    )
 
 
 def short_windows(rules: VerdictRules, duration_s: float) -> str:
