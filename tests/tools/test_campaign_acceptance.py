@@ -58,8 +58,8 @@ def test_a_sound_pair_comes_back_in_time_and_without_a_step() -> None:
 def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     sound = controller_settings_of
 
-    def never(law: str) -> Any:
-        settings = sound(law)
+    def never(law: str, ftti_ms: float) -> Any:
+        settings = sound(law, ftti_ms)
         table = settings.supervision.model_copy(update={"recovery_frames": 10**9})
         return settings.model_copy(update={"supervision": table})
 
@@ -72,8 +72,8 @@ def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch)
 def test_one_that_recovers_too_late_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     sound = controller_settings_of
 
-    def slow(law: str) -> Any:
-        settings = sound(law)
+    def slow(law: str, ftti_ms: float) -> Any:
+        settings = sound(law, ftti_ms)
         table = settings.supervision.model_copy(update={"recovery_frames": 40})
         return settings.model_copy(update={"supervision": table})
 

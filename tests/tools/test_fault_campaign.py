@@ -236,7 +236,8 @@ def test_a_reaction_that_comes_after_the_ftti_is_late(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair.with_ftti", lambda settings, _ftti_ms: settings
+        "steer_by_wire.tools.fault_campaign.pair.controller_settings_of",
+        lambda law, _ftti_ms: controller_settings_of(law),
     )
     assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Verdict.LATE
 
@@ -326,7 +327,8 @@ def test_a_campaign_that_fails_ends_with_status_one(
 ) -> None:
     """Of a controller that takes its own time."""
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair.with_ftti", lambda settings, _ftti_ms: settings
+        "steer_by_wire.tools.fault_campaign.pair.controller_settings_of",
+        lambda law, _ftti_ms: controller_settings_of(law),
     )
     drop = 'cases=[{kind="drop", messages=["LATERAL_ERROR"], magnitudes=[1.0]}]'
     few = ["--set", "ftti_ms=40", "--set", drop, "--set", "node_cases=[]", "--processes", "1"]

@@ -16,9 +16,9 @@ import argparse
 import shlex
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,7 +26,12 @@ from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
+from steer_by_wire.runtime.settings import (
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
 from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.fault_campaign.acceptance import (
     Finding,
@@ -108,12 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    text = (
-        files("steer_by_wire.tools.fault_campaign")
-        .joinpath("default.toml")
-        .read_text(encoding="utf-8")
-    )
-    default = Preset("default", text) if options.spec is None else None
+    built_in = read_preset("steer_by_wire.tools.fault_campaign", "default")
+    default = built_in if options.spec is None else None
     spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
     known = preset_names(PRESETS)
     for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
@@ -177,9 +178,8 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
         write_result(options.out, spec_hash, result)
 
     try:
-        _with_progress(
-            len(left), take, lambda taken: execute(run_trial, left, options.processes, taken)
-        )
+        with _with_progress(len(left), take) as taken:
+            execute(run_trial, left, options.processes, taken)
     except KeyboardInterrupt:
         kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
         say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
@@ -215,9 +215,8 @@ def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
         raise SettingsError(f"--random-walks: seed + N must be up to {SEED_MAX + 1}")
     walks: list[Walk] = []
     try:
-        _with_progress(
-            count, walks.append, lambda taken: walk_all(spec, count, options.processes, taken)
-        )
+        with _with_progress(count, walks.append) as taken:
+            walk_all(spec, count, options.processes, taken)
     finally:  # on Ctrl-C too, so that no result is lost
         if walks:
             print("\n".join(walk_lines(walks, _again(options))))
@@ -233,18 +232,16 @@ def _again(options: argparse.Namespace) -> str:
     return f"{shlex.join(words)} --random-walks 1"
 
 
-def _with_progress(
-    total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
-) -> None:
-    console = plain_console()
-    with counting_bars(console) as bars:
+@contextmanager
+def _with_progress(total: int, take: Callable[[R], None]) -> Iterator[Callable[[R], None]]:
+    with counting_bars(plain_console()) as bars:
         task = bars.add_task("", total=total)
 
         def taken(result: R) -> None:
             take(result)
             bars.advance(task)
 
-        work(taken)
+        yield taken
 
 
 def _status(findings: Sequence[Finding]) -> int:

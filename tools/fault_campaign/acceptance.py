@@ -136,7 +136,8 @@ def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
     believed = [one for one in falsified if one.verdict is Verdict.BELIEVED]
     followed = [one for one in falsified if one.verdict is Verdict.FOLLOWED]
     kinds = ", ".join(dict.fromkeys(one.kind for one in followed)) or "none"
-    after, frames = (sum(column) for column in _columns(followed))
+    after = sum(one.false_after for one in followed)
+    frames = sum(one.false_frames for one in followed)
     share = f", with {100.0 * after / frames:.0f} % of their false frames" if frames else ""
     return [
         Finding(
@@ -160,10 +161,6 @@ def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
     ]
 
 
-def _columns(runs: Sequence[Result]) -> tuple[list[int], list[int]]:
-    return [one.false_after for one in runs], [one.false_frames for one in runs]
-
-
 def _effective(faulty: Sequence[Result]) -> Finding:
     idle = [one for one in faulty if one.verdict is Verdict.NO_EFFECT]
     spared = [one for one in faulty if one.verdict is Verdict.NO_CHANCE]
@@ -174,11 +171,11 @@ def _effective(faulty: Sequence[Result]) -> Finding:
 
 
 def _recovered(faulty: Sequence[Result]) -> Finding:
-    asked = [one for one in faulty if one.recovery_allowed_s is not None]
-    asked = [one for one in asked if one.verdict not in _IDLE]
-    missing = [one for one in asked if not _is_back(one)]
-    least = min((one.recovery_allowed_s or 0.0 for one in asked), default=0.0)
-    most = max((one.recovery_allowed_s or 0.0 for one in asked), default=0.0)
+    running = [one for one in faulty if one.verdict not in _IDLE]
+    asked = [one for one in running if one.recovery_allowed_s is not None]
+    missing = [one for one in asked if not one.is_back]
+    allowed_s = [one.recovery_allowed_s or 0.0 for one in asked]
+    least, most = min(allowed_s, default=0.0), max(allowed_s, default=0.0)
     figure = (
         f"{len(asked) - len(missing)} of {len(asked)}, slowest "
         f"{_slowest_ms(one.recovery_s for one in asked)}; allowed are {1e3 * least:.0f} to "
@@ -186,11 +183,6 @@ def _recovered(faulty: Sequence[Result]) -> Finding:
     )
     what = "both nodes in control again after the fault, unless a peer is dead"
     return Finding(what, not missing if asked else None, figure)
-
-
-def _is_back(one: Result) -> bool:
-    allowed_s = one.recovery_allowed_s
-    return one.recovery_s is not None and allowed_s is not None and one.recovery_s <= allowed_s
 
 
 def _smooth(faulty: Sequence[Result]) -> Finding:

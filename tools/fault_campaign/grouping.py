@@ -104,24 +104,20 @@ class Comparison(NamedTuple):
     removed: int
 
 
-def compare(earlier: Iterable[Result], now: Iterable[Result]) -> Comparison:
+def compare(earlier: Iterable[Result], now: Sequence[Result]) -> Comparison:
     """Compare by name, which is fault, magnitude, operating point, law and seed."""
-    before = {result.name: result for result in earlier}
-    comparison = Comparison([], [], [], [], 0, 0)
-    added, seen = 0, set()
-    for result in now:
-        seen.add(result.name)
-        old = before.get(result.name)
-        if old is None:
-            added += 1
-            continue
-        match old.verdict in FAILURES, result.verdict in FAILURES:
-            case True, False:
-                comparison.fixed.append(result)
-            case False, False:
-                comparison.unchanged.append(result)
-            case False, True:
-                comparison.new_failure.append(result)
-            case _:
-                comparison.still_failing.append(result)
-    return comparison._replace(added=added, removed=len(before.keys() - seen))
+    failed_before = {result.name: result.verdict in FAILURES for result in earlier}
+    both = [result for result in now if result.name in failed_before]
+
+    def those(*, failed: bool, fails: bool) -> list[Result]:
+        wanted = failed, fails
+        return [r for r in both if (failed_before[r.name], r.verdict in FAILURES) == wanted]
+
+    return Comparison(
+        fixed=those(failed=True, fails=False),
+        unchanged=those(failed=False, fails=False),
+        new_failure=those(failed=False, fails=True),
+        still_failing=those(failed=True, fails=True),
+        added=len(now) - len(both),
+        removed=len(failed_before.keys() - {result.name for result in both}),
+    )

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ...controller.settings import ControllerSettings
 from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair
-from ...plant_emulator.fault_settings import FaultKind, FaultSettings
+from ...plant_emulator.fault_settings import FaultKind
 from ...plant_emulator.motion_design import MotionParams
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S
@@ -73,7 +73,17 @@ def measure_memory(controller: ControllerSettings, run_s: float, seed: int = 1) 
                 way: {"model": "gamma", "mean_s": 0.04, "spread_s": 0.02}
                 for way in ("downlink", "uplink")
             },
-            "faults": _faults(),
+            "faults": [
+                {
+                    "kind": kind,
+                    "direction": direction,
+                    "message": message,
+                    "signal": "lateral_error_m" if kind is FaultKind.NOISE else None,
+                    "onset_s": 1.0,
+                    "magnitude": magnitude,
+                }
+                for kind, direction, message, magnitude in _FAULTS
+            ],
         }
     )
     pair = make_virtual_pair(plant, controller, plant_samples_max=0)
@@ -104,19 +114,3 @@ def held_bytes(roots: Sequence[object]) -> int:
         seen[id(held)] = held  # kept, so that no other gets its id
         waiting += gc.get_referents(held)
     return sum(map(sys.getsizeof, seen.values()))
-
-
-def _faults() -> list[FaultSettings]:
-    return [
-        FaultSettings.model_validate(
-            {
-                "kind": kind,
-                "direction": direction,
-                "message": message,
-                "signal": "lateral_error_m" if kind is FaultKind.NOISE else None,
-                "onset_s": 1.0,
-                "magnitude": magnitude,
-            }
-        )
-        for kind, direction, message, magnitude in _FAULTS
-    ]

@@ -20,20 +20,12 @@ COMMAND_IDS = frozenset(
     (messages.CAN_IDS[messages.SteeringCommand], messages.CAN_IDS[messages.SteeringPlan])
 )
 _RESOLUTION_RAD = messages.resolutions(messages.SteeringCommand)["steer_rad"]
-_ABNORMAL_MODES = (messages.Mode.HOLDING, messages.Mode.SAFE_STOP)
-_ABNORMAL_CODES = (
-    messages.SteeringStatusCode.HOLDING,
-    messages.SteeringStatusCode.FALLBACK,
-    messages.SteeringStatusCode.SAFE_STATE,
-)
-_REPORTING_CODES = (*_ABNORMAL_CODES, messages.SteeringStatusCode.LIMITED_BY_SAFETY)
+HELD_MODES = (messages.Mode.HOLDING, messages.Mode.SAFE_STOP)
+HELD_CODES = (messages.SteeringStatusCode.HOLDING, messages.SteeringStatusCode.FALLBACK)
+_ABNORMAL_CODES = (*HELD_CODES, messages.SteeringStatusCode.SAFE_STATE)
+REPORTING_CODES = (*_ABNORMAL_CODES, messages.SteeringStatusCode.LIMITED_BY_SAFETY)
 """Codes that report a fault; a wheel that is limited, or faded in, is under control."""
-_REPORTING_SAFETY = (
-    messages.SafetyState.LIMITING,
-    messages.SafetyState.HOLDING,
-    messages.SafetyState.FALLBACK,
-    messages.SafetyState.SAFE_STATE,
-)
+REPORTING_SAFETY = frozenset(messages.SafetyState) - {messages.SafetyState.NORMAL}
 
 
 class Bounds(NamedTuple):
@@ -195,29 +187,25 @@ class Watch(Wrapper[ReportingNode]):
                 self.invalid.append(f"command of {message.steer_rad:g} rad")
             self._check_step(message)
             self.commands.append((now_ns, message))
-            self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
+            self._note_state(now_ns, message.mode in HELD_MODES)
         elif isinstance(message, messages.SteeringPlan):
             self._check_plan(message)
             first = messages.SteeringCommand(message.steer_0_rad, message.plan_number, message.mode)
             self.commands.append((now_ns, first))
-            self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
+            self._note_state(now_ns, message.mode in HELD_MODES)
         elif isinstance(message, messages.SteeringStatus):
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
             self.statuses.append((now_ns, message))
-            self._note_report(now_ns, message.status in _REPORTING_CODES)
+            self._note_report(now_ns, message.status in REPORTING_CODES)
             self._note_state(now_ns, message.status in _ABNORMAL_CODES)
         elif isinstance(message, messages.ControllerSafety):
-            ages = message[2:5]
-            is_wrong = (
-                messages.Freshness.STALE in ages
-                or message.fault is not messages.ControllerFault.NONE
-            )
-            self._note_report(
-                now_ns, is_wrong or self._has_refused(message.rejected + message.lost)
-            )
+            is_stale = messages.Freshness.STALE in message[2:5]
+            is_wrong = is_stale or message.fault is not messages.ControllerFault.NONE
+            refused = message.rejected + message.lost
+            self._note_report(now_ns, is_wrong or self._has_refused(refused))
         elif isinstance(message, messages.PlantStatus):
-            is_wrong = message.safety in _REPORTING_SAFETY
+            is_wrong = message.safety in REPORTING_SAFETY
             self._note_report(now_ns, is_wrong or self._has_refused(message.rejected))
 
     def _check_step(self, command: messages.SteeringCommand) -> None:

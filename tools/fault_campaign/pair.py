@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from ...bus_faults.babbling import BabbledBus
 from ...controller.node import ControllerNode
-from ...controller.settings import ControllerSettings
 from ...plant_emulator.fault_settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ...plant_emulator.faults import FaultyNode
 from ...plant_emulator.motion_design import MotionParams, motion_params
@@ -60,7 +59,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     case = scenario.case
     node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
     plant = plant_settings_of(scenario, case.faults)
-    controller = with_ftti(controller_settings_of(scenario.law), scenario.spec.ftti_ms)
+    controller = controller_settings_of(scenario.law, scenario.spec.ftti_ms)
     onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
@@ -111,12 +110,6 @@ def onset_ns_of(case: Case) -> int:
         return case.node_fault.window_ns[0]
     # The stage's clock starts with the first command, some periods after this one.
     return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
-
-
-def with_ftti(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
-    """Return the settings with the campaign's fault tolerant time; age limits follow from it."""
-    table = settings.supervision.model_copy(update={"fault_tolerant_time_ms": ftti_ms})
-    return settings.model_copy(update={"supervision": table})
 
 
 @lru_cache(maxsize=_PARAMS_KEPT)

@@ -28,10 +28,9 @@ from ...dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStatu
 from ...plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S
+from .observation import HELD_CODES, HELD_MODES
 from .specification import PointSettings
 
-HELD_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
-HELD_CODES = (SteeringStatusCode.HOLDING, SteeringStatusCode.FALLBACK)
 SIGMAS = 6.0
 """Multiple of a latency's jitter that is hardly ever exceeded."""
 RUN_FRAMES = 12

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...plant_emulator.plant_samples import PlantSample
 from ...runtime.node import NS_PER_S
@@ -122,6 +122,12 @@ class Result(NamedTuple):
         """What goes wrong, in a line."""
         return f"{self.kind} {self.magnitude:g} {self.where}"
 
+    @property
+    def is_back(self) -> bool:
+        """Whether both nodes were in control again in time, if they had to be."""
+        allowed_s, took_s = self.recovery_allowed_s, self.recovery_s
+        return allowed_s is None or (took_s is not None and took_s <= allowed_s)
+
 
 def run_trial(scenario: Scenario) -> Result:
     """Run a scenario; equal scenarios give equal results."""
@@ -142,7 +148,6 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     }
     times, detected_ns = times_of(case, pair, effect_ns)
     false_ns = [*pair.plant.false_ns, *pair.controller.false_ns]
-    back = _way_back(scenario, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
     as_golden = is_as_golden(scenario, pair) if is_received_by_nobody(case) else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
@@ -159,7 +164,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         why=case.expected.why,
         changed=changed,
         **times._asdict(),
-        recovery_s=back.recovery_s,
+        **_way_back(scenario, pair, effect_ns),
         lateral_error_peak_m=max((abs(one.lateral_error_m) for one in samples), default=0.0),
         steer_rate_peak_rad_s=_steer_rate_peak(samples),
         counts=counts,
@@ -173,10 +178,6 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         false_frames=pair.plant.false_frames + pair.controller.false_frames,
         false_accepted=len(false_ns),
         false_after=sum(detected_ns is not None and at_ns > detected_ns for at_ns in false_ns),
-        recovery_allowed_s=back.allowed_s,
-        command_return_rad=back.command_rad,
-        wheel_return_rad=back.wheel_rad,
-        jumps=back.jumps,
     )
     if result.false_after and not case.expected.safe_state:
         result = result._replace(frti_s=None, fhti_s=None)
@@ -197,9 +198,12 @@ def verdict_of(case: Case, result: Result, ftti_s: float, is_idle: bool) -> Verd
     if result.as_golden is not None and (result.counts or not result.as_golden):
         return Verdict.DISTURBED
     failure = _late(result, ftti_s) if case.expected.mechanisms else None
-    failure = failure or _bad_return(result)
     if failure is not None:
         return failure
+    if not result.is_back:
+        return Verdict.NOT_RECOVERED
+    if result.jumps:
+        return Verdict.JUMPED
     if not case.expected.mechanisms:
         return Verdict.NOT_DETECTABLE
     # Frames that pass a CRC by chance are judged by their number over all runs.
@@ -218,22 +222,8 @@ def _late(result: Result, ftti_s: float) -> Verdict | None:
     return Verdict.LATE if slowest_s > ftti_s else None
 
 
-def _bad_return(result: Result) -> Verdict | None:
-    allowed_s, recovery_s = result.recovery_allowed_s, result.recovery_s
-    if allowed_s is not None and (recovery_s is None or recovery_s > allowed_s):
-        return Verdict.NOT_RECOVERED
-    return Verdict.JUMPED if result.jumps else None
-
-
-class _WayBack(NamedTuple):
-    recovery_s: float | None
-    allowed_s: float | None
-    command_rad: float | None
-    wheel_rad: float | None
-    jumps: str
-
-
-def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
+def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> dict[str, Any]:
+    """Return the fields of a result about the return into control."""
     case, way = scenario.case, pair.way
     own = case.node_fault
     is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
@@ -249,13 +239,14 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
         if step.is_jump
     ]
     is_dead = own is not None and own.kind is NodeFaultKind.KILLED
-    return _WayBack(
-        _recovery_s(pair, effect_ns, _end_ns(scenario, pair, effect_ns)),
-        None if is_dead or case.kind == GOLDEN else way.recovery_s,
-        max((step.step_rad for step in commands), default=None),
-        max((step.own_rad for step in wheel if step.is_return), default=None),
-        "; ".join(jumps[:_JUMPS_SHOWN]),
-    )
+    returns_rad = [step.own_rad for step in wheel if step.is_return]
+    return {
+        "recovery_s": _recovery_s(pair, effect_ns, _end_ns(scenario, pair, effect_ns)),
+        "recovery_allowed_s": None if is_dead or case.kind == GOLDEN else way.recovery_s,
+        "command_return_rad": max((step.step_rad for step in commands), default=None),
+        "wheel_return_rad": max(returns_rad, default=None),
+        "jumps": "; ".join(jumps[:_JUMPS_SHOWN]),
+    }
 
 
 def _end_ns(scenario: Scenario, pair: Pair, effect_ns: int) -> int:

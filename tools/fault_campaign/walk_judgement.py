@@ -124,11 +124,11 @@ def _met_stages(pair: Pair) -> Iterator[_Met]:
             continue
         fault = stage.settings
         end_ns = stage.last_ns + _noticed_ns(pair)
-        silence_s = fault.duration_s - _shortened_s(pair)
+        silence_s = fault.duration_s
         if fault.kind is FaultKind.DELAY_SPIKE:  # its own delay does not shorten it
             silence_s = min(fault.magnitude, fault.duration_s) + fault.magnitude
-            silence_s -= _shortened_s(pair)
-        yield _Met(case_of_fault(fault, pair.sight), _Span(stage.first_ns, end_ns), silence_s)
+        span = _Span(stage.first_ns, end_ns)
+        yield _Met(case_of_fault(fault, pair.sight), span, silence_s - _shortened_s(pair))
 
 
 def _shortened_s(pair: Pair) -> float:

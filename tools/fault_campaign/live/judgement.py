@@ -6,7 +6,7 @@ carries nothing. A frame counts as a program's own only if its own recording has
 have sent the same identifier.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,33 +19,22 @@ from ....dbc.messages import (
     Freshness,
     LateralError,
     Message,
-    Mode,
     PlantStatus,
-    SafetyState,
     SteeringCommand,
     SteeringStatus,
-    SteeringStatusCode,
     decode,
 )
 from ....recordings.census import read_own_log
 from ....runtime.candump import CandumpReader
 from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
+from ..observation import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
 from .cases import CONTROLLER, LIMITED, LOST, PLANT, PLANT_ONSET_S, SILENCE, SKIPPED
 from .trial import Trial
 
 _SIGKILL_STATUS = -9
 _PAYLOAD_BYTES = 8
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_NOT_AS_COMMANDED = (
-    SteeringStatusCode.LIMITED_BY_SAFETY,
-    SteeringStatusCode.HOLDING,
-    SteeringStatusCode.FALLBACK,
-    SteeringStatusCode.SAFE_STATE,
-)
-_UNSAFE = frozenset(SafetyState) - {SafetyState.NORMAL}
-_HELD = (Mode.HOLDING, Mode.SAFE_STOP)
-
 _OF_THE_MACHINE = frozenset({SKIPPED})
 """A run without a fault does not fail by these: a shared machine may stall."""
 TimedMessage = tuple[int, Message]
@@ -172,25 +161,19 @@ def vehicle_of(messages: Sequence[TimedMessage], onset_ns: int, end_ns: int) -> 
     """Return the motion of the vehicle up to ``end_ns``, from the plant's own messages."""
     statuses = [one for t, one in messages if isinstance(one, SteeringStatus) and t < end_ns]
 
-    def peak(pick: Callable[[Message], float | None], from_ns: int, to_ns: int) -> float | None:
-        values = [pick(message) for time_ns, message in messages if from_ns <= time_ns < to_ns]
-        return max((abs(value) for value in values if value is not None), default=None)
+    errors = [(t, one.lateral_error_m) for t, one in messages if isinstance(one, LateralError)]
+    angles = [(t, one.wheel_angle_rad) for t, one in messages if isinstance(one, SteeringStatus)]
+
+    def peak(values: Sequence[tuple[int, float]], from_ns: int, to_ns: int) -> float | None:
+        return max((abs(value) for t, value in values if from_ns <= t < to_ns), default=None)
 
     return Vehicle(
-        peak(_error, onset_ns, end_ns),
-        peak(_error, 0, onset_ns),
-        peak(_wheel, onset_ns, end_ns),
-        peak(_wheel, 0, onset_ns),
+        peak(errors, onset_ns, end_ns),
+        peak(errors, 0, onset_ns),
+        peak(angles, onset_ns, end_ns),
+        peak(angles, 0, onset_ns),
         statuses[-1].status.name if statuses else "none",
     )
-
-
-def _error(message: Message) -> float | None:
-    return message.lateral_error_m if isinstance(message, LateralError) else None
-
-
-def _wheel(message: Message) -> float | None:
-    return message.wheel_angle_rad if isinstance(message, SteeringStatus) else None
 
 
 def _first_sign(frames: Sequence[tuple[int, Frame]], onset_ns: int, end_ns: int) -> float | None:
@@ -220,11 +203,11 @@ def _is_sign(message: Message, before: tuple[int, int]) -> bool:
     """Whether a message reports that its sender has detected a fault since ``before``."""
     match message:
         case SteeringCommand() | ControllerStatus():
-            return message.mode in _HELD
+            return message.mode in HELD_MODES
         case SteeringStatus():
-            return message.status in _NOT_AS_COMMANDED
+            return message.status in REPORTING_CODES
         case PlantStatus():
-            return message.safety in _UNSAFE or _refused(message) != before
+            return message.safety in REPORTING_SAFETY or _refused(message) != before
         case ControllerSafety():
             is_stale = message.lateral_error_freshness is Freshness.STALE
             is_well = message.fault is ControllerFault.NONE
