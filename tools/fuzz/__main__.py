@@ -51,19 +51,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(NAME, __doc__, f"{NAME} controller --seconds 60", "TARGET [options]")
     parser.add_argument("target", choices=NAMES, metavar="TARGET", help=", ".join(NAMES))
-    parser.add_argument(
-        "--runs", type=whole_number(0, 999_999_999), metavar="N", help="end after this many inputs"
-    )
-    parser.add_argument(
-        "--seconds", type=whole_number(0, 999_999_999), metavar="S", help="end after this time"
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, 999_999_999),
-        default=1,
-        metavar="N",
-        help="seed of libFuzzer (default: %(default)s)",
-    )
+    count = whole_number(0, 999_999_999)
+    parser.add_argument("--runs", type=count, metavar="N", help="end after this many inputs")
+    parser.add_argument("--seconds", type=count, metavar="S", help="end after this time")
+    seed_help = "seed of libFuzzer (default: %(default)s)"
+    parser.add_argument("--seed", type=count, default=1, metavar="N", help=seed_help)
     parser.add_argument(
         "--corpus", type=Path, metavar="DIR", help="inputs to start from; new ones are added"
     )

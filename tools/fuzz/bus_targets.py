@@ -33,20 +33,17 @@ def fuzz_protocol(data: bytes) -> None:
         (protocol.HELLO, protocol.unpack_hello),
         (protocol.ANSWER, protocol.unpack_answer),
     ):
-        for raw in (
-            piece[: part.size].ljust(part.size, b"\0") for piece in (data, protocol.MAGIC + data)
-        ):
+        for raw in (data, protocol.MAGIC + data):
             with suppress(protocol.ProtocolError):
-                unpack(raw)
+                unpack(raw[: part.size].ljust(part.size, b"\0"))
     for record in _RECORDS:
         raw = data[: record.size].ljust(record.size, b"\0")
         with suppress(protocol.ProtocolError):
             delivered, _ = protocol.unpack_delivery(record, raw)
             if isinstance(delivered, protocol.Buffer):
-                again_delivered, _ = protocol.unpack_delivery(
-                    record, protocol.pack_buffer(record, delivered)
-                )
-                promise(again_delivered == delivered, f"{delivered} becomes {again_delivered}")
+                packed = protocol.pack_buffer(record, delivered)
+                unpacked, _ = protocol.unpack_delivery(record, packed)
+                promise(unpacked == delivered, f"{delivered} becomes {unpacked}")
         with suppress(protocol.ProtocolError):
             request = protocol.unpack_request(record, raw)
             if isinstance(request, Frame):

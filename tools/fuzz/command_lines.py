@@ -14,7 +14,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -159,16 +159,11 @@ def _stop(*_arguments: object, **_options: object) -> NoReturn:
 
 @contextmanager
 def _folder() -> Iterator[None]:
-    before = Path.cwd()
-    with TemporaryDirectory() as folder:
-        os.chdir(folder)
-        try:
-            for name, content in _contents().items():
-                Path(name).write_bytes(content)
-            Path("folder").mkdir()
-            yield
-        finally:
-            os.chdir(before)
+    with TemporaryDirectory() as folder, chdir(folder):
+        for name, content in _contents().items():
+            Path(name).write_bytes(content)
+        Path("folder").mkdir()
+        yield
 
 
 @lru_cache

@@ -1,8 +1,7 @@
 """A broker on a bus with two orderly clients, driven turn by turn for the fuzzer."""
 
 import socket
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -116,17 +115,10 @@ class FuzzedBus:
         return place < len(self._said) and frame == self._said[place]
 
     def _end(self) -> None:
-        with ending_descriptor() as descriptor:
-            self._broker.run(descriptor)
-
-
-@contextmanager
-def ending_descriptor() -> Iterator[int]:
-    """Return a descriptor that is readable, because its other end is closed."""
-    one, other = socket.socketpair()
-    other.close()
-    with one:
-        yield one.fileno()
+        one, other = socket.socketpair()
+        other.close()  # which makes the first one readable: the broker ends
+        with one:
+            self._broker.run(one.fileno())
 
 
 def listening_socket(folder: str) -> tuple[socket.socket, str]:

@@ -14,7 +14,7 @@ import importlib.resources
 import json
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -161,22 +161,17 @@ def faultless_log(suffix: str) -> bytes:
         return file.read_bytes()
 
 
-def _messages() -> list[can.Message]:
-    frames = []
+def _messages() -> Iterator[can.Message]:
     for number in range(_LOGGED // 3):
-        counter = number % 256
-        frames += [
-            encode(LateralError(0.01 * number, 0.0), counter),
-            encode(SteeringCommand(-0.01 * number, number, Mode.ACTIVE), counter),
-            encode(SteeringStatus(0.0, max(number - 2, 0), SteeringStatusCode.APPLYING), counter),
-        ]
-    messages = []
-    for number, frame in enumerate(frames):
-        message = message_of(frame)
-        message.timestamp = 1.6e9 + 0.01 * (number // 3)
-        message.channel = "vcan0"
-        messages.append(message)
-    return messages
+        for frame in (
+            encode(LateralError(0.01 * number, 0.0), number),
+            encode(SteeringCommand(-0.01 * number, number, Mode.ACTIVE), number),
+            encode(SteeringStatus(0.0, max(number - 2, 0), SteeringStatusCode.APPLYING), number),
+        ):
+            message = message_of(frame)
+            message.timestamp = 1.6e9 + 0.01 * number
+            message.channel = "vcan0"
+            yield message
 
 
 def fuzz_contract(data: bytes) -> None:

@@ -96,10 +96,7 @@ def fuzz_controller(data: bytes) -> None:
         choices,
         lambda: ControllerNode(settings, 0),
         (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS),
-        Outgoing(
-            (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
-            judge=CommandLimits(settings),
-        ),
+        outgoing_of_controller(settings),
     )
 
 
@@ -111,7 +108,7 @@ def fuzz_plant(data: bytes) -> None:
         choices,
         lambda: PlantNode(settings, 0, params),
         (*PLANT_RECEIVES, *PLANT_SENDS),
-        Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState)),
+        outgoing_of_plant(),
     )
 
 
@@ -185,13 +182,24 @@ class Outgoing:
                 self._next[frame.can_id] = (counter + 1) % COUNTERS
 
 
+def outgoing_of_controller(settings: ControllerSettings) -> Outgoing:
+    """Return what checks the frames of a controller."""
+    directly = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+    return Outgoing(directly, judge=CommandLimits(settings))
+
+
+def outgoing_of_plant() -> Outgoing:
+    """Return what checks the frames of a plant."""
+    return Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState))
+
+
 def drive(
     choices: Choices,
     make_node: Callable[[], ReportingNode],
     known: Collection[type[Message]],
     outgoing: Outgoing,
-) -> ReportingNode:
-    """Run a node through what ``choices`` decide; returns it.
+) -> None:
+    """Run a node through what ``choices`` decide.
 
     ``known``  what it receives, and what nobody else may send
 
@@ -200,7 +208,7 @@ def drive(
     node, twin = make_node(), make_node()
     ids = {CAN_IDS[message_type] for message_type in known}
     taken = 0
-    for now_ns, frames in wake_ups(choices, 0):
+    for now_ns, frames in wake_ups(choices):
         for frame in frames:
             sent = list(node.on_frame(frame, now_ns))
             outgoing.look(sent)
@@ -214,7 +222,6 @@ def drive(
     counted = report["accepted"] + sum(report["rejected"].values())
     promise(counted == taken, f"{taken} frames came, {counted} were counted: {report}")
     json.dumps(report)
-    return node
 
 
 def _tick(node: Node, now_ns: int) -> list[Frame]:
@@ -242,7 +249,7 @@ def fuzz_authentication(data: bytes) -> None:
     )
     received: list[Frame] = []
     ours = 0
-    for now_ns, frames in wake_ups(choices, 0):
+    for now_ns, frames in wake_ups(choices):
         for frame in frames:
             sent, is_genuine = _on_the_wire(choices, peer, frame, received)
             before = node.report()["authentication"]["verified"]
@@ -256,8 +263,7 @@ def fuzz_authentication(data: bytes) -> None:
                 promise(is_secured(frame), f"leaves unsecured: {frame}")
                 if choices.chance(200):  # or the network loses it
                     peer.verify(frame)
-    report = node.report()
-    counted = report["authentication"]
+    counted = node.report()["authentication"]
     total = counted["verified"] + sum(counted["refused"].values())
     promise(total == ours, f"{ours} frames came, {total} were counted: {counted}")
 

@@ -16,24 +16,13 @@ from typing import Any, NamedTuple
 from ...controller.node import ControllerNode
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
-from ...dbc.messages import (
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
-    LateralError,
-    Mode,
-    PlantStatus,
-    SteeringCommand,
-    SteeringStatus,
-    VehicleState,
-    encode,
-)
+from ...dbc.messages import LateralError, Message, Mode, SteeringCommand, encode
 from ...plant_emulator.latency_profile import read_trace
 from ...plant_emulator.node import PlantNode
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.waypoints import waypoint_path
-from ...runtime.node import NS_PER_MS, Node
+from ...runtime.node import NS_PER_MS, Node, ReportingNode
 from ...runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
 from ...runtime.virtual_time import VirtualTimeExecutor
 from ...studies.study_file import StudySettings
@@ -43,7 +32,7 @@ from ..fault_campaign.pair import make_pair
 from ..fault_campaign.scenario import Scenario, controller_settings_of, scenarios_of
 from ..fault_campaign.specification import CampaignSettings
 from ..fault_campaign.walks import WALK_FAULTS_MAX, draw_walk
-from .node_targets import CommandLimits, Outgoing
+from .node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
 from .traffic import Choices, promise
 
 ENTRIES_MAX = 6
@@ -233,23 +222,19 @@ def _begin(scenario: Scenario) -> None:
 
 
 def _run_controller(settings: ControllerSettings) -> None:
-    node = ControllerNode(settings, 0)
-    outgoing = Outgoing(
-        (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
-        judge=CommandLimits(settings),
-    )
-    for number, error_m in enumerate((0.0, 1e-3, 80.0, -80.0, 0.5)):
-        node.on_frame(encode(LateralError(error_m, 0.0), number), number * STEP_NS)
-        outgoing.look(_ticks(node, number * STEP_NS))
-    outgoing.look(_ticks(node, MOTION_NS))
+    errors = [LateralError(error_m, 0.0) for error_m in (0.0, 1e-3, 80.0, -80.0, 0.5)]
+    _run(ControllerNode(settings, 0), errors, outgoing_of_controller(settings))
 
 
 def _run_plant(settings: PlantSettings) -> None:
-    node = PlantNode(settings, 0)
-    outgoing = Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState))
-    for number, steer_rad in enumerate((0.0, 0.01, 1.3, -1.3, 0.0)):
-        command = SteeringCommand(steer_rad, number, Mode.ACTIVE)
-        node.on_frame(encode(command, number), number * STEP_NS)
+    steers_rad = (0.0, 0.01, 1.3, -1.3, 0.0)
+    commands = [SteeringCommand(rad, place, Mode.ACTIVE) for place, rad in enumerate(steers_rad)]
+    _run(PlantNode(settings, 0), commands, outgoing_of_plant())
+
+
+def _run(node: ReportingNode, messages: Sequence[Message], outgoing: Outgoing) -> None:
+    for number, message in enumerate(messages):
+        node.on_frame(encode(message, number), number * STEP_NS)
         outgoing.look(_ticks(node, number * STEP_NS))
     outgoing.look(_ticks(node, MOTION_NS))
     json.dumps(node.report())

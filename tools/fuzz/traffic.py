@@ -8,7 +8,7 @@ counter and the CRC that they need, because noise does not pass a CRC.
 import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from ...dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig, Message
 from ...dbc.protection import COUNTERS, protect
@@ -105,13 +105,6 @@ _ALL_FLAGS = EXTENDED | REMOTE | ERROR | FD | BITRATE_SWITCH
 _LENGTHS = (8, 7, 0, 1, 2, 3, 6, 9, 12, 16, 48, 63, 64)
 
 
-class WakeUp(NamedTuple):
-    """What an executor hands to a node at one wake-up [ns]."""
-
-    now_ns: int
-    frames: tuple[Frame, ...]
-
-
 class Sender:
     """Another participant, which knows the contract and keeps to it only at times."""
 
@@ -146,16 +139,15 @@ class Sender:
         return Frame(CAN_IDS[message_type], bytes(payload))
 
 
-def wake_ups(choices: Choices, start_ns: int) -> Iterator[WakeUp]:
-    """Yield the events for a node, in an order of time that never runs backwards."""
+def wake_ups(choices: Choices) -> Iterator[tuple[int, Sequence[Frame]]]:
+    """Yield a node's wake-ups: the time, which never runs backwards [ns], and what has come."""
     sender = Sender()
-    now_ns = start_ns
+    now_ns = 0
     for _ in range(EVENTS_MAX):
         if choices.exhausted:
             return
         now_ns += _step_ns(choices)
-        frames = tuple(sender.frame(choices) for _ in range(choices.integer(0, 3)))
-        yield WakeUp(now_ns, frames)
+        yield now_ns, [sender.frame(choices) for _ in range(choices.integer(0, 3))]
 
 
 def _step_ns(choices: Choices) -> int:
