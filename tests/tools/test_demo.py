@@ -65,14 +65,14 @@ def test_the_summary_has_every_phase_of_every_law(out: Path) -> None:
 
 def test_every_pair_leaves_a_log_of_every_message_and_can_be_run_again(out: Path) -> None:
     for law in LAWS:
-        with (out / law.folder / "candump.log").open(encoding="ascii") as file:
+        with (out / law.preset / "candump.log").open(encoding="ascii") as file:
             reader = CandumpReader(file)
             identifiers = {entry.frame.can_id for entry in reader}
         assert reader.unreadable == 0
         assert identifiers == {0x100, 0x110, 0x120, 0x130, 0x300, 0x304, 0x308, 0x310}
         for program in ("controller", "plant_emulator"):
-            assert (out / law.folder / f"{program}.toml").is_file()
-            assert (out / law.folder / f"{program}.json").is_file()
+            assert (out / law.preset / f"{program}.toml").is_file()
+            assert (out / law.preset / f"{program}.json").is_file()
 
 
 def test_the_trace_starts_on_the_path_and_ends_after_the_duration(out: Path) -> None:

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import Progress
 
 from steer_by_wire.command_line import add_out_argument, command_parser, number
 from steer_by_wire.controller.shared_settings import VehicleModelSettings
@@ -42,6 +41,7 @@ from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
 from steer_by_wire.runtime.thresholds import Condition, Quantity, add_fail_if_argument, of_part
+from steer_by_wire.terminal import progress_bars
 from steer_by_wire.tools.analyze_log.html_report import report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
 from steer_by_wire.tools.analyze_log.result import Result, print_results
@@ -251,7 +251,7 @@ def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
 def _progress() -> Iterator[Callable[[str, float | None], None]]:
     console = Console(stderr=True)
     start_s = time.monotonic()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    with progress_bars(console) as progress:
         tasks: dict[str, Any] = {}
 
         def advance(name: str, fraction: float | None) -> None:

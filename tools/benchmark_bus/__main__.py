@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -73,22 +73,9 @@ BETWEEN_S = 2.0
 """Time to start a run, for the progress bar."""
 
 
-class _Runs(NamedTuple):
-    """All that was run; ``answers`` is empty without CAN."""
-
-    answers: Mapping[str, list[AnswerRun]]
-    ticks: list[TickRun]
-    long: TickRun
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
-    return run_main(NAME, partial(_run, _parse(arguments)))
-
-
-def _run(options: argparse.Namespace) -> int:
-    _benchmark(options)
-    return ExitStatus.OK
+    return run_main(NAME, partial(_benchmark, _parse(arguments)))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -126,7 +113,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _benchmark(options: argparse.Namespace) -> None:
+def _benchmark(options: argparse.Namespace) -> int:
     obstacle = "" if options.no_can else socketcan_obstacle(options.channel)
     if obstacle:
         raise BusError(
@@ -140,8 +127,7 @@ def _benchmark(options: argparse.Namespace) -> None:
         priority = options.priority if granted else 0
         bench = Bench(*bus, folder, compile_all(folder), priority)
         write_frames(bench.frames)
-        runs = _run_all(bench, options)
-    lines = _lines(runs)
+        lines = _lines(*_run_all(bench, options))
     machine = {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
@@ -155,9 +141,8 @@ def _benchmark(options: argparse.Namespace) -> None:
     for line in _machine_lines(machine, refused=bool(options.priority) and not granted):
         console.print(line, soft_wrap=True)
     if options.json is not None:
-        write_json(
-            options.json, {"machine": machine, "lines": [line_record(line) for line in lines]}
-        )
+        write_json(options.json, {"machine": machine, "lines": [*map(line_record, lines)]})
+    return ExitStatus.OK
 
 
 @contextmanager
@@ -173,8 +158,13 @@ def _bus(options: argparse.Namespace) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield "", ("-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}")
 
 
-def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
-    """Run everything, in turns, so that other work on the machine affects all alike."""
+def _run_all(
+    bench: Bench, options: argparse.Namespace
+) -> tuple[Mapping[str, list[AnswerRun]], list[TickRun], TickRun]:
+    """Run everything, in turns, so that other work on the machine affects all alike.
+
+    Returns the runs of those that answer, none without CAN, those at the rate, and the long one.
+    """
     answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING if bench.channel}
     ticks = []
     short_s, long_s = options.seconds + BETWEEN_S, options.long_seconds + BETWEEN_S
@@ -192,17 +182,19 @@ def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
             progress.advance(task, short_s)
         progress.update(task, description=f"{options.long_seconds:g} s at {LONG_RATE_HZ} Hz")
         long = tick_run(bench, LONG_RATE_HZ, options.long_seconds)
-    return _Runs(answered, ticks, long)
+    return answered, ticks, long
 
 
-def _lines(runs: _Runs) -> list[Line]:
-    reports = [run.report["node"] for run in (*runs.ticks, runs.long)]
-    reports += [run.report["node"] for run in runs.answers.get(NODE, []) if run.report is not None]
+def _lines(
+    answers: Mapping[str, list[AnswerRun]], ticks: list[TickRun], long: TickRun
+) -> list[Line]:
+    reports = [run.report["node"] for run in (*ticks, long)]
+    reports += [run.report["node"] for run in answers.get(NODE, []) if run.report is not None]
     return [
-        *(answer_lines(runs.answers) if runs.answers else []),
-        *tick_lines(runs.ticks),
-        *tick_lines(parts(runs.long, PARTS)),
-        *skipped_lines(runs.long),
+        *(answer_lines(answers) if answers else []),
+        *tick_lines(ticks),
+        *tick_lines(parts(long, PARTS)),
+        *skipped_lines(long),
         *memory_lines(tick_memory(PRESET, MEMORY_TICKS), reports),
     ]
 

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from ...pair.processes import ProcessError
 from ...runtime.bus import BusError
 
 SOURCES = Path(__file__).parent
@@ -58,10 +59,6 @@ ABOVE, BELOW = 10, -5
 PRIORITY_MIN, PRIORITY_MAX = 1 - BELOW, 99 - ABOVE
 GRACE_S = 60.0
 """A program is killed when it takes this much longer than its duration."""
-
-
-class ProcessError(BusError):
-    """A program has failed; the text is one line for the user."""
 
 
 class Role(NamedTuple):

@@ -90,10 +90,10 @@ def _demo(options: argparse.Namespace) -> int:
     bus = bus_settings(options, read_preset("steer_by_wire.tools.demo", "demo_bus"))
     plants = {law: law.plant(overrides) for law in LAWS}
     controllers = {law: law.controller() for law in LAWS}
-    files = {law: PairFiles(options.out / law.folder) for law in LAWS}
+    files = {law: PairFiles(options.out / law.preset) for law in LAWS}
     for law in LAWS:
         files[law].write_settings(plants[law], controllers[law])
-    names = [law.folder for law in LAWS]
+    names = [law.preset for law in LAWS]
     plant = plants[LAWS[0]]
     log = options.out / "bus.txt"
     with open_channels(options.bus, names, log, bus, plant.seed) as channels:
@@ -173,8 +173,7 @@ def _present(
     for line in what_to_see(results, phases):
         console.print(f"  {line}", soft_wrap=True)
     console.print(machine_table(results))
-    for line in _remarks([result.live for result in results]):
-        console.print(line)
+    console.print(_stolen([result.live for result in results]))
     console.print(f"pictures: {', '.join(str(path) for path in pictures)}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
     status = fail_status(NAME, options.fail_if, QUANTITIES, summary)
@@ -182,13 +181,13 @@ def _present(
     return status
 
 
-def _remarks(live: Sequence[PairResult]) -> list[str]:
+def _stolen(live: Sequence[PairResult]) -> str:
     """Return what the machine did to the run: a stalled host must not be taken for a slow loop."""
     stolen = [result.controller["host"].get("steal_fraction") for result in live]
     known = [fraction for fraction in stolen if fraction is not None]
     if not known:
-        return ["time stolen by the host: not known on this platform"]
-    return [f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"]
+        return "time stolen by the host: not known on this platform"
+    return f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"
 
 
 if __name__ == "__main__":

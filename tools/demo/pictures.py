@@ -22,16 +22,13 @@ def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path
     """Draw the three pictures into ``folder``; returns their paths."""
     with plot_style():
         figures = {
-            "lateral_error": draw_lateral_error(results, phases),
-            "steering": draw_steering(results, phases),
-            "path_from_above": draw_path(results),
+            folder / "lateral_error.png": draw_lateral_error(results, phases),
+            folder / "steering.png": draw_steering(results, phases),
+            folder / "path_from_above.png": draw_path(results),
         }
-        paths = []
-        for name, figure in figures.items():
-            path = folder / f"{name}.png"
+        for path, figure in figures.items():
             figure.savefig(path)
-            paths.append(path)
-    return paths
+    return list(figures)
 
 
 def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:

@@ -26,16 +26,14 @@ UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")
 
 
 class DemoLaw(NamedTuple):
-    """One pair: a preset of the controller, and the sensors it is made for."""
+    """One pair: a preset of the controller, and the sensors it is made for.
+
+    ``preset``  names its folder and its channel too
+    """
 
     label: str
     preset: str
     sensor_period_ms: int = 10
-
-    @property
-    def folder(self) -> str:
-        """Where its files go, and the name of its channel."""
-        return self.preset
 
     def controller(self) -> ControllerSettings:
         """Return the settings of its controller."""

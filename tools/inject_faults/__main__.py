@@ -13,7 +13,7 @@ own, one by one.
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import partial
@@ -32,7 +32,7 @@ from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.runtime.socketcan import SocketCanPort
-from steer_by_wire.tools.inject_faults.frames import FrameSource, Timed, frame_source, recording_of
+from steer_by_wire.tools.inject_faults.frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.inject_faults.injection import Action, Deed, Injection
 from steer_by_wire.tools.inject_faults.processes import BusOffFault, ProcessFault
 
@@ -84,7 +84,11 @@ def _run(options: argparse.Namespace) -> int:
         stack.enter_context(stop.on_signals())
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
-        sources = list(_sources(faults, start_ns, seed, bitrate, recording))
+        sources = [
+            frame_source(fault, start_ns, seed * FAULTS_MAX + place, bitrate, recording)
+            for place, fault in enumerate(faults)
+            if fault.kind in kinds.FRAME_KINDS
+        ]
         deeds: list[Deed] = []
         injection = Injection(port, sources, deeds, start_ns, _print_action)
         with injection.running():
@@ -154,19 +158,6 @@ def _refuse_fd_on_a_classic_bus(
             f"{options.recording}: has CAN FD frames, and the bus takes classic ones only;"
             " give --fd, if it can carry them"
         )
-
-
-def _sources(
-    faults: Sequence[kinds.LiveFault],
-    start_ns: int,
-    seed: int,
-    bitrate_bit_s: int,
-    recording: Sequence[Timed],
-) -> Iterator[FrameSource]:
-    for place, fault in enumerate(faults):
-        if fault.kind in kinds.FRAME_KINDS:
-            fault_seed = seed * FAULTS_MAX + place
-            yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
 
 
 def _print_action(action: Action) -> None:

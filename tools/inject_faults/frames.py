@@ -119,13 +119,13 @@ def _producer(fault: LiveFault, draws: random.Random) -> Produce:
         return lambda index: (_command(fault.magnitude, first + index),)
     if fault.kind is LiveKind.NOISE:
         return lambda _index: (_noise(draws),)
-    spoil: Callable[[Frame], Frame]
-    if fault.kind is LiveKind.BIT_FLIPS:
-        spoil = lambda frame: _flipped(frame, fault.magnitude, draws)  # noqa: E731 as its fellows
-    elif fault.kind is LiveKind.WRONG_LENGTH:
-        spoil = lambda frame: frame._replace(data=frame.data[: int(fault.magnitude)])  # noqa: E731
-    else:
-        spoil = _moved
+    left = int(fault.magnitude)
+    spoils: dict[LiveKind, Callable[[Frame], Frame]] = {
+        LiveKind.BIT_FLIPS: lambda frame: _flipped(frame, fault.magnitude, draws),
+        LiveKind.WRONG_LENGTH: lambda frame: frame._replace(data=frame.data[:left]),
+        LiveKind.WRONG_IDENTIFIER: _moved,
+    }
+    spoil = spoils[fault.kind]
     return lambda index: tuple(spoil(frame) for frame in _true_ones(fault.to, first + index))
 
 

@@ -1,6 +1,7 @@
 """Injects faults into a bus and processes, and records what was done and when."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
@@ -58,7 +59,7 @@ class Injection:
     """Runs faults; use ``running`` so that no process stays stopped.
 
     ``port``      of the bus; None when no fault needs one
-    ``report``      is called with each action when it is done
+    ``report``    is called with each action when it is done
     """
 
     def __init__(
@@ -75,8 +76,7 @@ class Injection:
         self._report = report
         self._waiting = list(sources)
         self._active: list[FrameSource] = []
-        self._sent = {id(source): 0 for source in sources}
-        self._refused = {id(source): 0 for source in sources}
+        self._sent, self._refused = Counter[FrameSource](), Counter[FrameSource]()
         self.actions: list[Action] = []
         self.results: list[dict[str, Any]] = []
 
@@ -126,7 +126,7 @@ class Injection:
 
     def _send(self, source: FrameSource, frame: Any) -> bool:
         has_room = self._port is not None and self._port.send(frame)
-        (self._sent if has_room else self._refused)[id(source)] += 1
+        (self._sent if has_room else self._refused)[source] += 1
         return has_room
 
     def _next_ns(self, now_ns: int, was_refused: bool) -> int:
@@ -154,7 +154,7 @@ class Injection:
         return is_done and not self._waiting and not self._active
 
     def _end(self, source: FrameSource, how: str) -> None:
-        sent, refused = self._sent[id(source)], self._refused[id(source)]
+        sent, refused = self._sent[source], self._refused[source]
         self.results.append({"fault": source.fault._asdict(), "sent": sent, "refused": refused})
         full = f", {refused} times no room" if refused else ""
         self._note(source.fault.kind, f"{how}: {sent} frames sent{full}")

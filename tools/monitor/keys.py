@@ -7,7 +7,7 @@ import os
 import re
 import select
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -20,13 +20,8 @@ _KEY = re.compile(r"\x1b[\[O]([A-D])|\x1b(?:[\[O][0-9;?]*[@-~])?|(.)", re.DOTALL
 
 def keys_in(text: str) -> list[str]:
     """Return the keys in what a terminal has sent; those without a name here are left out."""
-    keys = []
-    for arrow, character in _KEY.findall(text):
-        if arrow:
-            keys.append(_ARROWS[arrow])
-        elif character:
-            keys.append(character)
-    return keys
+    found = (_ARROWS.get(arrow, character) for arrow, character in _KEY.findall(text))
+    return [key for key in found if key]
 
 
 @contextmanager
@@ -91,41 +86,27 @@ class LatencyChoice(NamedTuple):
 
 def pressed(choice: LatencyChoice, key: str) -> LatencyChoice | None:
     """Return the choice after a key; None for a key without effect."""
-    change = _CHANGES.get(key)
-    return None if change is None else change(choice)
-
-
-def _mean(step_s: float) -> Callable[[LatencyChoice], LatencyChoice]:
-    return lambda choice: choice._replace(mean_s=_moved(choice.mean_s, step_s, _MEAN_S_MAX))
-
-
-def _spread(step_s: float) -> Callable[[LatencyChoice], LatencyChoice]:
-    return lambda choice: choice._replace(spread_s=_moved(choice.spread_s, step_s, _SPREAD_S_MAX))
-
-
-def _loss(step: float) -> Callable[[LatencyChoice], LatencyChoice]:
-    return lambda choice: choice._replace(loss=_moved(choice.loss, step, 1.0))
+    match key:
+        case "+" | "=" | "up":  # = is + without the shift key
+            return choice._replace(mean_s=_moved(choice.mean_s, STEP_S, _MEAN_S_MAX))
+        case "-" | "down":
+            return choice._replace(mean_s=_moved(choice.mean_s, -STEP_S, _MEAN_S_MAX))
+        case "]" | "right":
+            return choice._replace(spread_s=_moved(choice.spread_s, STEP_S, _SPREAD_S_MAX))
+        case "[" | "left":
+            return choice._replace(spread_s=_moved(choice.spread_s, -STEP_S, _SPREAD_S_MAX))
+        case ">" | ".":
+            return choice._replace(loss=_moved(choice.loss, LOSS_STEP, 1.0))
+        case "<" | ",":
+            return choice._replace(loss=_moved(choice.loss, -LOSS_STEP, 1.0))
+        case "m":
+            return choice._replace(model=LatencyModel((choice.model + 1) % len(LatencyModel)))
+        case "d":
+            return choice._replace(direction=Direction(choice.direction % len(Direction) + 1))
+        case "0":
+            return choice._replace(mean_s=0.0, spread_s=0.0, loss=0.0)
+    return None
 
 
 def _moved(value: float, step: float, maximum: float) -> float:
     return round(min(max(value + step, 0.0), maximum), 4)
-
-
-_CHANGES: Mapping[str, Callable[[LatencyChoice], LatencyChoice]] = {
-    "+": _mean(STEP_S),
-    "=": _mean(STEP_S),  # + without the shift key
-    "up": _mean(STEP_S),
-    "-": _mean(-STEP_S),
-    "down": _mean(-STEP_S),
-    "]": _spread(STEP_S),
-    "right": _spread(STEP_S),
-    "[": _spread(-STEP_S),
-    "left": _spread(-STEP_S),
-    ">": _loss(LOSS_STEP),
-    ".": _loss(LOSS_STEP),
-    "<": _loss(-LOSS_STEP),
-    ",": _loss(-LOSS_STEP),
-    "m": lambda choice: choice._replace(model=LatencyModel((choice.model + 1) % len(LatencyModel))),
-    "d": lambda choice: choice._replace(direction=Direction(choice.direction % len(Direction) + 1)),
-    "0": lambda choice: choice._replace(mean_s=0.0, spread_s=0.0, loss=0.0),
-}

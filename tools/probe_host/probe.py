@@ -24,8 +24,8 @@ from ...runtime.periodic import PeriodicTimer
 from ...runtime.port import OpenPort, open_port
 from ...runtime.program import StopRequest
 from ...runtime.real_time import Port, RealTimeExecutor
-from ...runtime.statistics import DurationStatistics, DurationSummary
-from .wake_ups import Sliced, Slices, WakeUps, measure_wake_ups
+from ...runtime.statistics import DurationSummary
+from .wake_ups import Sliced, Slices, WakeUps, measure_wake_ups, summary_of
 
 REQUEST_ID, ECHO_ID = 0x7FE, 0x7FF
 PERIOD_NS = 10 * NS_PER_MS
@@ -107,8 +107,8 @@ def measure_round_trip(port: Port, seconds: float, spin_ns: int) -> RoundTrip:
     RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
     sliced = node.result()
     return RoundTrip(
-        _summary(sliced.samples),
-        _summary(sliced.undisturbed),
+        summary_of(sliced.samples),
+        summary_of(sliced.undisturbed),
         node.unanswered,
         sliced.steal_fraction,
     )
@@ -163,13 +163,6 @@ def _echo(
     with shutting_down(opened.port), stop.on_signals(), real_time(request):
         sender.send("")
         RealTimeExecutor(EchoNode(), opened.port).run(stop)
-
-
-def _summary(durations_ns: Sequence[int]) -> DurationSummary:
-    statistics = DurationStatistics()
-    for duration_ns in durations_ns:
-        statistics.record(duration_ns)
-    return statistics.summary()
 
 
 RATES_HZ = (100, 500, 1000)

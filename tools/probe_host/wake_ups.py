@@ -11,7 +11,7 @@ so time is cut into slices, and a slice in which any was stolen is disturbed as 
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from ...benchmarking.wake_ups import measurements
@@ -167,9 +167,16 @@ def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> 
 
 def figures_of(samples: Sequence[Sample], period_ns: int) -> Figures:
     """Summarise periods."""
-    lateness, done = DurationStatistics(), DurationStatistics()
-    for sample in samples:
-        lateness.record(sample.lateness_ns)
-        done.record(sample.done_ns)
-    missed = sum(sample.lateness_ns // period_ns for sample in samples)
-    return Figures(lateness.summary(), done.summary(), missed)
+    return Figures(
+        summary_of(sample.lateness_ns for sample in samples),
+        summary_of(sample.done_ns for sample in samples),
+        sum(sample.lateness_ns // period_ns for sample in samples),
+    )
+
+
+def summary_of(durations_ns: Iterable[int]) -> DurationSummary:
+    """Summarise durations."""
+    statistics = DurationStatistics()
+    for duration_ns in durations_ns:
+        statistics.record(duration_ns)
+    return statistics.summary()

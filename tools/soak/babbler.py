@@ -51,7 +51,8 @@ def _silent_bus(address: str, channel: str, can_id: int) -> can.BusABC:
     """Join the bus without receiving: a node that receives and never reads is disconnected."""
     nothing = {"can_id": can_id, "can_mask": 0x7FF, "extended": False}  # but what only we send
     bus = can.Bus(interface="emulated", channel=channel, address=address, can_filters=[nothing])
-    _deepen(bus)
+    with socket.socket(fileno=os.dup(bus.fileno())) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
     return bus
 
 
@@ -65,11 +66,6 @@ def _fill(bus: can.BusABC, can_id: int, number: int) -> int:
     except can.CanTimeoutError:
         pass
     return count
-
-
-def _deepen(bus: can.BusABC) -> None:
-    with socket.socket(fileno=os.dup(bus.fileno())) as connection:
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
 
 
 if __name__ == "__main__":

@@ -40,27 +40,25 @@ class MemoryFigures(NamedTuple):
 
 
 class MemoryWatch:
-    """Samples the memory of processes, by their names."""
+    """Samples the memory of processes, by their names.
+
+    ``samples``  time [s] and resident memory [KiB]
+    """
 
     def __init__(self, processes: Mapping[str, int]) -> None:
         self._processes = processes
-        self._samples: dict[str, list[tuple[float, int]]] = {name: [] for name in processes}
+        self.samples: dict[str, list[tuple[float, int]]] = {name: [] for name in processes}
 
     def sample(self, time_s: float) -> None:
         """Take a sample of every process that still runs, at ``time_s`` since the start."""
         for name, pid in self._processes.items():
             kib = resident_kib(pid)
             if kib is not None:
-                self._samples[name].append((time_s, kib))
-
-    @property
-    def samples(self) -> Mapping[str, Sequence[tuple[float, int]]]:
-        """All samples: time [s] and resident memory [KiB]."""
-        return self._samples
+                self.samples[name].append((time_s, kib))
 
     def figures(self) -> dict[str, MemoryFigures]:
         """Return the figures of every process that was seen."""
-        return {name: figures_of(samples) for name, samples in self._samples.items() if samples}
+        return {name: figures_of(samples) for name, samples in self.samples.items() if samples}
 
 
 def figures_of(samples: Sequence[tuple[float, int]]) -> MemoryFigures:
@@ -185,21 +183,14 @@ def _start(programs: Processes, plan: Plan, socket: Path) -> None:
     # Without real-time priority, periods missed on a busy machine are no finding about the pair.
     bear = [] if plan.priority else ["--set", _BEAR_OVERRUNS, "--set", _BEAR_MISSED_PERIODS]
     own = {
-        PLANT: (
-            "steer_by_wire.plant_emulator",
-            [*bear, "--set", f"duration_s={seconds + 3600.0:g}"],
-        ),
-        CONTROLLER: ("steer_by_wire.controller", [*bear, "--preset", "practical_pd_ddob"]),
+        PLANT: ("steer_by_wire.plant_emulator", ["--set", f"duration_s={seconds + 3600.0:g}"]),
+        CONTROLLER: ("steer_by_wire.controller", ["--preset", "practical_pd_ddob"]),
     }
+    bus = ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}"]
     for name, (module, options) in own.items():
-        bus = ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}"]
-        files = [
-            "--report",
-            str(programs.path(name, ".json")),
-            "--record",
-            str(programs.path(name, ".log")),
-        ]
-        programs.start(name, module, [*bus, *files, "--priority", priority, *options])
+        files = ["--report", programs.path(name, ".json"), "--record", programs.path(name, ".log")]
+        arguments = [*bus, *map(str, files), "--priority", priority, *bear, *options]
+        programs.start(name, module, arguments)
 
 
 def _start_babbler(programs: Processes, plan: Plan) -> None:

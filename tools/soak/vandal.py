@@ -6,7 +6,9 @@ python -m steer_by_wire.tools.soak.vandal KIND ADDRESS CHANNEL
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import count
+from typing import NoReturn
 
 from ...runtime.emulated_bus.protocol import ANSWER, CLASSIC_RECORD, Hello, pack_filters, pack_frame
 from ...runtime.frame import Frame
@@ -19,11 +21,7 @@ def flood(connect: Callable[[], socket.socket]) -> None:
     """Send frames of low priority without end; receive all frames."""
     vandal = connect()
     vandal.sendall(pack_filters(CLASSIC_RECORD, []))
-    batch = pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))) * _BATCH
-    vandal.settimeout(None)
-    while True:
-        vandal.sendall(batch)
-        _empty(vandal)
+    _send_without_end(vandal, pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))))
 
 
 def stall(connect: Callable[[], socket.socket]) -> None:
@@ -49,12 +47,7 @@ def garbage(connect: Callable[[], socket.socket]) -> None:
 
 def filters(connect: Callable[[], socket.socket]) -> None:
     """Change the filters without end."""
-    vandal = connect()
-    batch = pack_filters(CLASSIC_RECORD, []) * _BATCH
-    vandal.settimeout(None)
-    while True:
-        vandal.sendall(batch)
-        _empty(vandal)
+    _send_without_end(connect(), pack_filters(CLASSIC_RECORD, []))
 
 
 def visits(connect: Callable[[], socket.socket]) -> None:
@@ -88,12 +81,14 @@ def main() -> int:
     return 0
 
 
-def _empty(vandal: socket.socket) -> None:
-    try:
-        while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
-            pass
-    except BlockingIOError:
-        pass
+def _send_without_end(vandal: socket.socket, record: bytes) -> NoReturn:
+    batch = record * _BATCH
+    vandal.settimeout(None)
+    while True:
+        vandal.sendall(batch)
+        with suppress(BlockingIOError):
+            while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
+                pass
 
 
 def _is_open(vandal: socket.socket) -> bool:

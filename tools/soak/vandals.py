@@ -92,18 +92,11 @@ def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> C
         programs.start_broker(Path(folder) / "socket", ["--priority", str(level)])
         broker = programs.pids()["broker"]
         filters: Any = [{"can_id": GOOD_ID, "can_mask": 0x7FF, "extended": False}]
-        with (
-            can.Bus(
-                interface="emulated", channel=CHANNEL, address=programs.address, can_filters=filters
-            ) as sender,
-            can.Bus(
-                interface="emulated", channel=CHANNEL, address=programs.address, can_filters=filters
-            ) as listener,
-        ):
+        joined = partial(can.Bus, CHANNEL, interface="emulated", address=programs.address)
+        with joined(can_filters=filters) as sender, joined(can_filters=filters) as listener:
             for kind in kinds:
-                programs.start(
-                    kind, "steer_by_wire.tools.soak.vandal", [kind, programs.address, CHANNEL]
-                )
+                arguments = [kind, programs.address, CHANNEL]
+                programs.start(kind, "steer_by_wire.tools.soak.vandal", arguments)
             before_s, begin_s = _processor_s(broker), time.monotonic()
             with real_time(RealTimeRequest(level // 2)):
                 delay, lost, memory_kib = _exchange(sender, listener, duration_s, broker)
