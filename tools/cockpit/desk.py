@@ -18,7 +18,7 @@ from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.bus import BusError
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
-from .rig import Action, LaneFacts, Program, Rig, foreign_facts
+from .rig import Action, Program, Rig, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 
@@ -156,16 +156,15 @@ class Desk:
             wish = wish_of(text)
             if not self._may_control and not isinstance(wish, ResetFigures | Record):
                 return LISTENS_ONLY
-            await self._in_thread(lambda: self._fulfil(wish), _BUSY.get(type(wish), ""))
+            busy = "starting the programs" if isinstance(wish, Start) else ""
+            await self._in_thread(lambda: self._fulfil(wish), busy)
         except (WishError, SettingsError, BusError, OSError, RuntimeError) as error:
             return " ".join(str(error).splitlines())
         return ""
 
     def hello(self) -> Mapping[str, Any]:
         """Return all that a page needs before the first row, ready for JSON."""
-        facts: Sequence[LaneFacts] = (
-            (foreign_facts("bus"),) if self._rig is None else self._rig.facts
-        )
+        facts = [lane_facts("bus")] if self._rig is None else self._rig.facts
         return {
             "kind": "hello",
             "signals": [signal._asdict() for signal in SIGNALS],
@@ -241,6 +240,3 @@ class Desk:
         if self._foreign is not None:
             self._foreign.close()
         self._stack.close()
-
-
-_BUSY: Mapping[type[Any], str] = {Start: "starting the programs"}

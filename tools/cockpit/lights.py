@@ -74,11 +74,10 @@ _SAFETY = {
 
 def lights_of(known: Known) -> tuple[Light, ...]:
     """Return the lights of a lane, in the order in which they are shown."""
-    controller, safety = known.controller, known.safety
     steering, plant = known.steering, known.plant
     return (
-        _controller(controller, safety),
-        _measurements(safety),
+        _controller(known.controller, known.safety),
+        _measurements(known.safety),
         _delay(known.delay),
         _light("Steering", steering and steering.status, _STEERING, "STEERING_STATUS"),
         _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),

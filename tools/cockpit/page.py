@@ -10,7 +10,6 @@ import re
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from importlib.resources.abc import Traversable
 
 _INDEX = "index.html"
 _TYPES = {
@@ -66,7 +65,7 @@ def _modules() -> list[str]:
 
 
 def _with_imports(imports: Mapping[str, str]) -> str:
-    index: Traversable = resources.files(__package__).joinpath("page", _INDEX)
+    index = resources.files(__package__).joinpath("page", _INDEX)
     text = index.read_text(encoding="utf-8")
     table = json.dumps({"imports": imports})
     return text.replace(_IMPORT_MAP, f'<script type="importmap">{table}</script>')

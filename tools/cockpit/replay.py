@@ -17,7 +17,7 @@ from ...recordings.log_file import LogError, open_log
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lights import Light
-from .rig import foreign_facts
+from .rig import lane_facts
 from .sampler import Sampler
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows
 
@@ -92,7 +92,7 @@ class _Replay:
             "signals": [signal._asdict() for signal in SIGNALS],
             "charts": [chart._asdict() for chart in CHARTS],
             "figures": [figure._asdict() for figure in FIGURES],
-            "lanes": [foreign_facts(law or name)._asdict()],
+            "lanes": [lane_facts(law or name)._asdict()],
             "bus": f"recording {name}",
             "row_period_s": self._rows.period_ns / NS_PER_S,
             "duration_s": end_s,

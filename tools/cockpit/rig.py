@@ -18,6 +18,7 @@ from ...pair.virtual import QUIET_BUS
 from ...plant_emulator.path import Path, pose
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.rig_settings import VehicleSettings
+from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus import BusPort
 from ...runtime.bus_settings import BusSettings
 from ...runtime.toml_text import dump_toml
@@ -44,27 +45,20 @@ class LaneFacts(NamedTuple):
     path_is_closed: bool
 
 
-def lane_facts(lane: LaneSettings) -> LaneFacts:
-    """Return the facts of a lane of our own."""
-    path = build_path(lane.plant.path)
-    return _facts(lane.label, lane.plant.vehicle, _points(path), path.closed)
+def lane_facts(label: str, plant: PlantSettings | None = None) -> LaneFacts:
+    """Return the facts of a lane; without ``plant``, of a bus that somebody else drives.
 
-
-def foreign_facts(label: str) -> LaneFacts:
-    """Return those of a bus that somebody else drives: the vehicle of the wire contract."""
-    return _facts(label, VehicleSettings(), (), False)
-
-
-def _facts(
-    label: str, vehicle: VehicleSettings, points: Sequence[tuple[float, float]], is_closed: bool
-) -> LaneFacts:
+    Its vehicle is then that of the wire contract.
+    """
+    vehicle = VehicleSettings() if plant is None else plant.vehicle
+    path = None if plant is None else build_path(plant.path)
     return LaneFacts(
         label,
         vehicle.front_axle_distance_m,
         vehicle.rear_axle_distance_m,
         vehicle.preview_distance_m,
-        points,
-        is_closed,
+        () if path is None else _points(path),
+        path is not None and path.closed,
     )
 
 
@@ -125,7 +119,7 @@ class Rig:
                 stack.callback(lanes[-1].close)
                 self._begin_pair(folder, number, bus, lane)
             self._stack = stack.pop_all()
-        self.lanes, self.facts = lanes, [lane_facts(lane) for lane in settings]
+        self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
         self.bus = channels.description
 
     def stop(self) -> None:

@@ -19,6 +19,7 @@ stalls breaks n = 1: frames due a period apart then come at once.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 from ...dbc.messages import CAN_IDS, Mode, PlantStatus
@@ -29,22 +30,19 @@ from ...runtime.background_traffic import PeriodicMessage
 from ...runtime.frame import Frame
 from ...runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ...runtime.node import NS_PER_S
+from ...wire.longest_frame import longest_frame
 from .live import CHANNEL, CONTROLLER, PLANT, LiveSoak
 
 _AT_CHANGES_TOO = CAN_IDS[PlantStatus]
 _WAIT_NS_MAX = NS_PER_S
 """A bound beyond this is none: the bus is overloaded."""
 _PAYLOAD_BYTES = 8
-_UNSTUFFED_BITS = 10
-"""CRC delimiter, acknowledge and end of frame, which get no stuff bits."""
-_STUFFED_BITS = 34
-"""From start of frame to the CRC, without the payload, in a frame with 11-bit identifier."""
 
 
+@cache
 def longest_frame_ns(bitrate_bit_s: int) -> int:
     """Time of the longest classic frame with 11-bit identifier and its intermission [ns]."""
-    stuffed = _STUFFED_BITS + 8 * _PAYLOAD_BYTES
-    bits = stuffed + (stuffed - 1) // 4 + _UNSTUFFED_BITS + INTERMISSION_BITS
+    bits = longest_frame(0, _PAYLOAD_BYTES, 0).bound.nominal + INTERMISSION_BITS
     return bits * NS_PER_S // bitrate_bit_s
 
 
