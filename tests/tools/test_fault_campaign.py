@@ -13,6 +13,7 @@ from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults import FaultStage
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.fault_campaign import pair
 from steer_by_wire.tools.fault_campaign.__main__ import FAILED, main
 from steer_by_wire.tools.fault_campaign.acceptance import findings_of, memory_finding
 from steer_by_wire.tools.fault_campaign.detectability import (
@@ -235,10 +236,7 @@ def scenario_with(spec: CampaignSettings, **changes: Any) -> Scenario:
 def test_a_reaction_that_comes_after_the_ftti_is_late(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair.controller_settings_of",
-        lambda law, _ftti_ms: controller_settings_of(law),
-    )
+    monkeypatch.setattr(pair, "controller_settings_of", lambda law, _: controller_settings_of(law))
     assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Verdict.LATE
 
 
@@ -326,10 +324,7 @@ def test_a_campaign_that_fails_ends_with_status_one(
     spec_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a controller that takes its own time."""
-    monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair.controller_settings_of",
-        lambda law, _ftti_ms: controller_settings_of(law),
-    )
+    monkeypatch.setattr(pair, "controller_settings_of", lambda law, _: controller_settings_of(law))
     drop = 'cases=[{kind="drop", messages=["LATERAL_ERROR"], magnitudes=[1.0]}]'
     few = ["--set", "ftti_ms=40", "--set", drop, "--set", "node_cases=[]", "--processes", "1"]
     one_point = ["--set", 'points=[{name="nominal"}]', "--out", str(tmp_path)]
