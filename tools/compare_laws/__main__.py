@@ -14,10 +14,9 @@ import argparse
 import csv
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from steer_by_wire.command_line import (
     add_out_argument,
@@ -25,9 +24,7 @@ from steer_by_wire.command_line import (
     command_parser,
     whole_number,
 )
-from steer_by_wire.compiled.engine import Outcome, run_batch
 from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.pair.trace import rms
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.compare_laws.at_speed import DELAYS_S, compare_at_speed, markdown_at_speed
@@ -41,12 +38,12 @@ from steer_by_wire.tools.compare_laws.presentation import (
 from steer_by_wire.tools.compare_laws.runs import (
     CONTESTANTS,
     NETWORKS,
-    OFF_PATH_M,
     SETTLED_S,
     Cell,
     Contestant,
     compare,
     controller_settings,
+    figures_m,
     own_contestant,
     plant_settings,
 )
@@ -110,20 +107,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_main(NAME, partial(run, options))
 
 
-def _run_at_speed(options: argparse.Namespace) -> int:
+AnyCell = TypeVar("AnyCell", Cell, CellAtSpeed)
+
+
+def _cells(
+    options: argparse.Namespace, name: str, compute: Callable[..., list[AnyCell]]
+) -> tuple[list[AnyCell], bool]:
+    """Compute cells with a bar and write them as CSV; returns whether they are complete too."""
     options.out.mkdir(parents=True, exist_ok=True)
     stop = StopRequest()
     with stop.on_signals(), counting_bars(plain_console()) as bars:
         task = bars.add_task("")
-        cells = compare_at_speed(
-            DELAYS_S,
-            options.seeds,
-            lambda done, of: bars.update(task, completed=done, total=of),
+        cells = compute(
+            progress=lambda done, of: bars.update(task, completed=done, total=of),
             should_stop=stop,
         )
-    _write(cells, options.out / "at_speed.csv")
+    file = options.out / name
+    with file.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened)
+        writer.writerow(cells[0]._fields)
+        writer.writerows(cells)
     if stop.reason:
-        print(f"interrupted: {len(cells)} results are in {options.out / 'at_speed.csv'}")
+        print(f"interrupted: {len(cells)} results are in {file}")
+    return cells, not stop.reason
+
+
+def _run_at_speed(options: argparse.Namespace) -> int:
+    compute = partial(compare_at_speed, DELAYS_S, options.seeds)
+    cells, is_complete = _cells(options, "at_speed.csv", compute)
+    if not is_complete:
         return ExitStatus.INTERRUPTED
     text = "\n".join(markdown_at_speed(cells))
     (options.out / "at_speed.md").write_text(text, encoding="utf-8")
@@ -142,23 +154,10 @@ def _run(options: argparse.Namespace) -> int:
     further = [own_contestant(law, options.law_set) for law in options.law]
     for one in further:  # before anything is run
         controller_settings(one, has_lag=False)
-    options.out.mkdir(parents=True, exist_ok=True)
-    console = plain_console()
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
-    stop = StopRequest()
-    with stop.on_signals(), counting_bars(console) as bars:
-        task = bars.add_task("")
-        cells = compare(
-            delays_s,
-            options.seeds,
-            options.duration_s,
-            lambda done, of: bars.update(task, completed=done, total=of),
-            further,
-            stop,
-        )
-    _write(cells, options.out / "comparison.csv")
-    if stop.reason:
-        print(f"interrupted: {len(cells)} results are in {options.out / 'comparison.csv'}")
+    compute = partial(compare, delays_s, options.seeds, options.duration_s, further=further)
+    cells, is_complete = _cells(options, "comparison.csv", compute)
+    if not is_complete:
         return ExitStatus.INTERRUPTED
     draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
     draw_break_points(cells).savefig(options.out / "error_over_delay.png", dpi=130)
@@ -171,13 +170,6 @@ def _run(options: argparse.Namespace) -> int:
     elapsed_s = time.perf_counter() - begin_s
     print(f"\n{elapsed_s:.0f} s; tables and pictures are in {options.out}")
     return ExitStatus.OK
-
-
-def _write(cells: Sequence[Cell] | Sequence[CellAtSpeed], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as opened:
-        writer = csv.writer(opened)
-        writer.writerow(cells[0]._fields)
-        writer.writerows(cells)
 
 
 DELAY_S_MAX = 0.5
@@ -199,17 +191,11 @@ def interior_points(count: int, duration_s: float, contestant: Contestant) -> li
     """Return points of a Sobol sequence over speed, mass and delay, the worst first."""
     from scipy.stats import qmc  # takes a second
 
-    vertices = paper_box().vertices()
-    speeds = [vehicle.speed_m_s for vehicle in vertices]
-    masses = [vehicle.virtual_mass_kg for vehicle in vertices]
+    corners = paper_box().vertices()
+    low, high = ((one.speed_m_s, one.virtual_mass_kg) for one in (corners[0], corners[-1]))
     unit = qmc.Sobol(3, seed=_SEED).random_base2(max(count - 1, 0).bit_length())[:count]
-    low, high = (min(speeds), min(masses), 0.0), (max(speeds), max(masses), DELAY_S_MAX)
-    places = qmc.scale(unit, low, high).tolist()
-    points = (
-        _point(speed_m_s, mass_kg, delay_s, duration_s, contestant)
-        for speed_m_s, mass_kg, delay_s in places
-    )
-    return sorted(points, reverse=True)
+    places = qmc.scale(unit, (*low, 0.0), (*high, DELAY_S_MAX)).tolist()
+    return sorted((_point(place, duration_s, contestant) for place in places), reverse=True)
 
 
 def interior_line(contestant: Contestant, points: list[Point]) -> str:
@@ -223,16 +209,12 @@ def interior_line(contestant: Contestant, points: list[Point]) -> str:
     )
 
 
-def _point(
-    speed_m_s: float, mass_kg: float, delay_s: float, duration_s: float, contestant: Contestant
-) -> Point:
+def _point(place: tuple[float, float, float], duration_s: float, contestant: Contestant) -> Point:
+    speed_m_s, mass_kg, delay_s = place
     plant = plant_settings(NETWORKS["constant"], delay_s, "a", 1, duration_s)
     vehicle = {"speed_m_s": speed_m_s, "virtual_mass_kg": mass_kg}
     plant = plant.model_copy(update={"vehicle": plant.vehicle.model_copy(update=vehicle)})
-    run = run_batch(plant, controller_settings(contestant, has_lag=False))
-    is_settled = run.time_s >= SETTLED_S
-    is_complete = run.outcome is Outcome.COMPLETE
-    cg_rms_m = rms(run.cg_deviation_m[is_settled]) if is_complete else OFF_PATH_M
+    *_, cg_rms_m = figures_m(plant, controller_settings(contestant, has_lag=False))
     return Point(cg_rms_m, speed_m_s, mass_kg, delay_s)
 
 

@@ -17,7 +17,7 @@ from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.trace import rms
 from ...plant_emulator.settings import PlantSettings, plant_preset
-from .runs import OFF_PATH_M, SETTLED_S, THREADS, finished
+from .runs import OFF_PATH_M, SETTLED_S, THREADS, constant, finished, jittery
 
 DELAYS_S = (0.0, 0.1, 0.15, 0.2, 0.3, 0.4)
 BROKEN_M = 0.5
@@ -71,22 +71,12 @@ class Network(NamedTuple):
     is_random: bool = False
 
 
-def _mean(delay_s: float) -> list[str]:
-    return [f"latency.downlink.mean_s={delay_s}"]
-
-
-def _spread(delay_s: float, model: str, share: float) -> list[str]:
-    spread = f"latency.downlink.spread_s={share * delay_s}"
-    return [*_mean(delay_s), f"latency.downlink.model={model}", spread]
-
-
 def _ar1(delay_s: float) -> list[str]:
-    correlated = "latency.downlink.correlation_time_s=0.5"
-    return [*_spread(delay_s, "gamma", 0.4), correlated]
+    return [*jittery(delay_s, "gamma", 0.4), "latency.downlink.correlation_time_s=0.5"]
 
 
 def _bursts(delay_s: float) -> list[str]:
-    return [*_mean(delay_s), "latency.downlink.loss=0.25", "latency.downlink.burst_frames=15"]
+    return [*constant(delay_s), "latency.downlink.loss=0.25", "latency.downlink.burst_frames=15"]
 
 
 def _masses(
@@ -101,19 +91,19 @@ _AR1 = "gamma ± 40 %, correlated over 0.5 s, newest wins"
 _BURSTS = "25 % lost in bursts of 15"
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
-        "constant": Network("constant", lambda delay_s: [_mean(delay_s)]),
+        "constant": Network("constant", lambda delay_s: [constant(delay_s)]),
         "ar1": Network(_AR1, lambda delay_s: [_ar1(delay_s)], is_random=True),
         "in_order": Network(
             "normal ± 30 %, in order",
-            lambda delay_s: [[*_spread(delay_s, "normal", 0.3), "latency.downlink.order=in_order"]],
+            lambda delay_s: [[*jittery(delay_s), "latency.downlink.order=in_order"]],
             is_random=True,
         ),
         "bursts": Network(_BURSTS, lambda delay_s: [_bursts(delay_s)], is_random=True),
         "lag": Network(
             "constant, 20 ms of unknown steering lag",
-            lambda delay_s: [[*_mean(delay_s), "actuator.lag_s=0.02"]],
+            lambda delay_s: [[*constant(delay_s), "actuator.lag_s=0.02"]],
         ),
-        "mass": Network("constant, 1600 and 5000 kg", _masses(_mean, 1600, 5000)),
+        "mass": Network("constant, 1600 and 5000 kg", _masses(constant, 1600, 5000)),
         **{
             f"{key}_{mass_kg}": Network(f"{title}, {mass_kg} kg", _masses(of, mass_kg), True)
             for key, title, of in (("ar1", _AR1, _ar1), ("bursts", _BURSTS, _bursts))

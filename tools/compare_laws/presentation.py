@@ -78,8 +78,11 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
 
 
 def _cells_of(cells: Sequence[Cell], network: str, label: str) -> CellsByMs:
-    own = [cell for cell in cells if (cell.network, cell.contestant) == (network, label)]
-    return {round(1e3 * cell.delay_s): cell for cell in own}
+    return {
+        round(1e3 * cell.delay_s): cell
+        for cell in cells
+        if (cell.network, cell.contestant) == (network, label)
+    }
 
 
 def _measured(cells: Sequence[Cell], asked_ms: Sequence[int]) -> list[int]:
@@ -159,12 +162,11 @@ def draw_comparison(
         for panel, (key, network) in zip(panels, NETWORKS.items(), strict=True):
             lines = chain(_LINES, cycle(_FURTHER_LINES))
             for one, (colour, dashes, marker) in zip(drawn, lines, strict=False):
-                own = [
-                    cell for cell in cells if (cell.network, cell.contestant) == (key, one.label)
-                ]
+                own = _cells_of(cells, key, one.label).values()
+                errors_m = (c.settled_cg_rms_m if of_cg else c.followed_m[0] for c in own)
                 panel.plot(
                     [1e3 * cell.delay_s for cell in own],
-                    [1e3 * min(_plotted_m(cell, of_cg=of_cg), _TOP_M) for cell in own],
+                    [1e3 * min(error_m, _TOP_M) for error_m in errors_m],
                     ls=dashes,
                     marker=marker,
                     ms=5,
@@ -202,7 +204,7 @@ def draw_break_points(cells: Sequence[Cell]) -> Figure:
         figure = Figure(figsize=(9.0, 4.8))
         axes = figure.subplots()
         for label, (colour, dashes) in _SHOWN.items():
-            own = [cell for cell in cells if (cell.network, cell.contestant) == ("constant", label)]
+            own = list(_cells_of(cells, "constant", label).values())
             delays_ms = [1e3 * cell.delay_s for cell in own]
             errors_mm = [1e3 * min(cell.settled_rms_m, _TOP_M) for cell in own]
             breaks_s = breaks_at_s(own)
@@ -230,7 +232,3 @@ def draw_break_points(cells: Sequence[Cell]) -> Figure:
         axes.set_title("Which delay each law bears")
         figure.legend(loc="outside lower center", ncols=2)
         return figure
-
-
-def _plotted_m(cell: Cell, *, of_cg: bool) -> float:
-    return cell.settled_cg_rms_m if of_cg else cell.followed_m[0]

@@ -17,15 +17,12 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.trace import rms
 from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings, plant_preset
-
-FloatArray = NDArray[np.float64]
 
 CORNERS = ("a", "b", "c", "d")
 PATH = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
@@ -91,35 +88,34 @@ class Network(NamedTuple):
     is_random: bool = False
 
 
-def _constant(delay_s: float) -> list[str]:
+def constant(delay_s: float) -> list[str]:
+    """Return the overrides of a constant latency."""
     return [f"latency.downlink.mean_s={delay_s}"]
 
 
-def _jittery(delay_s: float) -> list[str]:
-    return [
-        "latency.downlink.model=normal",
-        f"latency.downlink.mean_s={delay_s}",
-        f"latency.downlink.spread_s={0.3 * delay_s}",
-    ]
+def jittery(delay_s: float, model: str = "normal", share: float = 0.3) -> list[str]:
+    """Return the overrides of a latency whose standard deviation is a share of its mean."""
+    spread = f"latency.downlink.spread_s={share * delay_s}"
+    return [*constant(delay_s), f"latency.downlink.model={model}", spread]
 
 
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
-        "constant": Network("constant delay", "constant", _constant),
+        "constant": Network("constant delay", "constant", constant),
         "jitter": Network(
-            "standard deviation 30 %, newest wins", "± 30 %, newest wins", _jittery, is_random=True
+            "standard deviation 30 %, newest wins", "± 30 %, newest wins", jittery, is_random=True
         ),
         "in_order": Network(
             "standard deviation 30 %, in order",
             "± 30 %, in order",
-            lambda delay_s: [*_jittery(delay_s), "latency.downlink.order=in_order"],
+            lambda delay_s: [*jittery(delay_s), "latency.downlink.order=in_order"],
             is_random=True,
         ),
         "loss": Network(
             "5 % lost, both ways",
             "5 % lost",
             lambda delay_s: [
-                *_constant(delay_s),
+                *constant(delay_s),
                 "latency.downlink.loss=0.05",
                 "latency.uplink.loss=0.05",
             ],
@@ -128,7 +124,7 @@ NETWORKS: Mapping[str, Network] = MappingProxyType(
         "lag": Network(
             f"constant, behind an actuator lag of {LAG_S:g} s",
             f"lag {LAG_S:g} s",
-            lambda delay_s: [*_constant(delay_s), f"actuator.lag_s={LAG_S}"],
+            lambda delay_s: [*constant(delay_s), f"actuator.lag_s={LAG_S}"],
             has_lag=True,
         ),
     }
@@ -244,7 +240,7 @@ def cell_of(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: f
     network = NETWORKS[key]
     controller = controller_settings(one, has_lag=network.has_lag)
     figures = [
-        _figures(
+        figures_m(
             plant_settings(network, delay_s, corner, seed, duration_s, one.is_continuous),
             controller,
         )
@@ -255,8 +251,8 @@ def cell_of(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: f
     return Cell(one.label, key, delay_s, one.follows_cg, *map(float, worst))
 
 
-def _figures(plant: PlantSettings, controller: ControllerSettings) -> list[float]:
-    """Return the last four fields of a cell, of one run."""
+def figures_m(plant: PlantSettings, controller: ControllerSettings) -> list[float]:
+    """Return the last four fields of a cell, of one run [m]."""
     run = run_batch(plant, controller)
     if run.outcome is not Outcome.COMPLETE:
         return [OFF_PATH_M] * 4
