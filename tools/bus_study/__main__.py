@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from io import StringIO
+from itertools import product, starmap
 from statistics import fmean
 
 from matplotlib.figure import Figure
@@ -71,12 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    points = [
-        Point(load, rate, ppm)
-        for load in options.load
-        for rate in options.bit_error_rate
-        for ppm in options.clock_ppm
-    ]
+    points = list(starmap(Point, product(options.load, options.bit_error_rate, options.clock_ppm)))
     base = with_values(BusSettings(), {"rest_bus": options.rest_bus}, COMMAND_LINE)
     seeds, presets = range(1, options.seeds + 1), options.controller_preset
     console, stop = Console(markup=False, highlight=False), StopRequest()

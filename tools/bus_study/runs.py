@@ -3,15 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.shared_bus import virtual_bus, with_clocks
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
-from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.bus_settings import BusSettings, ClockSettings
-from ...runtime.settings import load_settings, read_preset
-
-PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
-CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 
 
 class Point(NamedTuple):
@@ -68,28 +64,15 @@ def runs_of(
     Raises SettingsError.
     """
     for controller in controllers:
-        law = load_settings(ControllerSettings, read_preset(CONTROLLER_PRESETS, controller))
+        law = controller_preset(controller)
         for point in points:
             half = point.clock_ppm / 2
-            bus = base.model_copy(
-                update={
-                    "load": point.load,
-                    "bit_error_rate": point.bit_error_rate,
-                    "clock": {
-                        "plant": ClockSettings(ppm=half),
-                        "controller": ClockSettings(ppm=-half),
-                    }
-                    if half
-                    else {},
-                }
-            )
+            clocks = {"plant": ClockSettings(ppm=half), "controller": ClockSettings(ppm=-half)}
+            on_wire = {"load": point.load, "bit_error_rate": point.bit_error_rate}
+            bus = base.model_copy(update={**on_wire, "clock": clocks if half else {}})
             for seed in seeds:
-                plant = load_settings(
-                    PlantSettings,
-                    read_preset(PLANT_PRESETS, "paper_nominal"),
-                    None,
-                    [f"seed={seed}", f"duration_s={duration_s}"],
-                )
+                overrides = [f"seed={seed}", f"duration_s={duration_s}"]
+                plant = plant_preset("paper_nominal", overrides)
                 run = _run(point, controller, (plant, law), bus, should_stop)
                 if should_stop():
                     return
