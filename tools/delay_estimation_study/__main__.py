@@ -11,7 +11,7 @@ import argparse
 import csv
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -76,22 +76,18 @@ def _run(options: argparse.Namespace) -> int:
 def report(results: Sequence[Result]) -> str:
     """Return the tables, over all stable runs."""
     stable = [result for result in results if result.is_stable]
-    parts = [f"{len(stable)} of {len(results)} runs are stable.\n"]
-    groups: tuple[tuple[str, Iterable[str], Callable[[Case], str]], ...] = (
-        ("path", PATHS, lambda case: case.path),
-        ("law", LAWS, lambda case: case.law),
-        ("delay", NETWORKS, lambda case: case.network),
-        ("corner", CORNERS, lambda case: case.corner),
-        ("disturbance", DISTURBANCES, lambda case: case.disturbance),
+    tables = (
+        _table("path", PATHS, "path", stable),
+        _table("law", LAWS, "law", stable),
+        _table("delay", NETWORKS, "network", stable),
+        _table("corner", CORNERS, "corner", stable),
+        _table("disturbance", DISTURBANCES, "disturbance", stable),
     )
-    for heading, names, name_of in groups:
-        parts.append(_table(heading, names, name_of, stable))
-    return "\n".join(parts)
+    return "\n".join([f"{len(stable)} of {len(results)} runs are stable.\n", *tables])
 
 
-def _table(
-    heading: str, names: Iterable[str], name_of: Callable[[Case], str], results: Sequence[Result]
-) -> str:
+def _table(heading: str, names: Iterable[str], field: str, results: Sequence[Result]) -> str:
+    """Return the figures by a field of the cases."""
     lines = [
         f"| {heading} | noise | runs | observable | never | first, median / last | error 5 / 50 /"
         " 95 % | largest | within 10 ms | echo's error |",
@@ -102,7 +98,7 @@ def _table(
             group = [
                 result
                 for result in results
-                if name_of(result.case) == name and result.case.noise_m == noise_m
+                if (getattr(result.case, field), result.case.noise_m) == (name, noise_m)
             ]
             if group:
                 lines.append(f"| {name} | {100 * noise_m:g} cm | {_row(group)} |")

@@ -10,6 +10,8 @@ The truth is known to the rig alone:
 """
 
 from collections.abc import Sequence
+from itertools import product
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -131,19 +133,19 @@ def _result(case: Case, history: History, peak_m: float) -> Result:
     error_s = history.estimate_s - history.truth_s
     is_observable = np.isfinite(error_s)
     known_s = error_s[is_observable]
-    quantiles_s = np.quantile(known_s, (0.05, 0.5, 0.95)) if known_s.size else np.full(3, np.nan)
+    quantiles_s = np.quantile(known_s, (0.05, 0.5, 0.95)) if known_s.size else [nan] * 3
     low_s, middle_s, high_s = map(float, quantiles_s)
     return Result(
         case,
         bool(peak_m < STRAYED_M),
         history.truth_s,
         float(is_observable.mean()),
-        float(history.time_s[is_observable][0]) if known_s.size else float("nan"),
-        float((np.abs(known_s) <= TOLERANCE_S).mean()) if known_s.size else float("nan"),
+        float(history.time_s[is_observable][0]) if known_s.size else nan,
+        float((np.abs(known_s) <= TOLERANCE_S).mean()) if known_s.size else nan,
         low_s,
         middle_s,
         high_s,
-        float(np.abs(known_s).max()) if known_s.size else float("nan"),
+        float(np.abs(known_s).max()) if known_s.size else nan,
         float(np.nanmean(history.echo_s) - history.truth_s),
     )
 
@@ -201,8 +203,8 @@ def _reported(message: messages.DelayStatus) -> tuple[float, float, float]:
     is_known = message.echo_state is messages.EchoState.KNOWN
     is_observable = message.estimate_state is messages.EstimateState.OBSERVABLE
     return (
-        message.echo_delay_s if is_known else float("nan"),
-        message.estimated_delay_s if is_observable else float("nan"),
+        message.echo_delay_s if is_known else nan,
+        message.estimated_delay_s if is_observable else nan,
         message.confidence,
     )
 
@@ -215,12 +217,8 @@ def cases(
     disturbances: Sequence[str] = (NO_DISTURBANCE,),
 ) -> list[Case]:
     """Return every combination, each with and without noise."""
+    combinations = product(laws, paths, networks, corners, NOISES_M, disturbances)
     return [
         Case(law, path, corner, network, noise_m, disturbance)
-        for law in laws
-        for path in paths
-        for network in networks
-        for corner in corners
-        for noise_m in NOISES_M
-        for disturbance in disturbances
+        for law, path, network, corner, noise_m, disturbance in combinations
     ]
