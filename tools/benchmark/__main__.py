@@ -93,7 +93,9 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
     }
     console.print(lines_table([loop, *lines], loop.median))
     for program, modules in heavy.items():
-        console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
+        console.print(
+            f"heavy modules {program} imports (target: none): {', '.join(modules) or 'none'}"
+        )
     console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
     console.print(steal_text(stolen))
     records = [
@@ -105,10 +107,6 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
     return ratios_of(records)
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "none"
-
-
 SLOWER = 1.3
 """From this factor on a figure counts as slower: repetitions on a busy machine differ by less."""
 
@@ -118,11 +116,6 @@ class Change(NamedTuple):
 
     name: str
     factor: float
-
-    @property
-    def is_slower(self) -> bool:
-        """Whether it is slower by more than noise."""
-        return self.factor > SLOWER
 
 
 def read_ratios(file: Path) -> dict[str, float]:
@@ -152,7 +145,7 @@ def comparison_text(before: Mapping[str, float], now: Mapping[str, float]) -> st
     lines = [
         f"slower: {change.name}, {change.factor:.2f} times what it was"
         for change in changes(before, now)
-        if change.is_slower
+        if change.factor > SLOWER
     ]
     if not lines:
         lines = [f"nothing is slower by more than {SLOWER:g} times"]

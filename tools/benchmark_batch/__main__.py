@@ -14,7 +14,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -66,11 +65,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    _benchmark(options.json, options.chart)
-    return ExitStatus.OK
-
-
-def _benchmark(json_file: Path | None, chart: Path | None) -> None:
     console, steal = Console(), StealClock()
     with console.status("compiled runs beside C"):
         lines = lines_beside_c()
@@ -84,13 +78,14 @@ def _benchmark(json_file: Path | None, chart: Path | None) -> None:
     console.print(lines_table(lines))
     stolen = steal.fraction()
     console.print(steal_text(stolen))
-    if json_file is not None:
+    if options.json is not None:
         records = [line_record(line) for line in lines]
         content: dict[str, Any] = {"lines": records, "runs": COUNTS, "lengths_s": LENGTHS_S}
         content |= {**seconds, "steal_fraction": stolen}
-        write_json(json_file, content)
-    if chart is not None:
-        draw_chart(seconds).savefig(chart, dpi=100)
+        write_json(options.json, content)
+    if options.chart is not None:
+        draw_chart(seconds).savefig(options.chart, dpi=100)
+    return ExitStatus.OK
 
 
 def start_lines() -> list[Line]:
