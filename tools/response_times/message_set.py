@@ -10,6 +10,7 @@ from ...runtime.arbitration import arbitration_field
 from ...runtime.bus_model import BusModel
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame_length import FrameBits
+from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
 from ...wire.longest_frame import longest_frame
 from ...wire.response_times import (
@@ -23,7 +24,6 @@ from ...wire.response_times import (
     worst_response_ns,
 )
 
-_NS_PER_MS = 1_000_000
 _AT_ONCE_MAX = 1_000_000
 """Frames of a message that may wait: more than the longest jitter can release together."""
 
@@ -45,7 +45,7 @@ class BusSettings(NamedTuple):
     def wire(self, granularity_ns: int | None = None) -> Wire:
         """Return what the analysis needs of the bus."""
         interval_ms = self.error_interval_ms
-        interval_ns = None if interval_ms is None else max(1, round(interval_ms * _NS_PER_MS))
+        interval_ns = None if interval_ms is None else max(1, round(interval_ms * NS_PER_MS))
         wire = wire_of(self.bitrate_bit_s, interval_ns, granularity_ns)
         return wire._replace(errors=self.errors)
 
@@ -153,8 +153,8 @@ def _in_segments(
         ("TP.DT", data_id(source), GAP_NS, packets_ms),
     ):
         carrier = ListedMessage(f"{name} 0x{source:02X}", can_id, EXTENDED, 8, None, ())
-        one = _sent(carrier, least_ns / _NS_PER_MS, bus)
-        yield one._replace(mean_period_ns=max(least_ns, round(mean_ms * _NS_PER_MS)))
+        one = _sent(carrier, least_ns / NS_PER_MS, bus)
+        yield one._replace(mean_period_ns=max(least_ns, round(mean_ms * NS_PER_MS)))
 
 
 def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMessage:
@@ -163,8 +163,8 @@ def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMes
         message.name,
         arbitration_field(longest.frame),
         bus.duration_ns(longest.bound),
-        round(period_ms * _NS_PER_MS),
-        round(bus.jitter_ms * _NS_PER_MS),
+        round(period_ms * NS_PER_MS),
+        round(bus.jitter_ms * NS_PER_MS),
     )
     found = bound._replace(frame_ns=bus.duration_ns(longest.found))
     return SentMessage(bound, found, longest.frame, bound.period_ns)

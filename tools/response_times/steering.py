@@ -11,7 +11,6 @@ from ...runtime.settings import SettingsError
 from ...wire.response_times import Traffic, load, worst_response_ns
 from .message_set import BusSettings, SentMessage
 
-PRESETS = "steer_by_wire.controller.presets"
 DEFAULT_PRESETS = ("paper_pd", "practical_pd", "practical_pd_ddob")
 _LOAD_STEPS = 30
 _FASTER_MAX = 1000.0

@@ -26,6 +26,7 @@ from ...pair.processes import ProcessError
 from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.verdict import RunEnd
+from ...runtime.array_types import FloatArray
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...runtime.toml_text import dump_toml
@@ -119,18 +120,24 @@ def _virtual(
     )
     trace = Trace.of_node(plant)
     sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
-    judged_by = computer.scenarios.study.settings.verdict
-    rules = rules_of(judged_by, pair.plant, pair.controller)
-    figures = figures_of_trace(rules, trace, samples, sent_rad)
-    found: dict[str, Any] = figures._asdict()
+    found = _figures(computer, pair, trace, samples, sent_rad, end)
     if is_complete:
         report = plant.report()
         found["samples"] = len(plant.samples)
         found["commands_sent"] = len(controller.samples)
         found["downlink_lost"] = report["downlink"]["lost"]
         found["uplink_lost"] = report["uplink"]["lost"]
-    found["verdict"] = str(verdict_of(judged_by, end, np.array(figures)))
     return found
+
+
+def _figures(
+    computer: Computer, pair: Pair, trace: Trace, samples: int, sent_rad: FloatArray, end: RunEnd
+) -> dict[str, Any]:
+    """Return the figures of the first samples of a trace, and the verdict."""
+    judged_by = computer.scenarios.study.settings.verdict
+    rules = rules_of(judged_by, pair.plant, pair.controller)
+    figures = figures_of_trace(rules, trace, samples, sent_rad)
+    return {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
 
 
 def _named(row: list[float], end: RunEnd) -> dict[str, Any]:
@@ -246,11 +253,7 @@ def live_figures(computer: Computer, pair: Pair, trace: Trace) -> dict[str, Any]
     """Return the figures of a plant's trace."""
     has_left, samples = range_left(trace)
     end = RunEnd.LEFT_RANGE if has_left else RunEnd.COMPLETE
-    judged_by = computer.scenarios.study.settings.verdict
-    rules = rules_of(judged_by, pair.plant, pair.controller)
-    figures = figures_of_trace(rules, trace, samples, np.zeros(0))
-    verdict = verdict_of(judged_by, end, np.array(figures))
-    return {**figures._asdict(), "verdict": str(verdict)}
+    return _figures(computer, pair, trace, samples, np.zeros(0), end)
 
 
 def live_line(one: LiveRun) -> str:

@@ -14,6 +14,8 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from ...controller.design import design_law
 from ...studies.compute import Computed, Computer
 from ...studies.sampling import make_design
@@ -26,7 +28,7 @@ from ...worker_processes import worker_pool
 
 def compute_block(payload: str, ids: Sequence[int]) -> Computed:
     """Compute runs of the study that ``payload_of`` has described."""
-    return _computer(payload).compute(ids, lambda: False)
+    return _computer(payload).compute(ids, _never)
 
 
 @lru_cache(maxsize=2)
@@ -88,11 +90,7 @@ class Threads:
     def __init__(self, scenarios: Scenarios, count: int) -> None:
         self._computer = Computer(scenarios)
         self.count = count
-
-    @property
-    def description(self) -> str:
-        """What they are, in a few words."""
-        return f"{self.count} thread{'s' if self.count > 1 else ''}"
+        self.description = f"{count} thread{'s' if count > 1 else ''}"
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield completed blocks."""
@@ -107,11 +105,7 @@ class Processes:
     def __init__(self, study: Study, count: int) -> None:
         self._payload = payload_of(study)
         self.count = count
-
-    @property
-    def description(self) -> str:
-        """What they are, in a few words."""
-        return f"{self.count} processes"
+        self.description = f"{count} processes"
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield completed blocks."""
@@ -152,14 +146,7 @@ def _completed(
         raise failed[0]
 
 
-def _nothing() -> Computed:
-    import numpy as np
-
-    return Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
-
-
-NOTHING = _nothing()
-
+NOTHING = Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
 
 BLOCK_RUNS = 64
 """Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer
