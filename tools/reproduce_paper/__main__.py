@@ -135,18 +135,14 @@ def selected(
     """Return what to compute, all where nothing is named; raises SettingsError."""
     wanted = [("figure", number) for number in figures] + [("table", number) for number in tables]
     for kind, number in wanted:
-        _check(kind, number)
+        numbers = numbers_of(kind)
+        if number not in numbers:
+            reason = NOT_COMPUTED[kind].get(number)
+            why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
+            raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
     if everything or not wanted:
         return ENTRIES
     return tuple(entry for entry in ENTRIES if (entry.kind, entry.number) in wanted)
-
-
-def _check(kind: str, number: str) -> None:
-    numbers = numbers_of(kind)
-    if number not in numbers:
-        reason = NOT_COMPUTED[kind].get(number)
-        why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
-        raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
 
 
 def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:

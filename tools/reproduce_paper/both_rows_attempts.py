@@ -40,7 +40,8 @@ DURATIONS_S = (25.0, 50.0, 100.0, 200.0)
 _SEED, _STARTS = 1, 3
 """Seeded guesses of the sizes from which each fit begins."""
 
-Rows = tuple[tuple[float, ...], tuple[float, ...]]
+_PUBLISHED_M = np.array([(c.pd_m, c.pd_dob_m) for c in published.TABLE_2]).T
+"""Rows of PD and PD+DOB."""
 
 
 class BothRows(NamedTuple):
@@ -53,13 +54,12 @@ class BothRows(NamedTuple):
     @property
     def worst_share(self) -> float:
         """How far the worst of the eight is off, as a share of the published one."""
-        ours_m, theirs_m = np.array([self.pd_m, self.pd_dob_m]), np.array(_published())
-        return float(np.abs(ours_m / theirs_m - 1.0).max())
+        ours_m = np.array([self.pd_m, self.pd_dob_m])
+        return float(np.abs(ours_m / _PUBLISHED_M - 1.0).max())
 
 
 def both_rows_attempts() -> Iterator[BothRows]:
     """Yield the best of each reading."""
-    wanted_m = np.array(_published()).reshape(-1)
     grams = {}
     for wavelength_m in WAVELENGTHS_M:
         answers = [
@@ -75,7 +75,7 @@ def both_rows_attempts() -> Iterator[BothRows]:
     for label, kinds in READINGS:
         best_cost, best = np.inf, (np.zeros(8), "")
         for (wavelength_m, duration_s), gram in grams.items():
-            cost, sizes, rms_m = _fitted(gram[:, kinds][:, :, kinds], wanted_m)
+            cost, sizes, rms_m = _fitted(gram[:, kinds][:, :, kinds], _PUBLISHED_M.ravel())
             if cost < best_cost:
                 best_cost, best = cost, (rms_m, _words(kinds, sizes, wavelength_m, duration_s))
         rms_m, words = best
@@ -181,8 +181,3 @@ def _words(kinds: Sequence[int], sizes: FloatArray, wavelength_m: float, duratio
     sizes = sizes * np.sign(sizes[0])
     parts = [text[kind].format(size) for kind, size in zip(kinds, sizes, strict=True)]
     return ", ".join([*parts, f"{duration_s:g} s"])
-
-
-def _published() -> Rows:
-    table = published.TABLE_2
-    return tuple(c.pd_m for c in table), tuple(c.pd_dob_m for c in table)

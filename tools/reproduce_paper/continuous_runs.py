@@ -154,28 +154,23 @@ _TOLERANCE = 1e-3
 
 def attempts() -> Iterator[tuple[str, tuple[float, ...]]]:
     """Yield each attempt's description and its row [m]."""
-    cutoff_rad_s = exp(
-        _closest(
-            lambda x: table_2_row(order_2(exp(x)), PATH),
-            log(_CUTOFF_RAD_S_MIN),
-            log(_CUTOFF_RAD_S_MAX),
-        )
-    )
-    yield (
-        f"lower cut-off, ω_c = {cutoff_rad_s:.3f} rad/s",
-        table_2_row(order_2(cutoff_rad_s), PATH),
-    )
-    yield "τ = 5 s instead of ω_c = 5 rad/s", table_2_row(order_2(1.0 / Q_CUTOFF_RAD_S), PATH)
-    gain = _closest(lambda g: table_2_row(order_2(Q_CUTOFF_RAD_S, g), PATH), 0.0, 1.0)
-    yield f"weaker Q, gain {gain:.2f} at rest", table_2_row(order_2(Q_CUTOFF_RAD_S, gain), PATH)
-    fed_with_wish = order_2(Q_CUTOFF_RAD_S)._replace(fed_with_own_command=False)
+
+    def row(cutoff_rad_s: float, gain: float = 1.0) -> tuple[float, ...]:
+        return table_2_row(order_2(cutoff_rad_s, gain), PATH)
+
+    ends = log(_CUTOFF_RAD_S_MIN), log(_CUTOFF_RAD_S_MAX)
+    cutoff_rad_s = exp(_closest(lambda x: row(exp(x)), *ends))
+    yield f"lower cut-off, ω_c = {cutoff_rad_s:.3f} rad/s", row(cutoff_rad_s)
+    yield "τ = 5 s instead of ω_c = 5 rad/s", row(1.0 / Q_CUTOFF_RAD_S)
+    gain = _closest(lambda g: row(Q_CUTOFF_RAD_S, g), 0.0, 1.0)
+    yield f"weaker Q, gain {gain:.2f} at rest", row(Q_CUTOFF_RAD_S, gain)
+    published_dob = order_2(Q_CUTOFF_RAD_S)
+    fed_with_wish = published_dob._replace(fed_with_own_command=False)
     yield "observer fed with the PD's wish", table_2_row(fed_with_wish, PATH)
     point_m = _closest(_at_point, 0.0, paper_box().nominal.preview_distance_m)
     yield f"error of a point {point_m:.2f} m ahead of the CG", _at_point(point_m)
-    yield (
-        "printed C_r = 50,000 N/rad",
-        table_2_row(order_2(Q_CUTOFF_RAD_S), PATH, published.REAR_CORNERING_STIFFNESS_N_RAD),
-    )
+    printed = table_2_row(published_dob, PATH, published.REAR_CORNERING_STIFFNESS_N_RAD)
+    yield "printed C_r = 50,000 N/rad", printed
 
 
 def _closest(row_of: Callable[[float], tuple[float, ...]], minimum: float, maximum: float) -> float:

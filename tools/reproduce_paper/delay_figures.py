@@ -4,6 +4,8 @@ Each figure's statement is checked with three variants: the laws as published, w
 derivative, and with what keeps them on the path (`delay_runs` gives the reasons).
 """
 
+from collections.abc import Callable
+
 from ...pair.trace import rms
 from . import published
 from .delay_pictures import STEER_SHOWN_S, panels, two_laps
@@ -28,12 +30,16 @@ from .delay_runs import (
     mean_before,
     steer_text,
 )
-from .delay_steps import filter_comparisons, filter_scan, step_comparisons, step_picture
+from .delay_steps import (
+    filter_comparisons,
+    filter_scan,
+    reference_steps,
+    step_comparisons,
+    step_picture,
+)
 from .reference_reading import (
     CAPTION,
-    CDOB_TO_DDOB,
     ERROR,
-    PD_TO_CDOB,
     STEER,
     STEER_RATE,
     WHY,
@@ -68,11 +74,11 @@ _CURVATURE = "curvature as a disturbance"
 
 def figure_21() -> Reproduction:
     """Return the lateral deviation of PD and PD+CDOB."""
-    plant, compared = delayed_plant(DURATION_S), compare(PD_AND_CDOB)
+    compared, steps = compare(PD_AND_CDOB), reference_steps(delayed_plant(DURATION_S))
     laps, comparisons = _two_laps("figure_21_two_laps", _PD_CDOB_LAPS, steer=False)
     deciding = (
         *(_errors(item, published.FIGURE_21) for item in compared),
-        *smaller(published.FIGURE_21, ERROR, PD_TO_CDOB),
+        *smaller(published.FIGURE_21, ERROR, (PD, CDOB)),
     )
     return Reproduction(
         "figure_21",
@@ -81,12 +87,12 @@ def figure_21() -> Reproduction:
         f"the scale of the error is linear within ±0.1 m. {CAPTION}",
         (
             panels("figure_21", compared, steer=False),
-            picture("figure_21_reference", "r - y [m]", ERROR, PD_TO_CDOB),
+            picture("figure_21_reference", "r - y [m]", ERROR, (PD, CDOB)),
             laps,
             filter_scan("figure_21_filter"),
-            step_picture("figure_21_reference_step", plant),
+            step_picture("figure_21_reference_step", steps),
         ),
-        (*deciding, *comparisons, *filter_comparisons(), *step_comparisons(plant)),
+        (*deciding, *comparisons, *filter_comparisons(), *step_comparisons(steps)),
         verdict_of(deciding, is_corrected=True),
         _WHY_CDOB
         + "For a step of the reference, which (18) describes, PD+CDOB does better as soon "
@@ -100,7 +106,7 @@ def figure_22() -> Reproduction:
     laps, _ = _two_laps("figure_22_two_laps", _PD_CDOB_LAPS, steer=True)
     deciding = (
         *(_steers(item, published.FIGURE_22) for item in compared),
-        *smaller(published.FIGURE_22, STEER, PD_TO_CDOB),
+        *smaller(published.FIGURE_22, STEER, (PD, CDOB)),
     )
     return Reproduction(
         "figure_22",
@@ -108,7 +114,7 @@ def figure_22() -> Reproduction:
         f"{SETTINGS_CAPTION} {_STEER_CAPTION} 21. {CAPTION}",
         (
             panels("figure_22", compared, steer=True),
-            picture("figure_22_reference", "steering angle [rad]", STEER, PD_TO_CDOB),
+            picture("figure_22_reference", "steering angle [rad]", STEER, (PD, CDOB)),
             laps,
         ),
         deciding,
@@ -146,9 +152,9 @@ def figure_24() -> Reproduction:
     laps, _ = _two_laps("figure_24_two_laps", _CDOB_DDOB_LAPS, steer=True)
     deciding = (
         *(_steers_alike(item) for item in compared),
-        *alike(published.FIGURE_24_STEER, STEER, CDOB_TO_DDOB),
+        *alike(published.FIGURE_24_STEER, STEER, (CDOB, DDOB)),
     )
-    rates = alike(published.FIGURE_24_SPEED, STEER_RATE, CDOB_TO_DDOB)
+    rates = alike(published.FIGURE_24_SPEED, STEER_RATE, (CDOB, DDOB))
     return Reproduction(
         "figure_24",
         "Steering angle and speed of CDOB and DDOB compensated system",
@@ -156,8 +162,8 @@ def figure_24() -> Reproduction:
         f"(1) is of constant speed. {CAPTION}",
         (
             panels("figure_24", compared, steer=True),
-            picture("figure_24_reference", "steering angle [rad]", STEER, CDOB_TO_DDOB),
-            picture("figure_24_reference_rate", "steering rate [rad/s]", STEER_RATE, CDOB_TO_DDOB),
+            picture("figure_24_reference", "steering angle [rad]", STEER, (CDOB, DDOB)),
+            picture("figure_24_reference_rate", "steering rate [rad/s]", STEER_RATE, (CDOB, DDOB)),
             laps,
         ),
         (*deciding, *(rate._replace(decides="", agrees=None) for rate in rates)),
@@ -168,48 +174,43 @@ def figure_24() -> Reproduction:
     )
 
 
-_PD_CDOB_LAPS: tuple[tuple[Law, float], ...] = (
-    (PD.changed(*FILTER), 2.0),
-    (CDOB._replace(label="PD+CDOB, no washout").changed(*FILTER), 0.0),
-    (CDOB._replace(label="PD+CDOB, washout").changed(*FILTER, *WASHOUT), 2.0),
+_CDOB_LAPS = (
+    (Law("PD+CDOB, no washout", CDOB.preset), 0.0),
+    (Law("PD+CDOB, washout", CDOB.preset, WASHOUT), 2.0),
 )
-"""Laws and how many laps they drive; 0: as long as the wire can carry the error. All filtered."""
-
-_CDOB_DDOB_LAPS: tuple[tuple[Law, float], ...] = (
-    (CDOB._replace(label="PD+CDOB, no washout").changed(*FILTER), 0.0),
-    (CDOB._replace(label="PD+CDOB, washout").changed(*FILTER, *WASHOUT), 2.0),
-    (DDOB._replace(label="DDOB, no washout").changed(*FILTER), 2.0),
-    (DDOB._replace(label="DDOB, no washout, type-2 Q").changed(*FILTER, *TYPE_2), 2.0),
-    (DDOB._replace(label="DDOB, washout").changed(*FILTER, *WASHOUT), 2.0),
-    (DDOB._replace(label="DDOB, washout, type-2 Q").changed(*FILTER, *WASHOUT, *TYPE_2), 2.0),
+"""Laws and how many laps they drive; 0: as long as the wire can carry the error."""
+_PD_CDOB_LAPS = ((PD, 2.0), *_CDOB_LAPS)
+_CDOB_DDOB_LAPS = (
+    *_CDOB_LAPS,
+    (Law("DDOB, no washout", DDOB.preset), 2.0),
+    (Law("DDOB, no washout, type-2 Q", DDOB.preset, TYPE_2), 2.0),
+    (Law("DDOB, washout", DDOB.preset, WASHOUT), 2.0),
+    (Law("DDOB, washout, type-2 Q", DDOB.preset, (*WASHOUT, *TYPE_2)), 2.0),
 )
-
-
-def _deciding(item: Compared) -> tuple[str, str]:
-    """Return what a variant decides: the claim, where only the derivative is filtered."""
-    is_filtered = item.variant in (PD_AND_CDOB[1], CDOB_AND_DDOB[1])
-    return (CLAIM, _CURVATURE) if is_filtered else ("", "")
 
 
 def _errors(item: Compared, statement: str) -> Comparison:
-    first, second = item.pair
-    return Comparison(
-        f"lateral error, {DURATION_S:g} s. {item.variant.title}",
-        statement,
-        "; ".join(f"{label}: {error_text(run)}" for label, run in item.runs.items()),
-        rms(second.lateral_error_m) < rms(first.lateral_error_m),
-        *_deciding(item),
-    )
+    first_m, second_m = (rms(run.lateral_error_m) for run in item.pair)
+    return _comparison(item, "lateral error", statement, error_text, second_m < first_m)
 
 
 def _steers(item: Compared, statement: str) -> Comparison:
-    first, second = item.pair
+    first_rad, second_rad = (rms(run.wheel_angle_rad) for run in item.pair)
+    is_smaller = second_rad < (1.0 - _NOTABLY) * first_rad
+    return _comparison(item, "steer", statement, steer_text, is_smaller)
+
+
+def _comparison(
+    item: Compared, what: str, statement: str, text_of: Callable[[History], str], agrees: bool
+) -> Comparison:
+    """Return the runs in words; the claim is decided where only the derivative is filtered."""
+    is_filtered = item.variant in (PD_AND_CDOB[1], CDOB_AND_DDOB[1])
     return Comparison(
-        f"steer, {DURATION_S:g} s. {item.variant.title}",
+        f"{what}, {DURATION_S:g} s. {item.variant.title}",
         statement,
-        "; ".join(f"{label}: {steer_text(run)}" for label, run in item.runs.items()),
-        rms(second.wheel_angle_rad) < (1.0 - _NOTABLY) * rms(first.wheel_angle_rad),
-        *_deciding(item),
+        "; ".join(f"{label}: {text_of(run)}" for label, run in item.runs.items()),
+        agrees,
+        *((CLAIM, _CURVATURE) if is_filtered else ("", "")),
     )
 
 
@@ -227,14 +228,14 @@ def _steers_alike(item: Compared) -> Comparison:
 def _two_laps(
     name: str, laws: tuple[tuple[Law, float], ...], *, steer: bool
 ) -> tuple[Picture, list[Comparison]]:
+    """Run laws with a filtered derivative, draw them, and say how far each drifts."""
     lap = lap_s(delayed_plant(DURATION_S))
     runs: dict[str, History] = {}
     comparisons = []
     for law, laps in laws:
-        duration_s = laps * lap if laps else DURATION_S
-        run = drive([law], delayed_plant(duration_s))[law.label]
-        runs[law.label] = run
-        comparisons.append(_drift(law.label, run, lap if laps else None))
+        plant = delayed_plant(laps * lap if laps else DURATION_S)
+        runs |= drive([law.changed(*FILTER)], plant)
+        comparisons.append(_drift(law.label, runs[law.label], lap if laps else None))
     return two_laps(name, runs, lap, steer=steer), comparisons
 
 

@@ -8,6 +8,7 @@ not respond to it.
 """
 
 from collections import deque
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -127,37 +128,32 @@ def largest_filter_rad_s(law: Law) -> float:
 
     By bisection between the ends of the scan, of which the lower is stable and the upper is not.
     """
+    model = steer_to_lateral_error(paper_box().nominal)
     low_rad_s, high_rad_s = _FILTERS_RAD_S[0], _FILTERS_RAD_S[-1]
     while high_rad_s - low_rad_s > 0.05:
         middle_rad_s = 0.5 * (low_rad_s + high_rad_s)
         changed = law.changed(f"pd.derivative_filter_rad_s={middle_rad_s}")
-        if _is_stable(controller_preset(changed.preset, changed.overrides)):
+        controller = controller_preset(changed.preset, changed.overrides)
+        loop = SampledLoop(design_law(controller), model, controller.period_ns)
+        if loop.is_stable(round(PAPER_DELAY_S * NS_PER_S)):
             low_rad_s = middle_rad_s
         else:
             high_rad_s = middle_rad_s
     return low_rad_s
 
 
-def _is_stable(controller: ControllerSettings) -> bool:
-    model = steer_to_lateral_error(paper_box().nominal)
-    loop = SampledLoop(design_law(controller), model, controller.period_ns)
-    return loop.is_stable(round(PAPER_DELAY_S * NS_PER_S))
-
-
-def step_picture(name: str, plant: PlantSettings) -> Picture:
+def step_picture(name: str, steps: Mapping[str, Step]) -> Picture:
     """Draw the responses to a step of the reference on a straight road."""
     figure = Figure(figsize=(10.5, 4.4))
     left, right = figure.subplots(1, 2)
     columns: dict[str, FloatArray] = {}
-    for colour, (label, step) in zip(COLOURS, _steps(plant).items(), strict=False):
-        stride = 20
-        columns["time_s"] = step.time_s[::stride]
-        columns[f"{label} error_m"] = step.error_m[::stride]
-        columns[f"{label} steer_rad"] = step.steer_rad[::stride]
-        left.plot(step.time_s[::stride], step.error_m[::stride], color=colour, lw=1.0)
-        right.plot(
-            step.time_s[::stride], step.steer_rad[::stride], color=colour, lw=0.8, label=label
-        )
+    for colour, (label, step) in zip(COLOURS, steps.items(), strict=False):
+        time_s, error_m, steer_rad = (column[::20] for column in step)
+        columns["time_s"] = time_s
+        columns[f"{label} error_m"] = error_m
+        columns[f"{label} steer_rad"] = steer_rad
+        left.plot(time_s, error_m, color=colour, lw=1.0)
+        right.plot(time_s, steer_rad, color=colour, lw=0.8, label=label)
     left.axhline(0.0, color="black", lw=0.6)
     left.set(xlabel="time [s]", ylabel="y - r [m]", title="Reference step of 0.1 m, straight road")
     right.set(xlabel="time [s]", ylabel="steering angle [rad]")
@@ -165,7 +161,7 @@ def step_picture(name: str, plant: PlantSettings) -> Picture:
     return Picture(name, figure, columns)
 
 
-def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
+def step_comparisons(steps: Mapping[str, Step]) -> tuple[Comparison, ...]:
     """Return the RMS error in the last seconds of a reference step, and the RMS steer."""
     begin_s = _STEP_DURATION_S - _TAIL_S
     return tuple(
@@ -175,22 +171,19 @@ def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
             f"{rms(step.error_m[step.time_s >= begin_s]):.4f} m; "
             f"RMS steer {rms(step.steer_rad):.4f} rad",
         )
-        for label, step in _steps(plant).items()
+        for label, step in steps.items()
     )
 
 
-def _steps(plant: PlantSettings) -> dict[str, Step]:
+def reference_steps(plant: PlantSettings) -> dict[str, Step]:
+    """Return the responses to a step of the reference, by the name of the law."""
     pd = controller_preset(PD.preset, FILTER)
     cdob = controller_preset(CDOB.preset, FILTER)
-    own = cdob.model_copy(update={"nominal_model": _model_of(plant)})
+    nominal = paper_box().nominal._asdict() | {"speed_m_s": plant.vehicle.speed_m_s}
+    model = VehicleModelSettings(kind="vehicle", **nominal)
+    own = cdob.model_copy(update={"nominal_model": model})
     laws = {"PD": pd, "PD+CDOB, G_n of (19)": cdob, "PD+CDOB, G_n of the vehicle": own}
     return {
         label: reference_step(plant, law, _REFERENCE_M, PAPER_DELAY_S, _STEP_DURATION_S)
         for label, law in laws.items()
     }
-
-
-def _model_of(plant: PlantSettings) -> VehicleModelSettings:
-    nominal = paper_box().nominal._asdict()
-    speed_m_s = plant.vehicle.speed_m_s
-    return VehicleModelSettings(kind="vehicle", **(nominal | {"speed_m_s": speed_m_s}))

@@ -11,16 +11,14 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ...controller.settings import controller_preset
 from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
-from .simulation import History, paper_plant, simulate, thinned
-from .table_2 import CORRECTED, DURATION_S, PRINTED, TOLERANCE_M
+from .simulation import History, thinned
+from .table_2 import CORRECTED, PRINTED, TOLERANCE_M, ellipse_run
 
-_LAWS = {"PD": "paper_pd", "PD+DOB": "paper_pd_dob"}
 _STEP_S = 0.05
 
 _CAPTION = (
@@ -81,12 +79,10 @@ figure_16, figure_17, figure_18, figure_19 = (partial(_corner_figure, n) for n i
 
 
 def _run(preset: str, rear_cornering_stiffness_n_rad: float) -> _Runs:
-    plant = paper_plant(
-        preset,
-        f"duration_s={DURATION_S}",
-        f"vehicle.rear_cornering_stiffness_n_rad={rear_cornering_stiffness_n_rad}",
+    pd, pd_dob = (
+        ellipse_run(preset, law, rear_cornering_stiffness_n_rad)
+        for law in ("paper_pd", "paper_pd_dob")
     )
-    pd, pd_dob = (simulate(plant, controller_preset(name)) for name in _LAWS.values())
     return _Runs(rear_cornering_stiffness_n_rad, pd, pd_dob)
 
 
@@ -121,9 +117,8 @@ def _picture(name: str, all_runs: list[_Runs]) -> Picture:
     figure = Figure(figsize=(10.5, 4.2))
     columns: dict[str, FloatArray] = {}
     for axes, runs in zip(figure.subplots(1, 2, sharey=True), all_runs, strict=True):
-        for colour, (law, trace) in zip(
-            COLOURS, {"PD": runs.pd, "PD+DOB": runs.pd_dob}.items(), strict=False
-        ):
+        of_laws = zip(COLOURS, ("PD", "PD+DOB"), (runs.pd, runs.pd_dob), strict=False)
+        for colour, law, trace in of_laws:
             shown = thinned(trace, _STEP_S)
             label = f"{law}, RMS {rms(trace.lateral_error_m):.4f} m"
             axes.plot(shown.time_s, shown.lateral_error_m, color=colour, label=label)

@@ -5,24 +5,23 @@ uncertainty box at once, and the loop as it runs, sampled, held and delayed.
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
+from ...controller.nominal_model import paper_eq19
 from ...loop_theory.d_stability import DStability, judge, paper_d_stability
 from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
 from ...loop_theory.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
 from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
-from ...loop_theory.uncertainty import paper_box
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_MS
+from .corners import corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 # ruff: noqa: RUF001  # σ is the paper's symbol
@@ -44,11 +43,6 @@ _READING = (
     " to be left of -σ, every root within R inside the cone. The boundaries are found by crossing"
     " ∂Γ, not by gridding."
 )
-
-
-class _Case(NamedTuple):
-    name: str
-    loops: tuple[GainLoop, ...]
 
 
 def figure_7() -> Reproduction:
@@ -76,7 +70,10 @@ def figure_7() -> Reproduction:
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s.",
         (Picture("figure_07", figure, curve_columns(region.curves)),),
         (
-            unpublished("dominant roots at the published gains", _pair(pair)),
+            unpublished(
+                "dominant roots at the published gains",
+                f"{pair.real:.4f} ± {abs(pair.imag):.4f}j rad/s",
+            ),
             Comparison(
                 "their damping ratio",
                 f"at least {-math.cos(spec.cone_angle_rad):.3f} (θ)",
@@ -141,20 +138,26 @@ def figure_8() -> Reproduction:
 def figure_8_beyond() -> Reproduction:
     """Return the regions of the four corners, and of the sampled loop with delay."""
     spec = paper_d_stability()
-    corners = _corners()
+    loops = [ContinuousGainLoop(plant) for plant in corner_plants()]
+    names = (label.partition(": ")[2] for label in corner_labels())
+    each = {
+        name: d_stable_region([loop], spec, WINDOW) for name, loop in zip(names, loops, strict=True)
+    }
+    regions = [d_stable_region(loops, spec, WINDOW)]
     figure = Figure(figsize=(11.0, 8.4))
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
-    regions = [_draw_corners(panels[0], corners, spec)]
-    comparisons = [_judged(case, spec) for case in corners]
-    comparisons.append(_checked(regions[0], [case.loops[0] for case in corners], spec))
+    _draw_corners(panels[0], regions[0], each)
+    comparisons = [_judged(name, region) for name, region in each.items()]
+    comparisons.append(_checked(regions[0], loops, spec))
     for axes, filter_rad_s in zip(panels[1:], FILTERS_RAD_S, strict=True):
-        cases = _sampled_cases(filter_rad_s)
-        axes.set_title(f"sampled at 100 Hz, plant (19), {_filter_text(filter_rad_s)}", fontsize=10)
-        for case, delay_ms, shade in zip(cases, DELAYS_MS, (0.15, 0.3, 0.6), strict=True):
-            regions.append(d_stable_region(case.loops, spec, WINDOW))
-            area = regions[-1].polygon.area
-            fill_region(axes, regions[-1], f"{delay_ms} ms: area {area:.2f}", shade)
-            comparisons.append(_judged(case, spec))
+        derivative = "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
+        axes.set_title(f"sampled at 100 Hz, plant (19), {derivative}", fontsize=10)
+        for delay_ms, shade in zip(DELAYS_MS, (0.15, 0.3, 0.6), strict=True):
+            loop = SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s)
+            region = d_stable_region([loop], spec, WINDOW)
+            regions.append(region)
+            fill_region(axes, region, f"{delay_ms} ms: area {region.polygon.area:.2f}", shade)
+            comparisons.append(_judged(f"sampled, {derivative}, {delay_ms} ms", region))
         _draw_published(axes)
     for axes in panels:
         axes.legend(loc="lower right", fontsize=9)
@@ -175,30 +178,6 @@ def figure_8_beyond() -> Reproduction:
     )
 
 
-def _corners() -> tuple[_Case, ...]:
-    def name(vehicle: NominalVehicle) -> str:
-        return f"{vehicle.speed_m_s * 3.6:.0f} km/h, {vehicle.virtual_mass_kg:.0f} kg"
-
-    return tuple(
-        _Case(name(vehicle), (ContinuousGainLoop(steer_to_lateral_error(vehicle)),))
-        for vehicle in paper_box().vertices()
-    )
-
-
-def _sampled_cases(filter_rad_s: float | None) -> tuple[_Case, ...]:
-    return tuple(
-        _Case(
-            f"sampled, {_filter_text(filter_rad_s)}, {delay_ms} ms",
-            (SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s),),
-        )
-        for delay_ms in DELAYS_MS
-    )
-
-
-def _filter_text(filter_rad_s: float | None) -> str:
-    return "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
-
-
 def _roots(loop: ContinuousGainLoop) -> ComplexArray:
     """Return the roots at the published gains, nearest the origin first, Im > 0 before Im < 0."""
     roots_rad_s = loop.roots(_PUBLISHED_GAINS)[0]
@@ -210,25 +189,21 @@ def _draw_published(axes: Axes) -> None:
     axes.plot(*_PUBLISHED_GAINS[0], "o", color="black", label="published gains")
 
 
-def _draw_corners(axes: Axes, corners: Sequence[_Case], spec: DStability) -> GainRegion:
-    """Draw the edge of each corner's region, and fill the intersection of all; returns that."""
-    common = d_stable_region([case.loops[0] for case in corners], spec, WINDOW)
+def _draw_corners(axes: Axes, common: GainRegion, each: Mapping[str, GainRegion]) -> None:
+    """Fill the region of all corners, and draw the edge of each corner's own."""
     fill_region(axes, common, f"all four: area {common.polygon.area:.2f}", 0.3)
-    for index, (case, colour) in enumerate(zip(corners, COLOURS, strict=False)):
-        region = d_stable_region(case.loops, spec, WINDOW)
+    for index, ((name, region), colour) in enumerate(zip(each.items(), COLOURS, strict=False)):
         style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # the two are almost equal
-        axes.plot(*region.polygon.exterior.xy, color=colour, label=case.name, **style)
+        axes.plot(*region.polygon.exterior.xy, color=colour, label=name, **style)
     _draw_published(axes)
     axes.set_title("continuous, every corner of the uncertainty box", fontsize=10)
-    return common
 
 
-def _judged(case: _Case, spec: DStability) -> Comparison:
-    region = d_stable_region(case.loops, spec, WINDOW)
+def _judged(name: str, region: GainRegion) -> Comparison:
     inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     distance = abs(region.relative_distance(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M))
     text = f"{_inside(inside)}, {distance:.0%} of the gains from the edge"
-    return unpublished(f"published gains: {case.name}", text)
+    return unpublished(f"published gains: {name}", text)
 
 
 def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
@@ -246,10 +221,6 @@ def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) ->
     inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
     text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
     return unpublished("gains at which the roots were computed again", text)
-
-
-def _pair(root: complex) -> str:
-    return f"{root.real:.4f} ± {abs(root.imag):.4f}j rad/s"
 
 
 def _inside(inside: bool) -> str:

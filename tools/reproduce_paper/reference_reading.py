@@ -35,7 +35,7 @@ from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .delay_runs import CDOB, DDOB, PD, Law
+from .delay_runs import Law
 from .result import CLAIM, Comparison, Picture
 from .simulation import PAPER_DELAY_S
 
@@ -184,7 +184,3 @@ def _values(law: Law, filter_rad_s: float, quantity: Quantity) -> FloatArray:
 def _run(law: Law, filter_rad_s: float) -> Followed:
     override = f"pd.derivative_filter_rad_s={filter_rad_s}"
     return follow(controller_preset(law.preset, (override,)), PAPER_DELAY_S)
-
-
-PD_TO_CDOB = (PD, CDOB)
-CDOB_TO_DDOB = (CDOB, DDOB)

@@ -147,7 +147,7 @@ def write_columns(picture: Picture, file: Path) -> None:
         rows = zip_longest(
             *(values.tolist() for values in picture.columns.values()), fillvalue=math.nan
         )
-        writer.writerows([_cell(value) for value in row] for row in rows)
+        writer.writerows(["" if math.isnan(one) else repr(one) for one in row] for row in rows)
 
 
 def read_written(folder: Path, keys: Iterable[str]) -> list[Written]:
@@ -170,7 +170,3 @@ def _read(file: Path) -> Written:
         raise SettingsError(
             f"{file}: is not a summary of this program; delete it, or choose another --out"
         ) from error
-
-
-def _cell(value: float) -> str:
-    return "" if math.isnan(value) else repr(value)

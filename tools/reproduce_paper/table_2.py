@@ -48,12 +48,16 @@ class Row(NamedTuple):
 
 def corner_run(corner: str, preset: str, rear_cornering_stiffness_n_rad: float) -> History:
     """Return one run of Table II: 200 s of the ellipse in one corner of the uncertainty box."""
-    plant = paper_plant(
-        f"paper_corner_{corner}",
+    return ellipse_run(f"paper_corner_{corner}", preset, rear_cornering_stiffness_n_rad)
+
+
+def ellipse_run(plant: str, preset: str, rear_cornering_stiffness_n_rad: float) -> History:
+    """Return 200 s of the ellipse with a plant's and a controller's preset."""
+    overrides = (
         f"duration_s={DURATION_S}",
         f"vehicle.rear_cornering_stiffness_n_rad={rear_cornering_stiffness_n_rad}",
     )
-    return simulate(plant, controller_preset(preset))
+    return simulate(paper_plant(plant, *overrides), controller_preset(preset))
 
 
 def simulated_row(label: str, preset: str, rear_cornering_stiffness_n_rad: float) -> Row:
@@ -69,19 +73,16 @@ def table_2() -> Reproduction:
     """Return the table with either rear cornering stiffness, and what was tried for its DOB."""
     pd = _rows("PD", "paper_pd", [column.pd_m for column in published.TABLE_2])
     dob = _rows("PD+DOB", "paper_pd_dob", [column.pd_dob_m for column in published.TABLE_2])
-    tried = [Row(label, values) for label, values in attempts()]
+    tried = [Row(*attempt) for attempt in attempts()]
     comparisons = (
         *_comparisons(pd),
         _mass_trend("C_r = 500,000 N/rad", pd[0], pd[1]),
         _mass_trend("C_r = 50,000 N/rad", pd[0], pd[2]),
-        *(
-            _against(pd[0], Row(f"PD, tried: {label}", values))._replace(agrees=None)
-            for label, values in pd_row_attempts()
-        ),
+        *(_attempt(pd[0], f"PD, tried: {label}", row) for label, row in pd_row_attempts()),
         *_comparisons(dob),
         _reduction(pd, dob),
         _is_reduced(pd[1], dob[1]),
-        *(_attempt(dob[0], row) for row in tried),
+        *(_attempt(dob[0], f"PD+DOB, tried: {label}", row) for label, row in tried),
         *(_attempt_at_both(pd[0], dob[0], both) for both in both_rows_attempts()),
     )
     return Reproduction(
@@ -120,10 +121,9 @@ def _comparisons(rows: Sequence[Row]) -> list[Comparison]:
     return [deciding._replace(decides=NUMBER), *others]
 
 
-def _attempt(theirs: Row, ours: Row) -> Comparison:
+def _attempt(theirs: Row, label: str, rms_m: tuple[float, ...]) -> Comparison:
     """Return how far an attempt is off; it is not a result, so it has no verdict."""
-    tried = ours._replace(label=f"PD+DOB, tried: {ours.label}")
-    return _against(theirs, tried)._replace(agrees=None)
+    return _against(theirs, Row(label, rms_m))._replace(agrees=None)
 
 
 def _attempt_at_both(pd: Row, dob: Row, tried: BothRows) -> Comparison:
