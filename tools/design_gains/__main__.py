@@ -116,11 +116,15 @@ def _run(options: argparse.Namespace) -> int:
     rig.write_text(plant_text(spec, vehicle, any_settings(spec, vehicle)), encoding="utf-8")
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
-        Job(spec, vehicle, law, sources, str(options.out), str(pictures), index)
+        Job(spec, vehicle, law, sources, options.out, pictures, index)
         for index, law in enumerate(linear_laws(spec))
     ]
     console = plain_console()
-    _print_demands(spec, vehicle)
+    print(
+        f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
+        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
+        f" {spec.minimise.replace('_', ' ')}"
+    )
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
     progress = shared_progress(len(jobs))
@@ -188,15 +192,6 @@ def _design_predictor(
     print(f"  -> {options.out / name}.toml")
     held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
     return int(ExitStatus.OK) if held else NO_DESIGN
-
-
-def _print_demands(spec: Specification, vehicle: VehicleFile) -> None:
-    corners = vehicle.box.vertices()
-    print(
-        f"{len(corners)} corners x {len(spec.delays_ns)} delays from 0 to"
-        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
-        f" {spec.minimise.replace('_', ' ')}"
-    )
 
 
 def _watch(

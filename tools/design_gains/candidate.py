@@ -28,7 +28,6 @@ from ...loop_theory.d_stability import DStability, d_stability
 from ...loop_theory.gain_boundaries import Window
 from ...loop_theory.parameter_space import GainRegion, law_region, sampled_region
 from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -181,12 +180,9 @@ def pd_region(
     demands: DStability | None = None,
 ) -> GainRegion:
     """Return the gains with which the PD alone is as D-stable as specified, at every corner."""
-    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
-    delays_ns = [round(delay_ms * NS_PER_MS) for delay_ms in spec.d_stability.delays_ms]
-    demands = demands or spec.d_stability.demands
-    return sampled_region(
-        models, spec.period_ns, delays_ns, derivative_filter_rad_s, demands, window
-    )
+    table = spec.d_stability
+    loops = vehicle.models, spec.period_ns, table.delays_ns, derivative_filter_rad_s
+    return sampled_region(*loops, demands or table.demands, window)
 
 
 def settled_region(
@@ -196,7 +192,6 @@ def settled_region(
 
     At no delay, the largest of the range and one half-way; neither cone nor circle are demanded.
     """
-    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
     last_ns = spec.delays_ns[-1]
     demands = d_stability(
         spec.d_stability.settling_1_s,
@@ -204,7 +199,7 @@ def settled_region(
         _SHARE_OF_NYQUIST * math.pi * spec.rate_hz,
     )
     delays_ns = sorted({0, last_ns // 2, last_ns})
-    return law_region(settings, models, spec.period_ns, delays_ns, demands, window)
+    return law_region(settings, vehicle.models, spec.period_ns, delays_ns, demands, window)
 
 
 def why_no_gains(spec: Specification, vehicle: VehicleFile) -> str | None:

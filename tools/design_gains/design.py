@@ -3,7 +3,7 @@
 Every corner and every delay of a design in virtual time, against the linear analysis.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -106,10 +106,7 @@ def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
 
 
 def _why_no_design(
-    spec: Specification,
-    vehicle: VehicleFile,
-    found: Found,
-    progress: Callable[[float, float], None],
+    spec: Specification, vehicle: VehicleFile, found: Found, progress: Progress
 ) -> str:
     """Return which demands the best law fails, and whether a design exists without one of the
     demands, or with separate gains for two halves of the box.
@@ -118,17 +115,16 @@ def _why_no_design(
         f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
     )
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
-    culprits = []
-    for name in DEMANDS:
-        relaxed = make_study(spec, vehicle, fine=False, without=frozenset({name}))
-        if find_any(relaxed, found.candidate.law, progress):
-            culprits.append(name)
+    law = found.candidate.law
+    relaxed = (
+        (name, make_study(spec, vehicle, fine=False, without=frozenset({name}))) for name in DEMANDS
+    )
+    culprits = [name for name, study in relaxed if find_any(study, law, progress)]
     dropped = (
         f"without one of these there is a design: {', '.join(culprits)}"
         if culprits
         else "with any single demand dropped none was found either"
     )
-    law = found.candidate.law
     halved = [
         f"{field} at {middle:g}"
         for field, middle, halves in split_boxes(vehicle)

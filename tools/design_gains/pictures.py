@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import design_law, required
-from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...loop_theory.gain_boundaries import Window
 from ...loop_theory.loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, fill_region
@@ -82,8 +81,7 @@ def _draw_sensitivity(
     axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design
 ) -> None:
     ends_ns = (0, spec.delays_ns[-1])
-    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
-    grid = frequency_grid(models, ends_ns, spec.period_ns, _POINTS)
+    grid = frequency_grid(vehicle.models, ends_ns, spec.period_ns, _POINTS)
     law = law_response(design_law(design.settings), grid.z)
     size = sensitivity_size(grid, law)
     omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
@@ -104,10 +102,9 @@ def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: D
     last_ns = round(1.15 * max(design.rms.delays_ns[-1], spec.margin_delays_ns[-1]))
     delays_ns = np.linspace(0, last_ns, _DELAYS_DRAWN).astype(int)
     lags_s = [0.0] if spec.actuator is None else [0.0, spec.actuator.lag_s]
-    for colour, corner in zip(_colours(vehicle), vehicle.box.vertices(), strict=True):
+    for colour, model in zip(_colours(vehicle), vehicle.models, strict=True):
         for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
-            model = behind_lag(steer_to_lateral_error(corner), lag_s)
-            loop = SampledLoop(law, model, spec.period_ns)
+            loop = SampledLoop(law, behind_lag(model, lag_s), spec.period_ns)
             decay = [loop.decay_1_s(int(delay_ns)) for delay_ns in delays_ns]
             axes.plot(delays_ns / NS_PER_MS, decay, color=colour, ls=style)
     for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
@@ -137,9 +134,6 @@ def _labels(vehicle: VehicleFile) -> list[str | None]:
     corners = vehicle.box.vertices()
     if len(corners) > _CORNERS_NAMED_MAX:
         return [None] * len(corners)
-    return [_label(vehicle, corner) for corner in corners]
-
-
-def _label(vehicle: VehicleFile, corner: NominalVehicle) -> str:
     fields = [field for field, _, _ in vehicle.box.ranges]
-    return ", ".join(f"{field} {getattr(corner, field):.4g}" for field in fields) or "nominal"
+    labels = (", ".join(f"{name} {getattr(one, name):.4g}" for name in fields) for one in corners)
+    return [label or "nominal" for label in labels]

@@ -7,7 +7,6 @@ of the specification's conditions. The evolution strategy is the same as for the
 """
 
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -18,13 +17,13 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.design import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
-from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.settings import ControllerSettings
 from ...controller.shared_settings import EstimatorSettings, LinkSettings
 from ...runtime.array_types import FloatArray
 from .candidate import validity
 from .evolution import evolve
 from .predictor_runs import LEFT_M, Task, largest_error_m, peak_sensitivity, runs, steer_noise_rad
+from .search import Progress
 from .specification import PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import constant, jittered
@@ -72,7 +71,7 @@ def design_predictor(
     table: PredictorTable,
     vehicle: VehicleFile,
     fallback: ControllerSettings,
-    progress: Callable[[float, float], None],
+    progress: Progress,
 ) -> PredictorDesign:
     """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
 
@@ -124,12 +123,8 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
 def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
     """Return up to which constant delay the pd_ddob is stable at every corner."""
     design = design_law(settings.model_copy(update={"law": FALLBACK}))
-    margins = (
-        delay_margin_ns(
-            stable_delays(SampledLoop(design, steer_to_lateral_error(one), settings.period_ns))
-        )
-        for one in vehicle.box.vertices()
-    )
+    loops = (SampledLoop(design, model, settings.period_ns) for model in vehicle.models)
+    margins = (delay_margin_ns(stable_delays(loop)) for loop in loops)
     return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
 
 

@@ -158,11 +158,10 @@ def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
         progress(1.0 - (1.0 - _COARSE_SHARE) * left, min(costs))
 
     lattice, judged = _Lattice(coarse, lambda _costs: None), 0
-    starts = coarse.spec.search.starts
-    for start in range(starts):
-        places, count = _evolved(coarse, law, start, progress)
-        judged += count
-        rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in places))
+    for start in range(coarse.spec.search.starts):
+        *_, last = _evolution(coarse, law, start, progress)
+        judged += last.judged
+        rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in last.best))
         nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
         descend(lattice.cost, nearest)
     judged += len(lattice.known)
@@ -188,16 +187,11 @@ def find_any(study: Study, law: str, progress: Progress) -> bool:
     )
 
 
-def _evolved(study: Study, law: str, start: int, progress: Progress) -> tuple[FloatArray, int]:
-    """Return the point between places of the lattice at which an evolution ends, and its effort."""
-    *_, last = _evolution(study, law, start, progress)
-    return last.best, last.judged
-
-
 def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterator[Generation]:
-    """Yield the generations of an evolution until it varies no more."""
-    table, limits = study.spec.search, _bounds(study, law)
-    low, high = limits.T
+    """Yield the generations of an evolution between places of the lattice, until it settles."""
+    table = study.spec.search
+    limits = bounds(law, study.vehicle.box.nominal, study.spec.rate_hz)
+    low, high = np.array(limits, dtype=np.float64).T
     random = np.random.default_rng([table.seed, start])
 
     def cost_at(places: FloatArray) -> float:
@@ -216,10 +210,6 @@ def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterat
             return
 
 
-def _bounds(study: Study, law: str) -> FloatArray:
-    return np.array(bounds(law, study.vehicle.box.nominal, study.spec.rate_hz), dtype=np.float64)
-
-
 def descend(cost_of: Callable[[Candidate], float], start: Candidate) -> Candidate:
     """Go to the best neighbour on the lattice until none is better."""
     while True:
@@ -231,9 +221,8 @@ def descend(cost_of: Callable[[Candidate], float], start: Candidate) -> Candidat
 
 def neighbours(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the candidates that differ by a step in one parameter or in two."""
-    indices = range(len(candidate.places))
-    for index in indices:
-        yield from (candidate.moved(index, steps) for steps in (-1, 1))
-    for first, second in combinations(indices, 2):
-        for one in (-1, 1):
-            yield from (candidate.moved(first, one).moved(second, two) for two in (-1, 1))
+    indices, both_ways = range(len(candidate.places)), (-1, 1)
+    for index, steps in product(indices, both_ways):
+        yield candidate.moved(index, steps)
+    for (first, second), one, two in product(combinations(indices, 2), both_ways, both_ways):
+        yield candidate.moved(first, one).moved(second, two)

@@ -81,6 +81,11 @@ class DStabilityTable(Settings):
         """Return them as the analysis takes them."""
         return d_stability(self.settling_1_s, self.cone_angle_deg, self.bandwidth_rad_s)
 
+    @property
+    def delays_ns(self) -> tuple[int, ...]:
+        """The delays of the PD loop [ns]."""
+        return tuple(round(delay_ms * NS_PER_MS) for delay_ms in self.delays_ms)
+
     @model_validator(mode="after")
     def _refuse_what_no_roots_can_meet(self) -> Self:
         _ = self.demands

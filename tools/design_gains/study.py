@@ -15,7 +15,6 @@ import numpy as np
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import LawDesign
-from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.transfer_function import TransferFunction
 from ...loop_theory.d_stability import in_s_plane, judge
 from ...loop_theory.loop_figures import (
@@ -31,7 +30,7 @@ from ...loop_theory.tracking import TrackingGrid, track, tracking_grid, unsteere
 from ...plant_emulator.path import Path, curvature
 from ...plant_emulator.path_shapes import build_path
 from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from .candidate import Candidate, controller_settings, designs
 from .specification import Specification
 from .vehicle_file import VehicleFile
@@ -128,7 +127,7 @@ def make_study(
     spec: Specification, vehicle: VehicleFile, *, fine: bool, without: frozenset[str] = frozenset()
 ) -> Study:
     """Return a study; ``without`` names demands to leave out."""
-    models = tuple(steer_to_lateral_error(corner) for corner in vehicle.box.vertices())
+    models = vehicle.models
     period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
     settling_1_s = spec.d_stability.settling_1_s
     stability = {
@@ -190,15 +189,6 @@ def judge_law(study: Study, law: str, values: dict[str, float]) -> Judgement:
     return _judged(study, named[objective], demands)
 
 
-def region_loops(study: Study, design: LawDesign) -> list[tuple[SampledLoop, int]]:
-    """Return the loops, and the delays [ns], at which the PD has to be D-stable."""
-    return [
-        (SampledLoop(design, model, study.spec.period_ns), round(delay_ms * NS_PER_MS))
-        for model in study.models
-        for delay_ms in study.spec.d_stability.delays_ms
-    ]
-
-
 def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
     made = tuple(demand for demand in demands if demand.name not in study.without)
     return Judgement(objective, sum(demand.excess for demand in made), made)
@@ -214,37 +204,37 @@ def _diverging(study: Study, design: LawDesign) -> int:
 
 def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
     """Return how many loops of the PD alone fail each part of the D-stability."""
+    table, period_ns = study.spec.d_stability, study.spec.period_ns
     parts = []
-    for loop, delay_ns in region_loops(study, pd_design):
-        roots = in_s_plane(loop.closed_loop_poles(delay_ns), study.spec.period_ns)
-        parts.append(judge(study.spec.d_stability.demands, roots[None]))
-    total = len(parts)
-    counts = {
+    for model in study.models:
+        loop = SampledLoop(pd_design, model, period_ns)
+        for delay_ns in table.delays_ns:
+            roots = in_s_plane(loop.closed_loop_poles(delay_ns), period_ns)
+            parts.append(judge(table.demands, roots[None]))
+    failing = {
         "PD settling": sum(not part.settled[0] for part in parts),
         "PD damping": sum(not part.damped[0] for part in parts),
         "PD bandwidth": sum(not part.dominant[0] for part in parts),
     }
-    return [Demand(name, float(count) / total, 0.0) for name, count in counts.items()]
+    return [Demand(name, count / len(parts), 0.0) for name, count in failing.items()]
 
 
 def _frequency(study: Study, design: LawDesign) -> list[Demand]:
     figures = loop_figures(study.frequency, design)
     spec = study.spec
+    peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
     return [
-        Demand(
-            "peak sensitivity", float(figures.peak_sensitivity.max()), spec.peak_sensitivity_max
-        ),
-        Demand("noise gain", float(figures.noise_gain_rad_m.max()), spec.noise_gain_rad_m_max),
+        Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
+        Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
     ]
 
 
 def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
     tracking, limits = track(study.tracking, design), study.spec.limits
     largest_m = study.spec.rms_m_max_of(law)
+    rms_m_max = np.inf if largest_m is None else largest_m
     return [
-        Demand(
-            "RMS error", float(tracking.rms_m.max()), np.inf if largest_m is None else largest_m
-        ),
+        Demand("RMS error", float(tracking.rms_m.max()), rms_m_max),
         Demand("steer", float(tracking.steer_rad.max()), limits.steer_rad_max),
         Demand("steer rate", float(tracking.steer_rate_rad_s.max()), limits.steer_rate_rad_s_max),
     ]

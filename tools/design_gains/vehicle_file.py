@@ -11,7 +11,9 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.shared_settings import VehicleModelSettings
+from ...controller.transfer_function import TransferFunction
 from ...controller.validity import VehicleRanges
 from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
 from ...runtime.settings import Settings
@@ -40,6 +42,11 @@ class VehicleFile(Settings):
         return UncertaintyBox(
             self.vehicle.vehicle, tuple(ParameterRange(key, *bounds) for key, bounds in ranges)
         )
+
+    @property
+    def models(self) -> tuple[TransferFunction, ...]:
+        """Return G of each corner of the box."""
+        return tuple(steer_to_lateral_error(corner) for corner in self.box.vertices())
 
     @model_validator(mode="after")
     def _refuse_ranges_without_the_nominal_value(self) -> Self:

@@ -25,8 +25,6 @@ from ...runtime.toml_text import dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
-_MS_PER_S = 1e3
-
 
 class Drive(NamedTuple):
     """One run: a law, a vehicle of the box, a path, and the latency of the commands.
@@ -115,8 +113,8 @@ def jittered(table: JitterTable) -> LatencySettings:
     """Return the latency of commands: gamma, anew for each, the newest wins."""
     return LatencySettings(
         model=Distribution.GAMMA,
-        mean_s=table.mean_ms / _MS_PER_S,
-        spread_s=table.spread_ms / _MS_PER_S,
+        mean_s=table.mean_ms / 1e3,
+        spread_s=table.spread_ms / 1e3,
         loss=table.loss,
     )
 

@@ -26,8 +26,8 @@ class Job(NamedTuple):
     vehicle: VehicleFile
     law: str
     sources: tuple[str, str]
-    preset_folder: str
-    picture_folder: str
+    preset_folder: Path
+    picture_folder: Path
     place: int
 
 
@@ -47,14 +47,12 @@ def run_job(job: Job) -> Design:
     found = design(job.spec, job.vehicle, job.law, partial(_report, job.place))
     name = preset_name(job.spec, job.law)
     text = preset_text(job.spec, job.vehicle, found, job.sources)
-    (Path(job.preset_folder) / f"{name}.toml").write_text(text, encoding="utf-8")
+    (job.preset_folder / f"{name}.toml").write_text(text, encoding="utf-8")
     with plot_style():
-        figure = draw_design(job.spec, job.vehicle, found)
-        figure.savefig(Path(job.picture_folder) / f"{name}.png")
+        draw_design(job.spec, job.vehicle, found).savefig(job.picture_folder / f"{name}.png")
     return found
 
 
 def _report(index: int, done: float, best: float) -> None:
     for progress in _PROGRESS:
-        progress[2 * index] = done
-        progress[2 * index + 1] = best
+        progress[2 * index : 2 * index + 2] = done, best
