@@ -28,6 +28,11 @@ class Axis(NamedTuple):
     labels: tuple[str, ...]
     place: IntArray
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The settings that vary along it."""
+        return () if self.factor is None else self.factor.keys
+
 
 class StudyAxes(NamedTuple):
     """``group`` is the same for rows that differ in latency and jitter only."""
@@ -57,23 +62,16 @@ def study_axes(study: StudyRecord, rows: Rows) -> StudyAxes:
 
 def is_share(axis: Axis) -> bool:
     """Whether the jitter is a share of the mean latency."""
-    return axis.factor is not None and any(
-        key.endswith("spread_fraction") for key in axis.factor.keys
-    )
+    return any(key.endswith("spread_fraction") for key in axis.keys)
 
 
 def _factor(factors: Sequence[FactorRecord], endings: tuple[str, ...]) -> FactorRecord | None:
-    found = [
-        factor
-        for factor in factors
-        if factor.keys and all(_is_of(key, endings) for key in factor.keys)
-    ]
+    def is_of(key: str) -> bool:
+        return key.startswith(LATENCY) and key.rpartition(".")[2] in endings
+
+    found = [factor for factor in factors if factor.keys and all(map(is_of, factor.keys))]
     found.sort(key=lambda factor: not any("downlink" in key for key in factor.keys))
     return found[0] if found else None
-
-
-def _is_of(key: str, endings: tuple[str, ...]) -> bool:
-    return key.startswith(LATENCY) and key.rpartition(".")[2] in endings
 
 
 def _jitter_title(factor: FactorRecord | None) -> tuple[str, float]:

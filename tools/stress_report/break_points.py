@@ -33,7 +33,7 @@ from ...studies.compute import Computer
 from ...studies.figures import COLUMNS
 from ...studies.scenario import Scenarios
 from ...studies.verdict import verdict_of
-from .axes import Axis, StudyAxes, is_share
+from .axes import StudyAxes, is_share
 from .monte_carlo import seeds
 from .results import Rows, StudyRecord, case_of, read_overrides
 
@@ -93,8 +93,7 @@ def break_points(
     by_jitter = [[each for each in conditions if each.jitter == j] for j in chosen.tolist()]
 
     def of_jitter(group: list[_Conditions]) -> list[BreakPoint]:
-        search = _Search(study.scenarios, axes)
-        return search.break_points(group, run_seeds)
+        return _Search(study.scenarios, axes).break_points(group, run_seeds)
 
     with ThreadPoolExecutor(_THREADS) as pool:
         return [point for points in pool.map(of_jitter, by_jitter) for point in points]
@@ -198,16 +197,12 @@ class _Search:
 
 def latency_overrides(axes: StudyAxes, jitter: int, mean_s: float) -> dict[str, Any]:
     """Return what sets a mean latency, with the spread of a level of jitter."""
-    found: dict[str, Any] = dict.fromkeys(_keys(axes.mean), mean_s)
+    found: dict[str, Any] = dict.fromkeys(axes.mean.keys, mean_s)
     spread = axes.jitter.values[jitter]
-    for key in _keys(axes.jitter):
+    for key in axes.jitter.keys:
         line = key.rpartition(".")[0]
         found[f"{line}.spread_s"] = spread * mean_s if is_share(axes.jitter) else spread
     return found
-
-
-def _keys(axis: Axis) -> tuple[str, ...]:
-    return () if axis.factor is None else axis.factor.keys
 
 
 def _conditions(

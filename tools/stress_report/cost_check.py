@@ -8,7 +8,7 @@ exact; the runs off the grid show the effect of rounding up.
 import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,6 +18,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import IntArray
 from ...runtime.settings import SettingsError
+from ...studies.scenario import Case
 from .axes import StudyAxes
 from .break_points import latency_overrides
 from .expected_cost import ExpectedCost, expected_cost
@@ -53,13 +54,6 @@ class CostCheck(NamedTuple):
         return off_m2 / self.on_grid.standard_error_m2 if self.is_random else math.nan
 
 
-class LeftOut(NamedTuple):
-    """A law in a cell that is not compared."""
-
-    what: str
-    reason: str
-
-
 class CostChecks(NamedTuple):
     """``left_out`` are the laws and cells that are not compared, by the reason."""
 
@@ -73,11 +67,9 @@ def cost_checks(study: StudyRecord, rows: Rows, axes: StudyAxes) -> CostChecks:
     overrides = read_overrides(study, [run for _, _, run in cells])
     found = CostChecks([], {})
     for jitter, mean, run in cells:
-        for each in _checks(study, axes, jitter, mean, overrides[run]):
-            if isinstance(each, CostCheck):
-                found.checks.append(each)
-            else:
-                found.left_out.setdefault(each.reason, []).append(each.what)
+        mean_s = axes.mean.values[mean]
+        case = case_of(overrides[run] | latency_overrides(axes, jitter, mean_s))
+        _check_cell(study, case, found)
     return found
 
 
@@ -93,21 +85,11 @@ def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
     for check, panel in zip(checks, panels.T.flat, strict=False):
         colour = COLOURS[check.controller % len(COLOURS)]
         time_s = check.expected.time_s
-        panel.plot(
-            time_s,
-            1e3 * check.on_grid.error_deviation_m,
-            color=colour,
-            lw=1.0,
-            label=f"{len(check.on_grid.costs_m2)} runs",
-        )
-        panel.plot(
-            time_s,
-            1e3 * check.expected.error_deviation_m,
-            color="black",
-            lw=1.2,
-            ls="--",
-            label="propagated",
-        )
+        runs_mm = 1e3 * check.on_grid.error_deviation_m
+        label = f"{len(check.on_grid.costs_m2)} runs"
+        panel.plot(time_s, runs_mm, color=colour, lw=1.0, label=label)
+        expected_mm = 1e3 * check.expected.error_deviation_m
+        panel.plot(time_s, expected_mm, color="black", lw=1.2, ls="--", label="propagated")
         panel.set_title(f"{study.names[check.controller]}, {check.conditions}", fontsize=9.5)
         panel.set_ylabel("deviation [mm]", fontsize=9)
         panel.set_ylim(bottom=0.0)
@@ -125,16 +107,13 @@ def _cells(rows: Rows, axes: StudyAxes) -> list[tuple[int, int, int]]:
     if axes.mean.factor is None or not jitters:
         return []
     jitter = jitters[len(jitters) // 2]
-    means = [
-        place
-        for place, mean_s in enumerate(axes.mean.values)
-        if 0.0 < mean_s <= MEAN_S_MAX and _all_hold(rows, axes, jitter, place)
-    ]
-    found = []
-    for mean in sorted({means[0], means[-1]} if means else ()):
-        here = (axes.jitter.place == jitter) & (axes.mean.place == mean)
-        found.append((jitter, mean, _calmest(rows, np.flatnonzero(here))))
-    return found
+    held = []
+    for mean, mean_s in enumerate(axes.mean.values):
+        here = np.flatnonzero((axes.jitter.place == jitter) & (axes.mean.place == mean))
+        if 0.0 < mean_s <= MEAN_S_MAX and len(here) and rows.holds[here].all():
+            held.append((mean, here))
+    ends = [held[0], held[-1]] if len(held) > 1 else held
+    return [(jitter, mean, _calmest(rows, here)) for mean, here in ends]
 
 
 def _calmest(rows: Rows, here: IntArray) -> int:
@@ -145,38 +124,24 @@ def _calmest(rows: Rows, here: IntArray) -> int:
     return int(rows.id[here[np.argmax(place == np.argmin(limited))]])
 
 
-def _all_hold(rows: Rows, axes: StudyAxes, jitter: int, mean: int) -> bool:
-    here = (axes.jitter.place == jitter) & (axes.mean.place == mean)
-    return bool(here.any() and rows.holds[here].all())
-
-
-def _checks(
-    study: StudyRecord, axes: StudyAxes, jitter: int, mean: int, overrides: dict[str, Any]
-) -> list[CostCheck | LeftOut]:
-    """Return the check of each law in one cell, under the conditions of one of its runs; or why
-    there is none.
-    """
-    mean_s = axes.mean.values[mean]
-    case = case_of(overrides | latency_overrides(axes, jitter, mean_s))
+def _check_cell(study: StudyRecord, case: Case, found: CostChecks) -> None:
+    """Add the check of each law under the conditions of one run, or why there is none."""
     plant = study.scenarios.plant(case)
     plant = plant.model_copy(update={"duration_s": min(plant.duration_s, DURATION_S_MAX)})
     line = plant.latency.downlink
     text = f"{1e3 * line.mean_s:.3g} ± {1e3 * line.spread_s:.3g} ms"
     controllers = [study.scenarios.controller(case, name) for name in study.names]
-    found: dict[int, CostCheck | LeftOut] = {}
-    expected: dict[int, ExpectedCost] = {}
     with ThreadPoolExecutor(_THREADS) as pool:
-        for place, answer in enumerate(pool.map(partial(_expected, plant), controllers)):
-            if isinstance(answer, str):
-                found[place] = LeftOut(f"{study.names[place]} at {text}", answer)
-            else:
-                expected[place] = answer
-    for place, costs in _costs(study, plant, controllers, list(expected)).items():
-        if isinstance(costs, str):
-            found[place] = LeftOut(f"{study.names[place]} at {text}", costs)
+        answers = list(pool.map(partial(_expected, plant), controllers))
+    places = [place for place, answer in enumerate(answers) if isinstance(answer, ExpectedCost)]
+    costs = _costs(study, plant, controllers, places)
+    for place, expected in enumerate(answers):
+        on_and_off = expected if isinstance(expected, str) else costs[place]
+        if isinstance(expected, str) or isinstance(on_and_off, str):
+            left_out = found.left_out.setdefault(str(on_and_off), [])
+            left_out.append(f"{study.names[place]} at {text}")
         else:
-            found[place] = CostCheck(place, text, expected[place], *costs)
-    return [found[place] for place in sorted(found)]
+            found.checks.append(CostCheck(place, text, expected, *on_and_off))
 
 
 def _costs(
@@ -187,7 +152,6 @@ def _costs(
 ) -> dict[int, tuple[MonteCarloCost, MonteCarloCost] | str]:
     """Return the costs of runs of some laws, on and off the grid, or why they cannot be used."""
     run_seeds = seeds(int(study.sampling["seed"]), RUNS)
-    found: dict[int, tuple[MonteCarloCost, MonteCarloCost] | str] = {}
 
     def costs(of: list[int], *, is_on_grid: bool) -> dict[int, MonteCarloCost]:
         laws = [controllers[place] for place in of]
@@ -195,17 +159,14 @@ def _costs(
         return dict(zip(of, made, strict=True))
 
     on_grid = costs(places, is_on_grid=True)
-    linear = [place for place in places if not on_grid[place].limited]
-    off_grid = costs(linear, is_on_grid=False)
-    for place, cost in on_grid.items():
-        if cost.limited:
-            found[place] = (
-                f"{cost.limited} of {RUNS} runs met a limit of the command, and a linear "
-                "covariance says nothing about those"
-            )
-        else:
-            found[place] = (cost, off_grid[place])
-    return found
+    off_grid = costs([p for p in places if not on_grid[p].limited], is_on_grid=False)
+    return {
+        place: (cost, off_grid[place])
+        if not cost.limited
+        else f"{cost.limited} of {RUNS} runs met a limit of the command, and a linear covariance"
+        " says nothing about those"
+        for place, cost in on_grid.items()
+    }
 
 
 def _expected(plant: PlantSettings, controller: ControllerSettings) -> ExpectedCost | str:

@@ -12,6 +12,7 @@ are drawn as the median over seeds, its confidence interval, and what is held.
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
@@ -117,9 +118,10 @@ def _draw(
         edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
         mesh = panel.pcolormesh(*edges, values[place], norm=norm, cmap=colours)
         for row, column in np.ndindex(jitters, means):
-            is_hatched = bool(maps.family[place, row, column] >= 0)
+            family = int(maps.family[place, row, column])
+            is_hatched = family >= 0
             if is_hatched:
-                _hatch(panel, row, column, int(maps.family[place, row, column]))
+                _hatch(panel, row, column, family)
             if means * jitters <= _TEXT_CELLS_MAX and np.isfinite(values[place, row, column]):
                 value = float(values[place, row, column])
                 shade = mesh.cmap(norm(value))
@@ -155,14 +157,14 @@ def _draw(
     return figure
 
 
-def _hatch(panel: object, row: int, column: int, family: int) -> None:
+def _hatch(panel: Axes, row: int, column: int, family: int) -> None:
     hatch = tuple(HATCHES.values())[family]
     for colour, width in (("white", 2.2), ("0.1", 0.7)):  # visible on any colour
         patch = Rectangle(
             (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=hatch, edgecolor=colour, lw=0.0
         )
         patch.set_hatch_linewidth(width)
-        panel.add_patch(patch)  # type: ignore[attr-defined]
+        panel.add_patch(patch)
 
 
 def _ticks(labels: tuple[str, ...], count: int) -> tuple[list[int], list[str]]:

@@ -26,7 +26,6 @@ class WorstRun(NamedTuple):
     id: int
     controller: int
     verdict: Verdict
-    overrides: dict[str, Any]
     run: BatchRun
     steer_rad_max: float
 
@@ -55,7 +54,7 @@ def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
         run, label = worst.run, "centre of gravity"
         above.plot(run.time_s, run.lateral_error_m, color=colour, lw=0.9, label="preview point")
         above.plot(run.time_s, run.cg_deviation_m, color="0.4", lw=0.7, ls=":", label=label)
-        below.plot(worst.run.tick_s, worst.run.sent_rad, color="0.25", lw=0.6)
+        below.plot(run.tick_s, run.sent_rad, color="0.25", lw=0.6)
         for limit_rad in (-worst.steer_rad_max, worst.steer_rad_max):
             below.axhline(limit_rad, color="black", lw=0.7, ls="--")
         below.set_ylim(-1.15 * worst.steer_rad_max, 1.15 * worst.steer_rad_max)
@@ -88,7 +87,6 @@ def _again(study: StudyRecord, rows: Rows, row: int, overrides: dict[str, Any]) 
         id=int(rows.id[row]),
         controller=controller,
         verdict=VERDICTS[int(rows.verdict[row])],
-        overrides=overrides,
         run=run_batch(pair.plant, pair.controller),
         steer_rad_max=limits_of(pair.controller).steer_rad_max,
     )
