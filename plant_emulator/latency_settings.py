@@ -105,10 +105,7 @@ class LatencySettings(Settings):
     @property
     def profile(self) -> tuple[ProfilePoint, ...]:
         """The points of the schedule."""
-        return tuple(
-            ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
-            for point in self.schedule
-        )
+        return tuple(ProfilePoint(**dict(point)) for point in self.schedule)
 
     @property
     def quantile(self) -> Quantile:

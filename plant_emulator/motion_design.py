@@ -12,7 +12,7 @@ from .disturbance import DisturbanceInterval, disturbance_intervals
 from .path import Path
 from .path_shapes import build_path
 from .propagation import TABLE_ROWS, Row, Table, augmented_matrix, table_rows, transition_table
-from .rig_settings import ActuatorSettings, DisturbanceSettings, PathSettings, VehicleSettings
+from .rig_settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 from .settings import PlantSettings
 from .vehicle import VehicleParams, on_friction
 
@@ -33,24 +33,15 @@ class MotionParams(NamedTuple):
     """Where in ``table`` each interval's transitions start, by `WheelPhase`."""
 
 
-def design_motion(
-    vehicle: VehicleSettings,
-    actuator: ActuatorSettings,
-    path: PathSettings,
-    disturbance: DisturbanceSettings,
-) -> MotionParams:
-    """Return the motion's parameters; computes the transition tables (about 40 ms each).
+def motion_params(settings: PlantSettings) -> MotionParams:
+    """Design the motion of a run; computes the transition tables (about 40 ms each).
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
-    params = _params(vehicle, actuator, build_path(path), disturbance)
+    vehicle, path = settings.vehicle, build_path(settings.path)
+    params = _params(vehicle, settings.actuator, path, settings.disturbance)
     table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
     return params._replace(table=table, first_rows=first_rows)
-
-
-def motion_params(settings: PlantSettings) -> MotionParams:
-    """Design the motion of a run; raises what ``design_motion`` raises."""
-    return design_motion(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
 
 
 def design_motion_arrays(
@@ -94,16 +85,7 @@ def _params(
 
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:
     """Return the vehicle's parameters."""
-    return VehicleParams(
-        settings.speed_m_s,
-        settings.virtual_mass_kg,
-        settings.yaw_inertia_kg_m2,
-        settings.front_cornering_stiffness_n_rad,
-        settings.rear_cornering_stiffness_n_rad,
-        settings.front_axle_distance_m,
-        settings.rear_axle_distance_m,
-        settings.preview_distance_m,
-    )
+    return VehicleParams(*(getattr(settings, name) for name in VehicleParams._fields))
 
 
 def transitions(

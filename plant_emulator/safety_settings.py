@@ -2,7 +2,7 @@
 
 import math
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, Tag
 
@@ -13,6 +13,8 @@ from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
 from .steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"
+_N = TypeVar("_N")
+_OrOff = Annotated[Annotated[_N, Tag("number")] | OffWord, NUMBER_OR_WORD]
 Limit = float | Literal["off"]
 """A limit; "off" for none, because TOML has no null."""
 _STEER_RAD_MAX = 1.31071
@@ -37,30 +39,18 @@ class SafetySettings(Settings):
     both rate limits allow more than 1.2 rad at once up to 8.8 km/h.
     """
 
-    angle_rad_max: Annotated[
-        Annotated[float, Field(ge=0.01, le=1.5), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 0.7
-    angle_rate_rad_s_max: Annotated[
-        Annotated[float, Field(ge=0.01, le=100.0), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 2.5
+    angle_rad_max: _OrOff[Annotated[float, Field(ge=0.01, le=1.5)]] = 0.7
+    angle_rate_rad_s_max: _OrOff[Annotated[float, Field(ge=0.01, le=100.0)]] = 2.5
     """Averaged over half a second, like the jerk."""
-    lateral_acceleration_m_s2_max: Annotated[
-        Annotated[float, Field(ge=0.1, le=50.0), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 3.0
+    lateral_acceleration_m_s2_max: _OrOff[Annotated[float, Field(ge=0.1, le=50.0)]] = 3.0
     """ISO 11270."""
-    lateral_jerk_m_s3_max: Annotated[
-        Annotated[float, Field(ge=0.1, le=1000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 5.0
+    lateral_jerk_m_s3_max: _OrOff[Annotated[float, Field(ge=0.1, le=1000.0)]] = 5.0
     """ISO 11270: the moving average over half a second."""
-    follow_tolerance_rad: Annotated[
-        Annotated[float, Field(ge=0.001, le=1.0), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 0.1
+    follow_tolerance_rad: _OrOff[Annotated[float, Field(ge=0.001, le=1.0)]] = 0.1
     """Between the wheel and its target."""
     follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
     """Longest time that the wheel may be further away, in addition to that of a sound actuator."""
-    ftti_ms: Annotated[
-        Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
-    ] = 150.0
+    ftti_ms: _OrOff[Annotated[float, Field(ge=20.0, le=10_000.0)]] = 150.0
     """Fault tolerant time interval, for the reaction to silence and its report."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How long the last command is held in silence before the fallback."""

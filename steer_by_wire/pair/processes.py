@@ -1,7 +1,6 @@
 """Processes that run together and end with this one: bus, plant, controller and others."""
 
 import json
-import os
 import signal
 import subprocess
 import time
@@ -174,13 +173,9 @@ class Processes:
 def children_of(pid: int) -> list[int]:
     """Return the processes that a process has started and that still run. Linux only."""
     children = []
-    for entry in os.listdir("/proc"):
-        if not entry.isdecimal():
-            continue
-        try:
-            stat = Path(f"/proc/{entry}/stat").read_text(encoding="ascii", errors="replace")
-        except OSError:
-            continue
-        if int(stat.rpartition(")")[2].split()[1]) == pid:
-            children.append(int(entry))
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            stat = file.read_text(encoding="ascii", errors="replace")
+            if int(stat.rpartition(")")[2].split()[1]) == pid:
+                children.append(int(file.parent.name))
     return children

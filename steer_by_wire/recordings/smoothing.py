@@ -15,7 +15,6 @@ A value and its standard deviation are what the model makes of the record: a wro
 network that changes faster than the random walk, is not in the deviation.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,12 +108,8 @@ def smooth_delay(time_s: FloatArray, delay_s: FloatArray) -> Smoothed:
     kalman.x, kalman.P, kalman.R = delay_s[:1, None], np.eye(1), np.eye(1) * noise_s**2
     since_s = np.diff(time_s, prepend=time_s[:1])
     q = [np.eye(1) * DELAY_WALK_S_SQRT_S**2 * max(step_s, 1e-9) for step_s in since_s]
-    return _scalar(kalman, list(delay_s[:, None, None]), q)
-
-
-def _scalar(kalman: Any, rows: Sequence[FloatArray], q: Sequence[FloatArray]) -> Smoothed:
-    means, covariances, _, _ = kalman.batch_filter(rows, Qs=q)
-    f = [kalman.F] * len(rows)
+    means, covariances, _, _ = kalman.batch_filter(list(delay_s[:, None, None]), Qs=q)
+    f = [kalman.F] * len(q)
     # filterpy's smoother takes the noise of the step from a sample at that sample's place.
     x, p, _, _ = kalman.rts_smoother(means, covariances, Fs=f, Qs=[*q[1:], q[-1]])
     return Smoothed(x[:, 0, 0], np.sqrt(p[:, 0, 0]))

@@ -8,13 +8,14 @@ The last factor of a grid varies fastest. Points are numbered, and each follows 
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from ..runtime.array_types import FloatArray
 from .factors import Factor, Level
-from .study_file import SamplingKind, SamplingSettings
+from .study_file import REPLICATES_MAX, SamplingKind, SamplingSettings
 
 
 class Design(NamedTuple):
@@ -50,6 +51,7 @@ def make_design(factors: tuple[Factor, ...], sampling: SamplingSettings) -> Desi
     return Design(factors, count, _uniforms(sampling, count, len(factors)))
 
 
+@lru_cache(REPLICATES_MAX)
 def replicate_seed(study_seed: int, replicate: int) -> int:
     """Return the seed of the runs of one replicate, from 0 to 2⁶³ − 1.
 

@@ -51,11 +51,6 @@ class Case(NamedTuple):
     labels: tuple[Label, ...]
     overrides: Mapping[str, Any]
 
-    @property
-    def overrides_text(self) -> str:
-        """The overrides as JSON."""
-        return json.dumps(self.overrides)
-
 
 class Scenarios:
     """The scenarios of a study, made one at a time."""
@@ -63,11 +58,6 @@ class Scenarios:
     def __init__(self, study: Study) -> None:
         self.study = study
         self.controllers = tuple(study.controllers)
-        replicates = study.settings.sampling.replicates
-        self._seeds = [
-            replicate_seed(study.settings.sampling.seed, replicate)
-            for replicate in range(min(replicates, 1000))
-        ]
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
@@ -76,10 +66,7 @@ class Scenarios:
         """Return one case; the id of its first run is ``index`` times the controllers."""
         sampling = self.study.settings.sampling
         point, replicate = divmod(index, sampling.replicates)
-        if replicate < len(self._seeds):
-            seed = self._seeds[replicate]
-        else:
-            seed = replicate_seed(sampling.seed, replicate)
+        seed = replicate_seed(sampling.seed, replicate)
         levels = self.study.design.point(point)
         values = dict(pair for level in levels for pair in level.values)
         overrides = _settings_keys(values, self.study.plant)

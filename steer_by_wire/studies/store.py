@@ -197,7 +197,7 @@ class Store:
         unique, first = np.unique(cases, return_inverse=True)
         made = [self.scenarios.case(index) for index in unique.tolist()]
         rows = [made[place] for place in first.tolist()]
-        texts = [case.overrides_text for case in made]
+        texts = [json.dumps(case.overrides) for case in made]
         controllers = [names[place] for place in (ids % len(names)).tolist()]
         laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
         columns: dict[str, Any] = {

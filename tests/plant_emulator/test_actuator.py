@@ -14,14 +14,13 @@ from steer_by_wire.plant_emulator.actuator import (
     is_limited,
 )
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import design_motion
+from steer_by_wire.plant_emulator.motion_design import motion_params
 from steer_by_wire.plant_emulator.propagation import propagate
 from steer_by_wire.plant_emulator.rig_settings import (
     ActuatorSettings,
-    DisturbanceSettings,
     StraightSettings,
-    VehicleSettings,
 )
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NEVER_NS
 
 ACTUATORS = {
@@ -36,9 +35,7 @@ ACTUATORS = {
 
 
 def moving(actuator: ActuatorSettings) -> Motion:
-    return Motion(
-        design_motion(VehicleSettings(), actuator, StraightSettings(), DisturbanceSettings())
-    )
+    return Motion(motion_params(PlantSettings(actuator=actuator, path=StraightSettings())))
 
 
 @pytest.mark.parametrize("name", ACTUATORS)
@@ -83,9 +80,7 @@ def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, i
         assert not motion.is_limited
 
 
-TRANSPARENT = design_motion(
-    VehicleSettings(), ActuatorSettings(), StraightSettings(), DisturbanceSettings()
-)
+TRANSPARENT = motion_params(PlantSettings(path=StraightSettings()))
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
@@ -101,9 +96,7 @@ def test_wheel_keeps_both_limits_whatever_is_commanded(commands: list[float]) ->
         before = motion.wheel_rad
 
 
-LIMITED = design_motion(
-    VehicleSettings(), ACTUATORS["all"], StraightSettings(), DisturbanceSettings()
-)
+LIMITED = motion_params(PlantSettings(actuator=ACTUATORS["all"], path=StraightSettings()))
 
 
 def test_ramp_ends_where_the_lag_takes_over() -> None:

@@ -5,16 +5,16 @@ from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.disturbance import disturbance_intervals
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import design_motion
+from steer_by_wire.plant_emulator.motion_design import motion_params
 from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
 from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
 from steer_by_wire.plant_emulator.rig_settings import (
-    ActuatorSettings,
     CircleSettings,
     DisturbanceSettings,
     StraightSettings,
     VehicleSettings,
 )
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
 
 VEHICLE = VehicleSettings(speed_m_s=72.0 / 3.6)
@@ -23,7 +23,11 @@ PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.545
 
 def moving(*steps: DisturbanceStep, side_force_arm_m: float = 0.0) -> Motion:
     disturbance = DisturbanceSettings(steps=steps, side_force_arm_m=side_force_arm_m)
-    return Motion(design_motion(VEHICLE, ActuatorSettings(), StraightSettings(), disturbance))
+    return Motion(
+        motion_params(
+            PlantSettings(vehicle=VEHICLE, path=StraightSettings(), disturbance=disturbance)
+        )
+    )
 
 
 def test_a_step_changes_what_it_gives_and_keeps_the_rest() -> None:
@@ -105,8 +109,10 @@ def test_every_friction_has_one_table_however_often_it_returns() -> None:
         DisturbanceStep(at_s=float(second), friction=friction)
         for second, friction in enumerate([0.5, 1.0, 0.5, 1.0, 0.5], start=1)
     )
-    params = design_motion(
-        VEHICLE, ActuatorSettings(), CircleSettings(), DisturbanceSettings(steps=steps)
+    params = motion_params(
+        PlantSettings(
+            vehicle=VEHICLE, path=CircleSettings(), disturbance=DisturbanceSettings(steps=steps)
+        )
     )
     assert len(params.table) == 2 * TABLE_ROWS
     assert len(params.first_rows) == 6

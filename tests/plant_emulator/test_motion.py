@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import MotionParams, design_motion
+from steer_by_wire.plant_emulator.motion_design import MotionParams, motion_params
 from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
 from steer_by_wire.plant_emulator.path import curvature
 from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
@@ -22,25 +22,28 @@ from steer_by_wire.plant_emulator.rig_settings import (
     StraightSettings,
     VehicleSettings,
 )
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
 
-BUSY = design_motion(
-    VehicleSettings(speed_m_s=30.0 / 3.6),
-    ActuatorSettings(lag_s=0.03, rate_limit_rad_s=0.8, angle_limit_rad=0.1, dead_band_rad=0.002),
-    EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
-    DisturbanceSettings(
-        steps=(
-            DisturbanceStep(at_s=0.05, side_force_n=500.0),
-            DisturbanceStep(at_s=0.13, friction=0.6, yaw_moment_n_m=-200.0),
-        )
-    ),
+BUSY = motion_params(
+    PlantSettings(
+        vehicle=VehicleSettings(speed_m_s=30.0 / 3.6),
+        actuator=ActuatorSettings(
+            lag_s=0.03, rate_limit_rad_s=0.8, angle_limit_rad=0.1, dead_band_rad=0.002
+        ),
+        path=EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
+        disturbance=DisturbanceSettings(
+            steps=(
+                DisturbanceStep(at_s=0.05, side_force_n=500.0),
+                DisturbanceStep(at_s=0.13, friction=0.6, yaw_moment_n_m=-200.0),
+            )
+        ),
+    )
 )
 
 
 def quiet(path: PathSettings, vehicle: VehicleSettings | None = None) -> MotionParams:
-    return design_motion(
-        vehicle or VehicleSettings(), ActuatorSettings(), path, DisturbanceSettings()
-    )
+    return motion_params(PlantSettings(vehicle=vehicle or VehicleSettings(), path=path))
 
 
 @given(
@@ -174,9 +177,7 @@ def test_motion_in_the_loop_reproduces_table_2() -> None:
 
 def test_only_the_tables_that_can_occur_are_built() -> None:
     def tables(actuator: ActuatorSettings) -> int:
-        params = design_motion(
-            VehicleSettings(), actuator, StraightSettings(), DisturbanceSettings()
-        )
+        params = motion_params(PlantSettings(actuator=actuator, path=StraightSettings()))
         return len(params.table) // TABLE_ROWS
 
     assert tables(ActuatorSettings()) == 1
