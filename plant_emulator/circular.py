@@ -8,9 +8,8 @@ minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``)
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..runtime.array_types import FloatArray
 
 _QUARTER_TURN = 1.57079632673412561417
 _QUARTER_TURN_REST = 6.07710050650619224932e-11
@@ -34,7 +33,7 @@ _COS_SIGN = np.array([1.0, -1.0, -1.0, 1.0])
 _SIN_SIGN = np.array([1.0, 1.0, -1.0, -1.0])
 
 
-def cos_and_sin(angle_rad: Floats) -> tuple[Floats, Floats]:
+def cos_and_sin(angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return cosine and sine of angles of a few turns at most."""
     quarters = np.rint(angle_rad / _QUARTER_TURN)
     x = angle_rad - quarters * _QUARTER_TURN - quarters * _QUARTER_TURN_REST

@@ -10,11 +10,9 @@ from math import atan2
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ..runtime.array_types import FloatArray
 from .path import GAUSS, Path, Pose
-
-Floats = npt.NDArray[np.float64]
 
 CURVATURE_TOLERANCE = 1e-4
 """Largest error of the interpolated curvature, relative to the curve's largest curvature..."""
@@ -34,18 +32,18 @@ _TOO_SHARP = "the path bends too sharply"
 class CurvePoints(NamedTuple):
     """Points of a curve and their first and second derivative by its parameter, as arrays."""
 
-    x_m: Floats
-    y_m: Floats
-    dx: Floats
-    dy: Floats
-    ddx: Floats
-    ddy: Floats
+    x_m: FloatArray
+    y_m: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    ddx: FloatArray
+    ddy: FloatArray
 
 
-Curve = Callable[[Floats], CurvePoints]
+Curve = Callable[[FloatArray], CurvePoints]
 
 
-def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
+def path_along(curve: Curve, knots: FloatArray, *, closed: bool) -> Path:
     """Return the path along a curve, from the first knot to the last.
 
     Between neighbouring ``knots`` (parameters in rising order) the curve must be smooth. A closed
@@ -72,12 +70,7 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
         raise ValueError(_TOO_SHARP)
     start_m = step_m * np.arange(pieces)
     slope = np.diff(curvature) / step_m
-    poses = [
-        Pose(*values)
-        for values in zip(
-            points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist(), strict=True
-        )
-    ]
+    poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))
     if closed:
         return Path(
             start_m.tolist(),
@@ -100,22 +93,22 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
     )
 
 
-def _curvature(points: CurvePoints) -> Floats:
-    cross: Floats = points.dx * points.ddy - points.dy * points.ddx
-    square: Floats = points.dx * points.dx + points.dy * points.dy
+def _curvature(points: CurvePoints) -> FloatArray:
+    cross: FloatArray = points.dx * points.ddy - points.dy * points.ddx
+    square: FloatArray = points.dx * points.dx + points.dy * points.dy
     return cross / (square * np.sqrt(square))
 
 
-def _speed(points: CurvePoints) -> Floats:
+def _speed(points: CurvePoints) -> FloatArray:
     """Return the arc length per unit of the parameter."""
-    speed: Floats = np.sqrt(points.dx * points.dx + points.dy * points.dy)
+    speed: FloatArray = np.sqrt(points.dx * points.dx + points.dy * points.dy)
     return speed
 
 
 class _ArcLength:
     """Arc length as a function of a curve's parameter, and its inverse."""
 
-    def __init__(self, curve: Curve, knots: Floats) -> None:
+    def __init__(self, curve: Curve, knots: FloatArray) -> None:
         self._curve = curve
         fractions = np.arange(_CELLS_PER_KNOT) / _CELLS_PER_KNOT
         inner = (knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * fractions).ravel()
@@ -124,10 +117,10 @@ class _ArcLength:
         self._length_m = np.concatenate(([0.0], np.cumsum(pieces)))
         self.total_m = float(self._length_m[-1])
 
-    def parameters(self, pieces: int) -> Floats:
+    def parameters(self, pieces: int) -> FloatArray:
         """Return the parameters of ``pieces`` + 1 points at equal distances."""
         wanted = np.linspace(0.0, self.total_m, pieces + 1)
-        parameter: Floats = np.interp(wanted, self._length_m, self._cells)
+        parameter: FloatArray = np.interp(wanted, self._length_m, self._cells)
         cell = np.searchsorted(self._cells, parameter, side="right") - 1
         cell = np.clip(cell, 0, len(self._cells) - 2)
         start = self._cells[cell]
@@ -137,7 +130,7 @@ class _ArcLength:
         parameter[0], parameter[-1] = self._cells[0], self._cells[-1]
         return parameter
 
-    def _between(self, start: Floats, end: Floats) -> Floats:
+    def _between(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the arc lengths from ``start`` to ``end``, each within one cell."""
         length = np.zeros_like(start)
         for node, weight in GAUSS:

@@ -15,8 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..runtime.array_types import FloatArray
 from .circular import cos_and_sin
-from .curve import CurvePoints, Floats, path_along
+from .curve import CurvePoints, path_along
 from .own_parts import own_path
 from .path import Path, Pose, along_clothoid
 from .rig_settings import (
@@ -85,7 +86,7 @@ def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
     """Return an ellipse about the origin that starts at (semi-major axis, 0), to the left."""
     a, b = semi_major_axis_m, semi_minor_axis_m
 
-    def curve(t: Floats) -> CurvePoints:
+    def curve(t: FloatArray) -> CurvePoints:
         cos, sin = cos_and_sin(t)
         x, y = a * cos, b * sin
         return CurvePoints(x, y, -a * sin, b * cos, -x, -y)

@@ -62,13 +62,7 @@ class StateMatrices(NamedTuple):
 
 def state_matrices(p: VehicleParams) -> StateMatrices:
     """Return (1) as matrices."""
-    v, m, j = p.speed_m_s, p.virtual_mass_kg, p.yaw_inertia_kg_m2
-    c_f, c_r, l_f, l_r = (
-        p.front_cornering_stiffness_n_rad,
-        p.rear_cornering_stiffness_n_rad,
-        p.front_axle_distance_m,
-        p.rear_axle_distance_m,
-    )
+    v, m, j, c_f, c_r, l_f, l_r, l_s = p
     a11 = -(c_r + c_f) / (m * v)
     a12 = -1.0 + (c_r * l_r - c_f * l_f) / (m * v * v)
     a21 = (c_r * l_r - c_f * l_f) / j
@@ -79,7 +73,7 @@ def state_matrices(p: VehicleParams) -> StateMatrices:
         [a11, a12, 0.0, 0.0],
         [a21, a22, 0.0, 0.0],
         [0.0, 1.0, 0.0, 0.0],
-        [v, p.preview_distance_m, v, 0.0],
+        [v, l_s, v, 0.0],
     ]
     b = [
         [b11, 0.0, 1.0, 0.0],

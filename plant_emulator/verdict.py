@@ -38,14 +38,12 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from ..dbc.messages import LateralError, limits
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
-
-FloatArray = NDArray[np.float64]
 
 CREST_MAX = 3.0
 """Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
@@ -99,7 +97,7 @@ class VerdictRules(Settings):
 
 
 def verdicts(
-    rules: VerdictRules, ends: NDArray[np.int64], peaks_m: FloatArray, windows: FloatArray
+    rules: VerdictRules, ends: IntArray, peaks_m: FloatArray, windows: FloatArray
 ) -> list[Verdict]:
     """Return the verdict of each run.
 

@@ -11,8 +11,9 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..runtime.array_types import FloatArray
 from ..runtime.settings import SettingsError, read_text
-from .curve import CurvePoints, Floats, path_along
+from .curve import CurvePoints, path_along
 from .path import Path
 
 HEADER = ["x_m", "y_m"]
@@ -64,7 +65,7 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
     spline = CubicSpline(knots, xy, bc_type="periodic" if closed else "natural")
     first, second = spline.derivative(1), spline.derivative(2)
 
-    def curve(t: Floats) -> CurvePoints:
+    def curve(t: FloatArray) -> CurvePoints:
         return CurvePoints(*spline(t).T, *first(t).T, *second(t).T)
 
     return path_along(curve, knots, closed=closed)

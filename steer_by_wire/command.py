@@ -14,29 +14,30 @@ from importlib.metadata import PackageNotFoundError, metadata
 from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
-from .command_line import DISTRIBUTION, missing_library
+from .command_line import DISTRIBUTION, INTERRUPTED_STATUS, missing_library
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
 STATUS_USAGE = 2
-STATUS_INTERRUPTED = 130
 
 
 class Program(NamedTuple):
     """One subcommand.
 
-    ``main``         MODULE:FUNCTION, which takes the arguments and returns an exit status
+    ``module``       in this package
     ``summary``      one line for the list
     ``takes_name``   whether it has more than one name, and takes the one in use
+    ``main``         its function, which takes the arguments and returns an exit status
     """
 
-    main: str
+    module: str
     summary: str
     takes_name: bool = False
+    main: str = "main"
 
 
 def _tool(name: str, summary: str) -> Program:
-    return Program(f"steer_by_wire.tools.{name}.__main__:main", summary)
+    return Program(f"tools.{name}.__main__", summary)
 
 
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
@@ -44,13 +45,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         "Run the loop": {
             "demo": _tool("demo", "four laws side by side as latency grows, with pictures"),
             "run": _tool("closed_loop", "plant and controller in virtual time, without waiting"),
-            "plant": Program(
-                "steer_by_wire.plant_emulator.__main__:main", "the plant on a CAN bus", True
-            ),
-            "controller": Program(
-                "steer_by_wire.controller.__main__:main", "the controller on a CAN bus", True
-            ),
-            "bus": Program("steer_by_wire.tools.bus.__main__:main", "an emulated CAN bus", True),
+            "plant": Program("plant_emulator.__main__", "the plant on a CAN bus", True),
+            "controller": Program("controller.__main__", "the controller on a CAN bus", True),
+            "bus": Program("tools.bus.__main__", "an emulated CAN bus", True),
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
@@ -58,8 +55,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "Design and compare": {
             "check": Program(
-                "steer_by_wire.controller.program:check_main",
+                "controller.program",
                 "poles, stable delays, tolerated jitter of a controller",
+                main="check_main",
             ),
             "design": _tool("design_gains", "gains for your vehicle and any delay up to a limit"),
             "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
@@ -82,9 +80,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
-            "with-vcan": Program(
-                "steer_by_wire.vcan.__main__:main", "run a command with a real vcan0", True
-            ),
+            "with-vcan": Program("vcan.__main__", "run a command with a real vcan0", True),
             "probe": _tool("probe_host", "which rate this machine can keep"),
             "benchmark": _tool("benchmark", "the time of a control step and a run here"),
             "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
@@ -122,16 +118,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def start(name: str, words: Sequence[str]) -> int:
     """Import a program and run it; a missing library is reported in one line."""
     program, called = PROGRAMS[name], f"{NAME} {name}"
-    module, _, function = program.main.partition(":")
     try:
-        run = getattr(importlib.import_module(module), function)
+        run = getattr(importlib.import_module(f"{__package__}.{program.module}"), program.main)
         status: int = run(words, called) if program.takes_name else run(words)
     except ModuleNotFoundError as error:
         if (error.name or __package__).partition(".")[0] == __package__:
             raise
         return _refuse(called, missing_library(error))
     except KeyboardInterrupt:  # while modules are imported; a running program handles its own
-        return STATUS_INTERRUPTED
+        return INTERRUPTED_STATUS
     return status
 
 

@@ -2,13 +2,14 @@
 
 import csv
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from ..plant_emulator.node import PlantNode
-from ..plant_emulator.plant_samples import place
+from ..plant_emulator.plant_samples import PlantSample, place
 from ..runtime.array_types import FloatArray
 
 
@@ -28,19 +29,9 @@ class Trace(NamedTuple):
     @classmethod
     def of_node(cls, node: PlantNode) -> Self:
         """Collect the samples of a plant node that ran in this process."""
-        return cls._from_rows(
-            [
-                (
-                    sample.time_s,
-                    sample.lateral_error_m,
-                    sample.cg_deviation_m,
-                    sample.wheel_angle_rad,
-                    sample.downlink_latency_s,
-                    *place(node.path, sample),
-                )
-                for sample in node.samples
-            ]
-        )
+        own = attrgetter(*(name for name in cls._fields if name in PlantSample._fields))
+        rows = [(*own(sample), *place(node.path, sample)) for sample in node.samples]
+        return cls._from_rows(rows)
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -50,9 +41,8 @@ class Trace(NamedTuple):
             missing = [name for name in cls._fields if name not in (reader.fieldnames or ())]
             if missing:
                 raise ValueError(f"{path}: no column {', '.join(missing)}")
-            return cls._from_rows(
-                [[float(row[name] or "nan") for name in cls._fields] for row in reader]
-            )
+            rows = [[float(row[name] or "nan") for name in cls._fields] for row in reader]
+            return cls._from_rows(rows)
 
     @classmethod
     def _from_rows(cls, rows: Sequence[Sequence[float]]) -> Self:

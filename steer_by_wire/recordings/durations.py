@@ -7,7 +7,7 @@ import numpy as np
 
 from ..runtime.array_types import FloatArray
 from ..runtime.node import NS_PER_S
-from ..runtime.statistics import DurationStatistics
+from ..runtime.statistics import DurationStatistics, durations_report
 
 POINTS_MAX = 20_000
 """How many points of a time history are kept, at least half of them after the first thinning."""
@@ -45,16 +45,10 @@ class Durations:
         if not summary.samples:
             keys = ("min_s", "mean_s", "p50_s", "p99_s", "max_s", "jitter_s")
             return {"samples": 0, **dict.fromkeys(keys)}
-        mean_s = summary.mean_ns / NS_PER_S
-        return {
-            "samples": summary.samples,
-            "min_s": (self._min_ns or 0) / NS_PER_S,
-            "mean_s": mean_s,
-            "p50_s": summary.p50_ns / NS_PER_S,
-            "p99_s": summary.p99_ns / NS_PER_S,
-            "max_s": summary.max_ns / NS_PER_S,
-            "jitter_s": math.sqrt(max(self._sum_s2 / summary.samples - mean_s**2, 0.0)),
-        }
+        figures = durations_report(summary)
+        variance_s2 = self._sum_s2 / summary.samples - figures["mean_s"] ** 2
+        least = {"samples": summary.samples, "min_s": (self._min_ns or 0) / NS_PER_S}
+        return {**least, **figures, "jitter_s": math.sqrt(max(variance_s2, 0.0))}
 
 
 class History:

@@ -6,7 +6,7 @@ folder with log, trace and settings.
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -134,7 +134,8 @@ class Outcome(NamedTuple):
         ):
             if limit_m is not None and self._was_driven and not value_m <= limit_m:
                 failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
-        self._demand(failures)
+        if failures:
+            self._fail(*failures)
 
     def assert_round_trip(self, *, p99_ms: float) -> None:
         """Demand that 99 % of the commands were applied and reported within this time [ms].
@@ -144,15 +145,13 @@ class Outcome(NamedTuple):
         latency = analyse_files([self.files.candump_log]).analysis.figures()["latency"]
         figures = latency["round_trip"]
         measured_ms = 1e3 * figures["p99_s"]
-        failures = []
         if not figures["samples"]:
-            failures.append("no STEERING_STATUS names a STEERING_COMMAND")
+            self._fail("no STEERING_STATUS names a STEERING_COMMAND")
         elif measured_ms > p99_ms:
-            failures.append(
+            self._fail(
                 f"round trip p99 {measured_ms:.1f} ms of {figures['samples']} commands is above "
                 f"{p99_ms:g} ms"
             )
-        self._demand(failures)
 
     def assert_detects(self, fault: str, *, within_ms: float) -> None:
         """Demand that the controller reacted to a fault of the measurements in time [ms].
@@ -164,17 +163,13 @@ class Outcome(NamedTuple):
         ``fault``  name for the failure's text
         """
         found = self.detection()
-        failures = []
         if found.onset_ns is None:
-            failures.append(f"{fault}: no LATERAL_ERROR on the bus shows the fault")
+            self._fail(f"{fault}: no LATERAL_ERROR on the bus shows the fault")
         elif found.reaction_ns is None:
-            failures.append(f"{fault}: not detected: the controller commanded on in mode ACTIVE")
+            self._fail(f"{fault}: not detected: the controller commanded on in mode ACTIVE")
         elif found.reaction_ns - found.onset_ns > within_ms * NS_PER_MS:
             took_ms = (found.reaction_ns - found.onset_ns) / NS_PER_MS
-            failures.append(
-                f"{fault}: detected after {took_ms:.1f} ms, later than {within_ms:g} ms"
-            )
-        self._demand(failures)
+            self._fail(f"{fault}: detected after {took_ms:.1f} ms, later than {within_ms:g} ms")
 
     def detection(self) -> Detection:
         """Return when a fault began on the bus and when the controller reacted."""
@@ -220,17 +215,16 @@ class Outcome(NamedTuple):
         if self.report["failure"]:
             yield f"the plant is in its safe state: {self.report['failure']}"
 
-    def _demand(self, failures: list[str]) -> None:
-        if failures:
-            rejected = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())
-            lines = [
-                *([self.ending] if self.ending else []),
-                *failures,
-                f"on {self.bus}, seed {self.settings.seed}; "
-                f"the plant rejected: {rejected or 'nothing'}",
-                f"log, trace and settings: {self.files.folder}",
-            ]
-            raise AssertionError("\n".join(lines))
+    def _fail(self, *failures: str) -> NoReturn:
+        causes = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())
+        rejected = f"the plant rejected: {causes or 'nothing'}"
+        lines = [
+            *([self.ending] if self.ending else []),
+            *failures,
+            f"on {self.bus}, seed {self.settings.seed}; {rejected}",
+            f"log, trace and settings: {self.files.folder}",
+        ]
+        raise AssertionError("\n".join(lines))
 
 
 def _rms(deviations_m: FloatArray) -> float:
