@@ -16,7 +16,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, cast
 
 import can
@@ -29,24 +28,16 @@ from .message import frame_of, message_of
 from .real_time import Received
 
 _AUTO_CHANNEL = "vcan0"
-_BUS_HELP: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "--interface": {
-            "metavar": "NAME",
-            "help": "socketcan, emulated, slcan, pcan, ... (default: as available)",
-        },
-        "--channel": {"metavar": "NAME", "help": "of the interface (default: vcan0)"},
-        "--bitrate": {"metavar": "BIT_S", "help": "where the interface sets it"},
-        "--fd": {"help": "CAN FD"},
-        "--data-bitrate": {"metavar": "BIT_S", "help": "of the data phase of CAN FD"},
-        "--timing": {
-            "metavar": "K=V",
-            "help": "bit timing, as f_clock=80000000 tseg1=5 tseg2=2 sjw=2 brp=2",
-        },
-        "--bus-kwargs": {"metavar": "K=V", "help": "further arguments of the interface"},
-    }
-)
-"""Metavar and one line of help for each of python-can's options."""
+_BUS_HELP: Mapping[str, tuple[str, ...]] = {
+    "--interface": ("socketcan, emulated, slcan, pcan, ... (default: as available)", "NAME"),
+    "--channel": ("of the interface (default: vcan0)", "NAME"),
+    "--bitrate": ("where the interface sets it", "BIT_S"),
+    "--fd": ("CAN FD",),
+    "--data-bitrate": ("of the data phase of CAN FD", "BIT_S"),
+    "--timing": ("bit timing, as f_clock=80000000 tseg1=5 tseg2=2 sjw=2 brp=2", "K=V"),
+    "--bus-kwargs": ("further arguments of the interface", "K=V"),
+}
+"""One line of help for each of python-can's options, and the metavar of those with a value."""
 _NETWORK_INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280
 """Type of a CAN network interface (linux/if_arp.h)."""
@@ -112,7 +103,8 @@ class _BriefGroup:
 
     def add_argument(self, *flags: str, **further: Any) -> None:
         """Add one option."""
-        self._group.add_argument(*flags, **{**further, **_BUS_HELP.get(flags[-1], {})})
+        brief = zip(("help", "metavar"), _BUS_HELP.get(flags[-1], ()), strict=False)
+        self._group.add_argument(*flags, **{**further, **dict(brief)})
 
 
 def choose_bus(namespace: argparse.Namespace) -> Choice:

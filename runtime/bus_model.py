@@ -249,7 +249,6 @@ class BusModel:
             self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
 
     def _on_arbitration(self, winner: Waiting) -> None:
-        """Record that a frame has won the bus."""
         self._queue.take(winner)
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks

@@ -186,7 +186,6 @@ class Connection:
                 )
 
     def _end_outage(self) -> None:
-        """Record that the bus is back."""
         lasted_ns = self._clock_ns() - self._lost_at_ns
         self._lost_at_ns = NEVER_NS
         self._is_silent = False

@@ -6,7 +6,6 @@ which ``candump`` before 2023 takes for an invalid frame. They are the same thro
 through python-can's ``socketcan``; other interfaces of python-can have their own codes.
 """
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
@@ -22,16 +21,17 @@ RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
 """No bit names a cause; also all error frames of interfaces other than SocketCAN."""
 
+_LOST_ARBITRATION, _CONTROLLER, _PROTOCOL, _NO_ACKNOWLEDGE = 0x002, 0x004, 0x008, 0x020
+_BUS_OFF, _BUS_ERROR, _RESTARTED = 0x040, 0x080, 0x100
 _CLASSES = (
     (0x001, "transmit_timeout"),
-    (0x002, "lost_arbitration"),
+    (_LOST_ARBITRATION, "lost_arbitration"),
     (0x010, "transceiver"),
-    (0x020, "no_acknowledge"),
-    (0x040, BUS_OFF),
-    (0x080, "bus_error"),
-    (0x100, RESTARTED),
+    (_NO_ACKNOWLEDGE, "no_acknowledge"),
+    (_BUS_OFF, BUS_OFF),
+    (_BUS_ERROR, "bus_error"),
+    (_RESTARTED, RESTARTED),
 )
-_CONTROLLER, _PROTOCOL = 0x004, 0x008
 _CONTROLLER_DETAILS = (  # of byte 1
     (0x01, "receive_overflow"),
     (0x02, "transmit_overflow"),
@@ -46,10 +46,6 @@ _PROTOCOL_DETAILS = (  # of byte 2
     (0x20, "overload"),
 )
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
-
-
-_LOST_ARBITRATION, _NO_ACKNOWLEDGE, _BUS_OFF, _BUS_ERROR = 0x002, 0x020, 0x040, 0x080
-_RESTARTED = 0x100
 _LOCATIONS = {
     "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
     "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
@@ -141,20 +137,12 @@ def state_of(frame: Frame) -> ControllerState | None:
 
 def error_causes(frame: Frame) -> tuple[str, ...]:
     """Return all causes that an error frame names, at least UNSPECIFIED."""
-    return tuple(_causes(frame.can_id, frame.data.ljust(8, b"\0"))) or (UNSPECIFIED,)
-
-
-def _causes(error_class: int, data: bytes) -> Iterator[str]:
-    for bit, cause in _CLASSES:
-        if error_class & bit:
-            yield cause
+    error_class, data = frame.can_id, frame.data.ljust(8, b"\0")
+    causes = [cause for bit, cause in _CLASSES if error_class & bit]
     if error_class & _CONTROLLER:
-        for bits, cause in _CONTROLLER_DETAILS:
-            if data[1] & bits:
-                yield cause
+        causes += [cause for bits, cause in _CONTROLLER_DETAILS if data[1] & bits]
     if error_class & _PROTOCOL:
-        for bits, cause in _PROTOCOL_DETAILS:
-            if data[2] & bits:
-                yield cause
+        causes += [cause for bits, cause in _PROTOCOL_DETAILS if data[2] & bits]
         if data[3] in _LOCATIONS_OF_CRC:
-            yield "crc_error"
+            causes.append("crc_error")
+    return tuple(causes) or (UNSPECIFIED,)

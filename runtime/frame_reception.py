@@ -72,7 +72,7 @@ class _Bits:
         self._levels = levels
         self.index = -1
         self.is_stuffed = True
-        self.last, self._run = RECESSIVE, 0
+        self.last, self.run = RECESSIVE, 0
         self.stuff_bits = 0
         self.seen: list[int] = []
         self.kept: list[int] = []
@@ -83,14 +83,14 @@ class _Bits:
         if level is None:
             raise _FoundError(WireError.INCOMPLETE)
         self.index += 1
-        self._run = self._run + 1 if level == self.last else 1
+        self.run = self.run + 1 if level == self.last else 1
         self.last = level
         self.seen.append(level)
         return level
 
     def one(self) -> int:
         """The next bit that is not a stuff bit."""
-        if self.is_stuffed and self._run == RUN_MAX:
+        if self.is_stuffed and self.run == RUN_MAX:
             self.remove_stuff_bit()
         level = self.raw()
         self.kept.append(level)
@@ -101,10 +101,6 @@ class _Bits:
         if self.raw() == self.kept[-1]:
             raise _FoundError(WireError.STUFF)
         self.stuff_bits += 1
-
-    def is_due(self) -> bool:
-        """Whether the next bit must be a stuff bit."""
-        return self._run == RUN_MAX
 
     def number(self, width: int) -> int:
         """The next bits as a number, the first one most significant."""
@@ -139,7 +135,7 @@ def _classic_frame(bits: _Bits, can_id: int, flags: int) -> Frame:
     data = bytes(bits.number(8) for _ in range(length))
     expected = crc_of(CRC_15, bits.kept)
     is_right = bits.number(CRC_15.width) == expected
-    if bits.is_due():
+    if bits.run == RUN_MAX:
         bits.remove_stuff_bit()
     _end_of_frame(bits, is_right=is_right)
     return Frame(can_id, data, flags)

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from types import FrameType
 from typing import Any, TextIO
@@ -67,14 +67,10 @@ class StopRequest:
         numbers = [signal.SIGINT, signal.SIGTERM]
         if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
             numbers.append(signal.SIGHUP)
-        previous = {number: signal.getsignal(number) for number in numbers}
-        for number in previous:
-            signal.signal(number, self._take_signal)
-        try:
+        with ExitStack() as stack:
+            for number in numbers:
+                stack.enter_context(handled(number, self._take_signal))
             yield
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
 
     def _take_signal(self, number: int, _frame: FrameType | None) -> None:
         self.reason = self.reason or signal.Signals(number).name
@@ -93,15 +89,11 @@ def handled(number: int, handler: Any) -> Iterator[None]:
         signal.signal(number, before)
 
 
-def interrupted_by_sigterm() -> AbstractContextManager[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that it leaves nothing behind."""
-    return handled(signal.SIGTERM, signal.default_int_handler)
-
-
 def run_main(name: str, main: Callable[[], int]) -> int:
     """Call ``main``; turns errors that a user can cause into one line and an exit status."""
     try:
-        with interrupted_by_sigterm():
+        # SIGTERM ends it as Ctrl-C does, so that it leaves nothing behind.
+        with handled(signal.SIGTERM, signal.default_int_handler):
             status = main()
         print(end="", flush=True)
         return status

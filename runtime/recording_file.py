@@ -27,14 +27,13 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import can
-from can.io.generic import TextIOMessageWriter
+from can.io.generic import MessageWriter, TextIOMessageWriter
 
 from .error_text import cause_of
 from .frame import Frame
 from .message import message_of
 from .node import NS_PER_S
 from .recording import LEFT_OUT, PROGRESS, RECORD
-from .recording_writers import BlfWriter, frames_in_file, open_writer
 
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that is on time."""
@@ -61,6 +60,26 @@ def main() -> int:
     return 0
 
 
+class _BlfWriter(can.BLFWriter):
+    """python-can's writer, which buffers 128 KiB, and writes the start time only at the end.
+
+    ``frames_in_file``  number of objects in the file at its last update
+    """
+
+    frames_in_file = 0
+
+    def bring_up_to_date(self) -> None:
+        """Write all buffered frames, and a header with their number and the start time."""
+        self._flush()
+        if self.file.seekable():
+            end = self.file.tell()
+            self.file.seek(0)
+            self._write_header(end)
+            self.file.seek(end)
+        self.file.flush()
+        self.frames_in_file = self.object_count
+
+
 class _Record(NamedTuple):
     """One recorded frame; sorts by time, then by order of recording."""
 
@@ -79,11 +98,11 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
     """
     counts = {"frames": 0, "left_out": 0}
     failure = ""
-    writer: can.io.generic.MessageWriter | None = None
+    writer: MessageWriter | None = None
     try:
         if path.is_file() and not path.is_symlink():
             path.unlink()  # the writer for .db would append to it
-        writer = open_writer(path)
+        writer = _BlfWriter(path) if path.suffix.lower() == ".blf" else can.Logger(path)
         os.write(1, b"ready\n")
         _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
     except Exception as error:  # a writer may raise anything
@@ -102,7 +121,7 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
 
 
 def _write_all(
-    writer: can.io.generic.MessageWriter,
+    writer: MessageWriter,
     suffix: str,
     channel: str,
     reads: Iterator[list[_Record]],
@@ -127,17 +146,26 @@ def _write_all(
             writer.file.flush()
         if sync is not None:
             sync.after_write(len(records))
-        in_file = frames_in_file(writer, counts["frames"])
+        in_file = _frames_in_file(writer, counts["frames"])
         if progress >= 0 and in_file != shown:
             os.pwrite(progress, PROGRESS.pack(in_file), 0)
             shown = in_file
 
 
-def _sync_of(writer: can.io.generic.MessageWriter) -> "Sync | None":
+def _frames_in_file(writer: MessageWriter, given: int) -> int:
+    """Return how many of ``given`` frames would be in the file if the writer were killed now."""
+    if isinstance(writer, TextIOMessageWriter):
+        return given
+    if isinstance(writer, _BlfWriter):
+        return writer.frames_in_file
+    return writer.num_frames if isinstance(writer, can.SqliteWriter) else 0
+
+
+def _sync_of(writer: MessageWriter) -> "Sync | None":
     """Return what syncs the file to the disk; None for a format that does so itself."""
     if isinstance(writer, TextIOMessageWriter):
         return Sync(writer.file.fileno())
-    if not isinstance(writer, BlfWriter):
+    if not isinstance(writer, _BlfWriter):
         return None
 
     def sync(descriptor: int) -> None:
@@ -240,7 +268,7 @@ def _comes(source: BinaryIO) -> bool:
     return bool(select.select([source], (), (), IDLE_S)[0])
 
 
-def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:
+def _settle(writer: MessageWriter, frames: int) -> None:
     """Wait for the thread of the writer for .db, which still writes at most one batch."""
     if isinstance(writer, can.SqliteWriter):
         before, patience_s = -1, 0.0

@@ -131,7 +131,6 @@ def _run_in_real_time(
     recording: Recording | None,
     screen: Screen,
 ) -> tuple[N, _Run]:
-    """Make the node and run it to its end."""
     request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
     failure, status = "", ExitStatus.OK
     with real_time(request) as answers:

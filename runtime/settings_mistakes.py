@@ -98,7 +98,6 @@ def allowed(schema: Schema, path: KeyPath) -> str:
 def _explain_one(
     mistake: ErrorDetails, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> str:
-    """Return the line for one mistake."""
     context = mistake.get("ctx", {})
     path, value = _path_in(data, mistake["loc"], mistake["type"]), mistake["input"]
     if "discriminator" in context:

@@ -148,7 +148,6 @@ class Broker:
                 self._submit(member, now_ns)
 
     def _read(self, client: Connection, now_ns: int) -> None:
-        """Take in what a client has sent."""
         try:
             client.read()
             if client.hello is None:
@@ -254,6 +253,5 @@ class Broker:
             self.clients.flush(client, now_ns)
 
     def _leave(self, client: Connection) -> None:
-        """Let a client leave its channel."""
         if client.hello is not None and client.hello.channel in self.channels:
             self.channels[client.hello.channel].leave(client)

@@ -258,7 +258,6 @@ class Channel:
         return None
 
     def _queue_error(self, report: Delivery, time_ns: int) -> Connection | None:
-        """Queue an error frame for whom it is."""
         end_ns, number, frame = report
         member, state = self.members.get(number), state_of(frame)
         if member is None or member.recovery is not None:

@@ -18,18 +18,23 @@ from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
 from ..error_frames import state_of
 from ..fault_confinement import ControllerState
-from ..frame import ERROR
+from ..frame import ERROR, Frame
+from ..message import frame_of, message_of
 from ..node import NS_PER_S
 from .address import AddressError, connect, default_address
 from .joining import ANSWER_TIMEOUT_S, join
-from .messages import received_message, sent_frame
 from .protocol import (
+    ERROR_STATE,
+    FD_LENGTHS,
     FILTERS_MAX,
+    OWN,
+    REMOTE_LENGTH_SHIFT,
     Buffer,
     BusOff,
     Filter,
     Hello,
     ProtocolError,
+    check_frame,
     pack_bus_off,
     pack_filters,
     pack_frame,
@@ -109,7 +114,7 @@ class EmulatedBus(can.BusABC):
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
         if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
             raise can.CanTimeoutError("no room to send: frames of this identifier wait already")
-        raw = pack_frame(self._record, sent_frame(msg))
+        raw = pack_frame(self._record, _sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
 
@@ -161,7 +166,7 @@ class EmulatedBus(can.BusABC):
             return self._recv_internal(0.0)  # a frame may be behind it
         if frame.flags & ERROR:
             self._confinement = state_of(frame) or self._confinement
-        message = received_message(frame, time_ns, self._channel)
+        message = _received_message(frame, time_ns, self._channel)
         return message, bool(message.is_error_frame)
 
     def _send_all(self, raw: bytes, timeout: float | None) -> None:
@@ -250,3 +255,37 @@ class EmulatedBus(can.BusABC):
         except (OSError, AddressError):
             return []
         return [{"interface": "emulated", "channel": DEFAULT_CHANNEL}]
+
+
+def _sent_frame(message: can.Message) -> Frame:
+    """Return the frame to send, padded to a length that CAN FD has.
+
+    Raises can.CanOperationError for an invalid frame.
+    """
+    frame = frame_of(message)
+    if message.error_state_indicator:
+        frame = frame._replace(flags=frame.flags | ERROR_STATE)
+    if message.is_remote_frame:
+        frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
+    elif message.is_fd:
+        # As SocketCAN does: CAN FD has no frame of nine bytes.
+        size = len(frame.data)
+        size = next((length for length in FD_LENGTHS if length >= size), size)
+        frame = frame._replace(data=frame.data.ljust(size, b"\0"))
+    try:
+        check_frame(frame)
+    except ProtocolError as error:
+        raise can.CanOperationError(f"not a frame that can be sent: {error}") from error
+    return frame
+
+
+def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
+    """Return the message of a frame that ended at ``time_ns`` of the wall clock."""
+    message = message_of(frame)
+    message.timestamp = time_ns * 1e-9
+    message.channel = channel
+    message.is_rx = not frame.flags & OWN
+    message.error_state_indicator = bool(frame.flags & ERROR_STATE)
+    if message.is_remote_frame:
+        message.dlc = frame.flags >> REMOTE_LENGTH_SHIFT
+    return message

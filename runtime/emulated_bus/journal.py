@@ -57,20 +57,21 @@ class Journal:
     def join(self, who: str, now_ns: int) -> None:
         """Record that a client has joined a channel."""
         if self._is_verbose:
-            self._say(f"{who} joins", now_ns)
-
-    def note(self, what: str, now_ns: int) -> None:
-        """Report an action on a client that stays connected."""
-        self._say(what, now_ns)
+            self.note(f"{who} joins", now_ns)
 
     def leave(self, who: str, cause: Cause, detail: str, now_ns: int) -> None:
         """Record that a client has left, and why."""
         self._causes[cause] += 1
         if cause is not Cause.LEFT or self._is_verbose:
-            self._say(f"{who} leaves: {detail or 'it has closed the connection'}", now_ns)
+            self.note(f"{who} leaves: {detail or 'it has closed the connection'}", now_ns)
 
-    def _say(self, line: str, now_ns: int) -> None:
-        self._ration(now_ns)
+    def note(self, line: str, now_ns: int) -> None:
+        """Print a line, if one has become due since the last one."""
+        if self._counted_from_ns is None:
+            self._counted_from_ns = now_ns
+        granted = (now_ns - self._counted_from_ns) // LINE_PERIOD_NS
+        self._counted_from_ns += granted * LINE_PERIOD_NS
+        self._lines_left = min(self._lines_left + granted, LINES_AT_ONCE)
         missing = f" ({self._unprinted_since} lines before this one were not printed)"
         if self._lines_left and self._print_line(line + missing * bool(self._unprinted_since)):
             self._lines_left -= 1
@@ -78,11 +79,3 @@ class Journal:
         else:
             self.unprinted += 1
             self._unprinted_since += 1
-
-    def _ration(self, now_ns: int) -> None:
-        """Add the lines that have become due since the last call."""
-        if self._counted_from_ns is None:
-            self._counted_from_ns = now_ns
-        granted = (now_ns - self._counted_from_ns) // LINE_PERIOD_NS
-        self._counted_from_ns += granted * LINE_PERIOD_NS
-        self._lines_left = min(self._lines_left + granted, LINES_AT_ONCE)

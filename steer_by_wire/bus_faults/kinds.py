@@ -75,14 +75,12 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
 )
 PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
 FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS - {LiveKind.BUS_OFF}
-_KEYS: Mapping[LiveKind, tuple[str, ...]] = MappingProxyType(
-    {
-        LiveKind.KILL: ("onset_s", "pid"),
-        LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
-        LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
-        LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
-    }
-)
+_KEYS = {
+    LiveKind.KILL: ("onset_s", "pid"),
+    LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
+    LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
+    LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
+}
 """Of the kinds that send no frame."""
 _RECEIVER_KINDS = frozenset({LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER})
 

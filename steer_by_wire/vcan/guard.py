@@ -118,13 +118,14 @@ def _guard(launch: Launch, lifeline: int) -> int:
                 os.kill(child, number)
         if child_ends in ready:
             os.read(child_ends, 4096)
-            status = _reap().get(child)
+            status = reap().get(child)
     _kill_descendants()
     launch.clean()
     return KILLED_STATUS if status is None else status
 
 
-def _reap() -> dict[int, int]:
+def reap() -> dict[int, int]:
+    """Return the exit statuses of the children that have ended since the last call."""
     ended: dict[int, int] = {}
     with suppress(ChildProcessError):
         while True:
@@ -143,9 +144,9 @@ def _kill_descendants() -> None:
         for pid in found:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-        _reap()
+        reap()
         time.sleep(_BETWEEN_KILLS_S)
-    _reap()
+    reap()
 
 
 def descendants(ancestor: int) -> list[int]:

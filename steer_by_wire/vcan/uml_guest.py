@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 from .frames import Kind, Unpacker, pack
-from .guard import execute, exit_status
+from .guard import execute, reap
 from .links import make_links
 from .system_calls import (
     MS_NODEV,
@@ -100,13 +100,7 @@ class _Command:
 
     def _reap(self) -> None:
         os.read(self._child_ends, 4096)
-        with suppress(ChildProcessError):
-            while True:
-                pid, status = os.waitpid(-1, os.WNOHANG)
-                if pid == 0:
-                    return
-                if pid == self._pid:
-                    self._status = exit_status(status)
+        self._status = reap().get(self._pid)
 
     def _pass_output(self, descriptor: int) -> bool:
         try:

@@ -275,7 +275,7 @@ def test_a_command_that_cannot_be_run_is_reported_as_by_a_shell(backend: str) ->
 
 STOPPED_UNDER_A_TRACER = """
 import ctypes, os, signal, time
-from steer_by_wire.vcan.guard import _reap
+from steer_by_wire.vcan.guard import reap
 child = os.fork()
 if child == 0:
     ctypes.CDLL(None).ptrace(0, 0, None, None)  # PTRACE_TRACEME
@@ -283,11 +283,11 @@ if child == 0:
     os._exit(0)
 while open(f"/proc/{child}/stat").read().rpartition(")")[2].split()[0] != "t":
     time.sleep(0.01)
-assert _reap() == {}, "it has stopped, not ended"
+assert reap() == {}, "it has stopped, not ended"
 os.kill(child, signal.SIGKILL)
 ended = {}
 while not ended:
-    ended = _reap()
+    ended = reap()
     time.sleep(0.01)
 assert ended == {child: 128 + signal.SIGKILL}, ended
 """
