@@ -5,14 +5,16 @@ The key itself is never an option, because every user of a machine can read comm
 
 import argparse
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from typing import Any
 
-from ..runtime.node import N, ReportingNode
+from ..runtime.node import N
 from ..runtime.program import ExitStatus, say
 from ..runtime.recording import fd_obstacle
 from ..runtime.run_node import run_node
 from ..runtime.settings import Settings, SettingsError
+from ..runtime.summary import causes_line
 from ..runtime.thresholds import Ending
 from .messages import CAN_IDS, Message
 from .secured_frame import End, Refused
@@ -55,10 +57,7 @@ def run_secured_node(
     if options.key_file is None:
 
         def conclude_classic(node: N) -> None:
-            if secured := node.report()["rejected"].get(Refused.NO_KEY.value):
-                why = "their sender has a key, this end has none"
-                say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
-            _name_second_senders(name, node)
+            _say_refused(name, node.report())
             conclude(node)
 
         return run_node(
@@ -73,31 +72,26 @@ def run_secured_node(
     authentication = open_authentication(options.key_file, end)
     options.fd = True
 
-    def make_authenticated(start_ns: int) -> AuthenticatedNode[N]:
+    def make_secured(start_ns: int) -> AuthenticatedNode[N]:
         return AuthenticatedNode(make_node(start_ns), authentication)
 
-    def conclude_authenticated(node: AuthenticatedNode[N]) -> None:
-        if node.refused:
-            causes = ", ".join(f"{cause} {count}" for cause, count in node.refused.items())
-            say(name, f"frames refused by authentication: {causes}", sys.stderr)
-        _name_second_senders(name, node)
+    def conclude_secured(node: AuthenticatedNode[N]) -> None:
+        _say_refused(name, node.report())
         conclude(node.node)
 
     can_ids.add(CAN_IDS[end.peer_status])
     return run_node(
-        name,
-        options,
-        settings,
-        make_authenticated,
-        conclude_authenticated,
-        can_ids,
-        AUTHENTICATED,
-        ending,
+        name, options, settings, make_secured, conclude_secured, can_ids, AUTHENTICATED, ending
     )
 
 
-def _name_second_senders(name: str, node: ReportingNode) -> None:
-    """Report messages that had two senders during the run."""
-    if messages := node.report()["second_senders"]:
+def _say_refused(name: str, report: Mapping[str, Any]) -> None:
+    """Name refused frames, and messages that had two senders during the run."""
+    if secured := report["rejected"].get(Refused.NO_KEY.value):
+        why = "their sender has a key, this end has none"
+        say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
+    if refused := report.get("authentication", {}).get("refused"):
+        say(name, f"frames refused by authentication: {causes_line(refused)}", sys.stderr)
+    if messages := report["second_senders"]:
         what = "two nodes on the bus send what only one may"
         say(name, f"second sender of {', '.join(messages)}: {what}", sys.stderr)

@@ -94,12 +94,8 @@ def _number(text: str) -> float:
 
 
 def _burst(text: str) -> Mapping[str, float]:
-    rate, interval, length = _parts(text)
-    return {
-        "bit_error_rate": _number(rate),
-        "interval_s": _number(interval),
-        "length_s": _number(length),
-    }
+    keys = ("bit_error_rate", "interval_s", "length_s")
+    return dict(zip(keys, map(_number, _parts(text)), strict=True))
 
 
 def _at_one(text: str) -> tuple[str, float]:

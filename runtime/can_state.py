@@ -32,9 +32,8 @@ def is_in_bus_off(channel: str, ask: Callable[[bytes], bytes] | None = None) -> 
     ``ask``  passes a request to the kernel and returns its answer; raises OSError
     """
     try:
-        index = socket.if_nametoindex(channel)
-        answer = (ask or _ask_kernel)(_request(index))
-        return _is_in_bus_off(answer)
+        request = _request(socket.if_nametoindex(channel))
+        return _is_in_bus_off((ask or _ask_kernel)(request))
     except (OSError, AttributeError, struct.error):  # AttributeError: only Linux has netlink
         return None
 

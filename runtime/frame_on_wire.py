@@ -40,6 +40,14 @@ class WireBit(NamedTuple):
     is_fast: bool = False
 
 
+_TRAILER = (
+    WireBit(DOMINANT, "ACK"),
+    WireBit(RECESSIVE, "ACK delimiter"),
+    *[WireBit(RECESSIVE, "EOF")] * 7,
+)
+"""In the acknowledge slot a receiver is dominant."""
+
+
 class Crc(NamedTuple):
     """A cyclic redundancy check.
 
@@ -93,7 +101,7 @@ def frame_on_wire(frame: Frame) -> tuple[WireBit, ...]:
     head = [*_identifier(frame), *_classic_control(frame), *_payload(frame)]
     crc = crc_of(CRC_15, (bit.level for bit in head))
     checked = [*head, *_bits("CRC", crc, CRC_15.width)]
-    return (*_stuffed(checked, is_at_end=True), WireBit(RECESSIVE, "CRC delimiter"), *_trailer())
+    return (*_stuffed(checked, is_at_end=True), WireBit(RECESSIVE, "CRC delimiter"), *_TRAILER)
 
 
 def _identifier(frame: Frame) -> list[WireBit]:
@@ -144,18 +152,11 @@ def _fd_bits(frame: Frame) -> tuple[WireBit, ...]:
         # The rate switches at the sample points of BRS and of the CRC delimiter: see frame_length.
         first = next(index for index, bit in enumerate(whole) if bit.field == "ESI")
         whole[first:] = [bit._replace(is_fast=True) for bit in whole[first:]]
-    return (*whole, *_trailer())
+    return (*whole, *_TRAILER)
 
 
 def _bits(field: str, value: int, width: int) -> list[WireBit]:
     return [WireBit(value >> shift & 1, field) for shift in range(width - 1, -1, -1)]
-
-
-def _trailer() -> Iterator[WireBit]:
-    """Acknowledge slot, in which a receiver is dominant, delimiter and end of frame."""
-    yield WireBit(DOMINANT, "ACK")
-    yield WireBit(RECESSIVE, "ACK delimiter")
-    yield from [WireBit(RECESSIVE, "EOF")] * 7
 
 
 def _stuffed(bits: list[WireBit], *, is_at_end: bool) -> Iterator[WireBit]:

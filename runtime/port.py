@@ -65,7 +65,10 @@ def open_port(
 
     Raises BusError.
     """
-    return _open(namespace, _receive_filters(can_ids), fast, choose_bus(namespace))
+    filters: list[CanFilter] | None = None
+    if can_ids is not None:
+        filters = [{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in sorted(can_ids)]
+    return _open(namespace, filters, fast, choose_bus(namespace))
 
 
 def _open(
@@ -80,7 +83,9 @@ def _open(
             description = f"SocketCAN {choice.channel} by {AF_CAN} ({choice.reason})"
             return OpenPort(port, description, choice.channel, AF_CAN, is_socketcan, reopen)
     bus, description = open_bus(namespace, choice)
-    if filters is not None and bus.filters is None and _filters_itself(bus):
+    # Whether the interface, its driver or its hardware filters, instead of python-can.
+    filters_itself = type(bus)._apply_filters is not can.BusABC._apply_filters
+    if filters is not None and bus.filters is None and filters_itself:
         bus.set_filters(filters)
     channel = choice.channel or str(getattr(bus, "channel", None) or "can0")
     means_the_same = is_socketcan or choice.interface == "emulated"
@@ -114,14 +119,3 @@ def _configuration(namespace: argparse.Namespace, choice: Choice) -> Mapping[str
         return dict(load_config(config=given))
     except (can.CanError, ValueError, TypeError):
         return None
-
-
-def _receive_filters(can_ids: Collection[int] | None) -> Sequence[CanFilter] | None:
-    if can_ids is None:
-        return None
-    return [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in sorted(can_ids)]
-
-
-def _filters_itself(bus: can.BusABC) -> bool:
-    """Whether the interface, its driver or its hardware filters, instead of python-can."""
-    return type(bus)._apply_filters is not can.BusABC._apply_filters

@@ -56,7 +56,8 @@ _ANSWER_TAKES_BUS_OFF = 2
 
 _SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
 _FD_ONLY = BITRATE_SWITCH | ERROR_STATE
-_FORMATS_ANY, _FORMATS_STANDARD, _FORMATS_EXTENDED = range(3)
+_FORMATS = (None, False, True)
+"""Filter.extended, by its number in a record."""
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Payload lengths a CAN FD frame can have [bytes]."""
@@ -202,8 +203,8 @@ def pack_filters(record: Struct, filters: list[Filter]) -> bytes:
     """Return the records that replace all filters of a client by ``filters``."""
     records = [record.pack(_CLEAR_FILTERS, 0, 0, 0, 0, b"")]
     for can_id, mask, extended in filters:
-        formats = {None: _FORMATS_ANY, False: _FORMATS_STANDARD, True: _FORMATS_EXTENDED}[extended]
-        records.append(record.pack(_FILTER, formats, 4, can_id, 0, mask.to_bytes(4, "little")))
+        formats, bits = _FORMATS.index(extended), mask.to_bytes(4, "little")
+        records.append(record.pack(_FILTER, formats, 4, can_id, 0, bits))
     return b"".join(records)
 
 
@@ -241,9 +242,8 @@ def unpack_request(record: Struct, raw: bytes) -> Request:
         if flags & FD and record is not FD_RECORD:
             raise ProtocolError("a CAN FD frame from a client of classic frames")
         return frame
-    if kind == _FILTER and flags <= _FORMATS_EXTENDED:
-        extended = None if flags == _FORMATS_ANY else flags == _FORMATS_EXTENDED
-        return Filter(can_id, int.from_bytes(data[:4], "little"), extended)
+    if kind == _FILTER and flags < len(_FORMATS):
+        return Filter(can_id, int.from_bytes(data[:4], "little"), _FORMATS[flags])
     if kind == _CLEAR_FILTERS:
         return ClearFilters()
     if kind == _BUS_OFF and flags in (0, EXTENDED) and 0 <= time_ns <= BUS_OFF_NS_MAX:

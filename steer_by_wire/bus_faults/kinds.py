@@ -75,14 +75,16 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
 )
 PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
 FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS - {LiveKind.BUS_OFF}
+_KEYS_OF_FRAMES = ("onset_s", "duration_s", "magnitude")
+_MALFORMED = (LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER)
 _KEYS = {
+    **dict.fromkeys(LiveKind, _KEYS_OF_FRAMES),
+    **dict.fromkeys(_MALFORMED, (*_KEYS_OF_FRAMES, "to")),
     LiveKind.KILL: ("onset_s", "pid"),
     LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
     LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
     LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
 }
-"""Of the kinds that send no frame."""
-_RECEIVER_KINDS = frozenset({LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER})
 
 
 class LiveFault(NamedTuple):
@@ -121,20 +123,13 @@ def parse_fault(text: str, pid: int = 0) -> LiveFault:
     given: dict[str, str] = {}
     for part in parts:
         key, sign, value = part.partition("=")
-        if key not in _keys_of(kind) or not sign:
-            keys = ", ".join(_keys_of(kind))
+        if key not in _KEYS[kind] or not sign:
+            keys = ", ".join(_KEYS[kind])
             raise ValueError(f"{kind}: {part[:40]!r} is not KEY=VALUE with a key of {keys}")
         if key in given:
             raise ValueError(f"{kind}: {key} is given twice")
         given[key] = value
     return _fault_of(kind, given, pid)
-
-
-def _keys_of(kind: LiveKind) -> tuple[str, ...]:
-    if kind in _KEYS:
-        return _KEYS[kind]
-    keys = ("onset_s", "duration_s", "magnitude")
-    return (*keys, "to") if kind in _RECEIVER_KINDS else keys
 
 
 def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
@@ -195,5 +190,5 @@ def list_lines() -> list[str]:
     lines = []
     for kind, (what, low, high, default, _) in MAGNITUDES.items():
         size = "" if what == "none" else f"{what}, {low:g} to {high:g}, default {default:g}"
-        lines.append(f"{kind:17}{size:65}{', '.join(_keys_of(kind))}")
+        lines.append(f"{kind:17}{size:65}{', '.join(_KEYS[kind])}")
     return lines

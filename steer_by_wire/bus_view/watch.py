@@ -187,7 +187,10 @@ class BusWatch:
             self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
         elif isinstance(message, SteeringCommand):
             self._recent["steer_rad"].add(now_ns, message.steer_rad)
-            self._take_command(message.command_counter, now_ns)
+            if len(self._sent_ns) >= _IN_FLIGHT_MAX:
+                del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
+            self._sent_ns[message.command_counter] = now_ns
+            self._lateness.take(message.command_counter, now_ns)
         elif isinstance(message, SteeringStatus):
             sent_ns = self._sent_ns.pop(message.applied_counter, None)
             if sent_ns is not None and message.status is not SteeringStatusCode.NO_COMMAND:
@@ -195,12 +198,6 @@ class BusWatch:
         elif isinstance(message, PlantStatus):
             self._recent["downlink_s"].add(now_ns, message.downlink_latency_s)
             self._recent["uplink_s"].add(now_ns, message.uplink_latency_s)
-
-    def _take_command(self, counter: int, now_ns: int) -> None:
-        if len(self._sent_ns) >= _IN_FLIGHT_MAX:
-            del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
-        self._sent_ns[counter] = now_ns
-        self._lateness.take(counter, now_ns)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
         """Return every message of the DBC as seen at ``now_ns``."""

@@ -45,12 +45,9 @@ def write_single_file(path: Path) -> None:
     content = BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         _add(archive, "__main__.py", _BOOT)
-        modules = [_PACKAGE / "__init__.py", _PACKAGE / "command_line.py"]
-        modules += [
-            *sorted(Path(__file__).parent.glob("*.py")),
-            Path(__file__).with_name("xstate.c"),
-        ]
-        for module in modules:
+        ours = sorted(Path(__file__).parent.glob("*.py"))
+        above = [_PACKAGE / "__init__.py", _PACKAGE / "command_line.py"]
+        for module in [*above, *ours, Path(__file__).with_name("xstate.c")]:
             name = str(Path("steer_by_wire") / module.relative_to(_PACKAGE))
             _add(archive, name, module.read_text(encoding="utf-8"))
     path.write_bytes(_SHEBANG + content.getvalue())

@@ -38,7 +38,9 @@ def main(folder: str) -> NoReturn:
         _mount_all()
         line, stdin_line = _open_line(LINE), _open_line(STDIN_LINE)
         job = json.loads((Path(folder) / "job.json").read_text(encoding="ascii"))
-        _make_links(job)
+        for path, parameters in job["modules"]:
+            insert_module(path, parameters)
+        make_links(job["links"], PATH)
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
         _write(line, pack(Kind.READY))
         _Command(job, line, stdin_line).run()
@@ -176,12 +178,6 @@ def _open_line(path: str) -> int:
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
     tty.setraw(descriptor)
     return descriptor
-
-
-def _make_links(job: dict[str, Any]) -> None:
-    for path, parameters in job["modules"]:
-        insert_module(path, parameters)
-    make_links(job["links"], PATH)
 
 
 def _start(job: dict[str, Any]) -> tuple[int, _Ends]:
