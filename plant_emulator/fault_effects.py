@@ -11,25 +11,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import NormalDist
 from types import MappingProxyType
 
+from ..dbc import messages
 from ..dbc.generated_layout import LAYOUTS
 from ..dbc.layout import MessageLayout
-from ..dbc.messages import (
-    CAN_IDS,
-    DATA_IDS,
-    ControllerSafety,
-    ControllerStatus,
-    Decoded,
-    DelayStatus,
-    LateralError,
-    PlantStatus,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    VehicleState,
-    decode,
-    encode,
-    limits,
-)
+from ..dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
 from ..dbc.protection import COUNTERS, protect
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
@@ -44,15 +29,15 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
     {
         CAN_IDS[wrong]: CAN_IDS[right]
         for wrong, right in (
-            (SteeringCommand, ControllerStatus),
-            (SteeringPlan, ControllerStatus),
-            (ControllerStatus, SteeringCommand),
-            (ControllerSafety, SteeringCommand),
-            (DelayStatus, SteeringCommand),
-            (LateralError, SteeringStatus),
-            (SteeringStatus, LateralError),
-            (VehicleState, LateralError),
-            (PlantStatus, LateralError),
+            (messages.SteeringCommand, messages.ControllerStatus),
+            (messages.SteeringPlan, messages.ControllerStatus),
+            (messages.ControllerStatus, messages.SteeringCommand),
+            (messages.ControllerSafety, messages.SteeringCommand),
+            (messages.DelayStatus, messages.SteeringCommand),
+            (messages.LateralError, messages.SteeringStatus),
+            (messages.SteeringStatus, messages.LateralError),
+            (messages.VehicleState, messages.LateralError),
+            (messages.PlantStatus, messages.LateralError),
         )
     }
 )

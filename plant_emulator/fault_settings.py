@@ -20,19 +20,8 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from ..dbc.messages import (
-    MESSAGE_TYPES,
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
-    LateralError,
-    Message,
-    PlantStatus,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    VehicleState,
-)
+from ..dbc import messages
+from ..dbc.messages import MESSAGE_TYPES, Message
 from ..runtime.settings import Settings
 
 ALL = "all"
@@ -129,17 +118,19 @@ SIGNAL_FAULTS = frozenset(
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
         FaultDirection.DOWNLINK: (
-            SteeringCommand,
-            SteeringPlan,
-            ControllerStatus,
-            ControllerSafety,
-            DelayStatus,
+            messages.SteeringCommand,
+            messages.SteeringPlan,
+            messages.ControllerStatus,
+            messages.ControllerSafety,
+            messages.DelayStatus,
         ),
-        FaultDirection.UPLINK: (LateralError, SteeringStatus, VehicleState, PlantStatus),
+        FaultDirection.UPLINK: (
+            messages.LateralError,
+            messages.SteeringStatus,
+            messages.VehicleState,
+            messages.PlantStatus,
+        ),
     }
-)
-_NAMES: Mapping[type[Message], str] = MappingProxyType(
-    {message_type: name for name, message_type in MESSAGE_TYPES.items()}
 )
 
 
@@ -169,7 +160,9 @@ class FaultSettings(Settings):
                 f"magnitude of {self.kind} ({what}) must be {low:g} to {high:g}{whole},"
                 f" not {self.magnitude:g}"
             )
-        names = [_NAMES[message_type] for message_type in MESSAGES_OF[self.direction]]
+        names = [
+            name for name, kind in MESSAGE_TYPES.items() if kind in MESSAGES_OF[self.direction]
+        ]
         if self.message != ALL and self.message not in names:
             raise ValueError(
                 f"message of the {self.direction} must be {', '.join(names)} or {ALL},"
@@ -196,13 +189,13 @@ class FaultSettings(Settings):
 def quantities_of(message_type: type[Message]) -> tuple[str, ...]:
     """Return the quantities of a message, which signal faults can change; of a plan, all first."""
     names = tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
-    return (WHOLE_PLAN, *names) if message_type is SteeringPlan else names
+    return (WHOLE_PLAN, *names) if message_type is messages.SteeringPlan else names
 
 
 def fields_of(message_type: type[Message], signal: str) -> tuple[str, ...]:
     """Return the fields of a message that a signal stands for."""
-    if message_type is SteeringPlan and signal == WHOLE_PLAN:
-        return quantities_of(SteeringPlan)[1:]
+    if message_type is messages.SteeringPlan and signal == WHOLE_PLAN:
+        return quantities_of(messages.SteeringPlan)[1:]
     return (signal,) if signal in message_type.__annotations__ else ()
 
 

@@ -96,7 +96,12 @@ class LatencySettings(Settings):
         if self.trace_file is not None:
             if self.schedule:
                 raise ValueError("schedule and trace_file exclude each other")
-            _check_trace(self.trace_file)
+            try:
+                read_trace(self.trace_file)
+            except OSError as error:
+                raise ValueError(
+                    f"trace_file {self.trace_file} cannot be read: {error.strerror}"
+                ) from error
         if not isinstance(self.model, Distribution):
             for u in _TRIED:
                 self.quantile(u, self.mean_s, self.spread_s)
@@ -122,11 +127,3 @@ class BothLatencySettings(Settings):
     """Commands, controller to plant."""
     uplink: LatencySettings = LatencySettings()
     """Measurements, plant to controller."""
-
-
-def _check_trace(path: Path) -> None:
-    """Raise ValueError, in one line, for an invalid trace file."""
-    try:
-        read_trace(path)
-    except OSError as error:
-        raise ValueError(f"trace_file {path} cannot be read: {error.strerror}") from error

@@ -126,9 +126,8 @@ def _bound(limit: Limit) -> float:
 
 def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
     """Return the time of a sound actuator from stop to stop, which is no fault."""
-    ramp_s = 0.0
-    if actuator.rate_limit_rad_s is not None:
-        ramp_s = 2.0 * reach_rad / actuator.rate_limit_rad_s
+    rate_rad_s = actuator.rate_limit_rad_s
+    ramp_s = 0.0 if rate_rad_s is None else 2.0 * reach_rad / rate_rad_s
     return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s
 
 

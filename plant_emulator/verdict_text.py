@@ -33,14 +33,11 @@ def _millimetres(value_m: float) -> str:
     return f"{1e3 * value_m:.1f} mm" if abs(value_m) < 1.0 else f"{value_m:.2f} m"
 
 
-def _swings(how: str) -> Callable[[Report], str]:
-    def reason(node: Report) -> str:
-        windows = node["windows"]
-        omega_rad_s = windows["oscillation_rad_s"]
-        rhythm = "" if omega_rad_s is None else f" at {omega_rad_s:.3g} rad/s"
-        return f"swings of ±{_millimetres(windows['amplitude_m'])}{rhythm} that {how}"
-
-    return reason
+def _swings(node: Report) -> str:
+    windows = node["windows"]
+    omega_rad_s = windows["oscillation_rad_s"]
+    rhythm = "" if omega_rad_s is None else f" at {omega_rad_s:.3g} rad/s"
+    return f"swings of ±{_millimetres(windows['amplitude_m'])}{rhythm}"
 
 
 def _drifts(node: Report) -> str:
@@ -63,8 +60,8 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
     {
         Verdict.NO_START: lambda _node: "no command ever reached the plant",
         Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
-        Verdict.UNSTABLE: _swings("grow"),
-        Verdict.LIMIT_CYCLE: _swings("last"),
+        Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow",
+        Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last",
         Verdict.DRIFTS: _drifts,
         Verdict.LEFT_ROAD: lambda node: (
             f"the error reached {_millimetres(node['lateral_error_peak_m'])}"

@@ -50,16 +50,14 @@ def worker_pool(
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Limit the processes that the block starts, and leave the environment as it was."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    before = {name: os.environ[name] for name in _ONE_THREAD if name in os.environ}
     os.environ.update(_ONE_THREAD)
     try:
         yield
     finally:
-        for name, text in before.items():
-            if text is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = text
+        for name in _ONE_THREAD.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:

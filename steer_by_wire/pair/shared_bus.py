@@ -34,10 +34,7 @@ from ..runtime.transmit_queue import BusOverflowError
 
 NODES = ("plant", "controller")
 """Names of the nodes, in the order of their numbers on the bus."""
-_EXAMPLE_PERIODS_MS = (
-    *(10, 10, 10, 10, 20, 20, 20, 20, 50, 50, 50, 100, 100, 100, 100, 200, 500, 1000),
-)
-
+_EXAMPLE_PERIODS_MS = (*[10] * 4, *[20] * 4, *[50] * 3, *[100] * 4, 200, 500, 1000)
 _EQUAL_CYCLE_MS = 100
 """Before the load scales it, of messages without any cycle time."""
 

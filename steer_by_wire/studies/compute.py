@@ -40,22 +40,14 @@ _ENDS = {
 
 
 class Losses(NamedTuple):
-    """Cumulative numbers of lost frames; None where no frame can be lost.
+    """Numbers of lost frames.
 
-    ``down``  shape (ticks,), after each tick
-    ``up``    shape (samples,), after each sample: of all messages
+    ``commands``      shape (ticks + 1,), of those of the first ticks
+    ``measurements``  shape (samples + 1,), of those of the first samples: of all messages
     """
 
-    down: IntArray | None
-    up: IntArray | None
-
-    def commands(self, ticks: int) -> int:
-        """Return how many of the first commands are lost."""
-        return 0 if self.down is None or ticks == 0 else int(self.down[ticks - 1])
-
-    def measurements(self, samples: int) -> int:
-        """Return how many frames of the first samples are lost."""
-        return 0 if self.up is None or samples == 0 else int(self.up[samples - 1])
+    commands: IntArray
+    measurements: IntArray
 
 
 def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
@@ -65,18 +57,20 @@ def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
     frames that come through a line with the same losses and no latency are those that are not lost.
     """
     latency = plant.latency
-    down: IntArray | None = None
-    up: IntArray | None = None
+    losses = Losses(
+        np.zeros(len(plan.tick_ns) + 1, dtype=np.int64),
+        np.zeros(len(plan.sample_ns) + 1, dtype=np.int64),
+    )
     if _may_lose(latency.downlink):
         lost = _lost(latency.downlink, plant.seed, Channel.DOWNLINK, plan.tick_ns, plan)
-        down = np.cumsum(lost)
+        losses.commands[1:] = np.cumsum(lost)
     if _may_lose(latency.uplink):
         messages = np.full(len(plan.sample_ns), 2)
         messages[:: samples_per_vehicle_state(plant.sensor_period_ns)] = 3
         came_ns = np.repeat(plan.sample_ns, messages)
         lost = _lost(latency.uplink, plant.seed, Channel.UPLINK, came_ns, plan)
-        up = np.cumsum(lost)[np.cumsum(messages) - 1]
-    return Losses(down, up)
+        losses.measurements[1:] = np.cumsum(lost)[np.cumsum(messages) - 1]
+    return losses
 
 
 def _may_lose(line: LatencySettings) -> bool:
@@ -202,8 +196,8 @@ class Computer:
             samples,
             ticks,
             _acted(plan, ticks, taken),
-            network.losses.commands(ticks),
-            network.losses.measurements(taken),
+            network.losses.commands[ticks],
+            network.losses.measurements[taken],
         )
         return _ENDS[run.outcome]
 

@@ -284,8 +284,8 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
     plan = plan_run(plant, law)
     lost = losses_of(plant, plan)
     report = node.report()
-    assert lost.commands(len(run_batch(plant, law, plan).tick_s)) == report["downlink"]["lost"] > 0
-    assert lost.measurements(len(plan.sample_ns)) == report["uplink"]["lost"] > 0
+    assert lost.commands[len(run_batch(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0
+    assert lost.measurements[len(plan.sample_ns)] == report["uplink"]["lost"] > 0
 
 
 def test_a_live_subset_is_spread_evenly() -> None:
