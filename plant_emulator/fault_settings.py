@@ -160,9 +160,8 @@ class FaultSettings(Settings):
                 f"magnitude of {self.kind} ({what}) must be {low:g} to {high:g}{whole},"
                 f" not {self.magnitude:g}"
             )
-        names = [
-            name for name, kind in MESSAGE_TYPES.items() if kind in MESSAGES_OF[self.direction]
-        ]
+        known = MESSAGES_OF[self.direction]
+        names = [name for name, kind in MESSAGE_TYPES.items() if kind in known]
         if self.message != ALL and self.message not in names:
             raise ValueError(
                 f"message of the {self.direction} must be {', '.join(names)} or {ALL},"

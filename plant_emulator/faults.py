@@ -110,21 +110,18 @@ class FaultStage:
 class FaultyNode(Wrapper[N]):
     """Runs ``node`` with faults of its frames.
 
-    ``faults``    of both directions, in the order of their stages
-    ``seed``      of the run
-    ``start_ns``  start of the onsets' clock; None: with the first command
+    ``faults``  of both directions, in the order of their stages
+    ``seed``    of the run
     """
 
-    def __init__(
-        self, node: N, faults: Sequence[FaultSettings], seed: int, start_ns: int | None = None
-    ) -> None:
+    def __init__(self, node: N, faults: Sequence[FaultSettings], seed: int) -> None:
         super().__init__(node)
         self.stages = [FaultStage(fault, seed, place) for place, fault in enumerate(faults)]
         self._down, self._up = (
             [stage for stage in self.stages if stage.settings.direction is direction]
             for direction in (FaultDirection.DOWNLINK, FaultDirection.UPLINK)
         )
-        self._start_ns = start_ns
+        self._start_ns: int | None = None
 
     @property
     def deadline_ns(self) -> int:

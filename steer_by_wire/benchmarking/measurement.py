@@ -4,7 +4,6 @@ Times of two machines cannot be compared. Their ratios to the time of one fixed 
 arithmetic, measured in the same run, compare much better.
 """
 
-import gc
 import time
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -12,6 +11,8 @@ from typing import Any, NamedTuple
 
 from rich import box
 from rich.table import Table
+
+from ..runtime.host import no_collections
 
 REPETITIONS = 7
 CALIBRATION_STEPS = 1000
@@ -88,15 +89,10 @@ def _arithmetic() -> float:
 
 
 def _elapsed_us(work: Callable[[], object]) -> float:
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
+    with no_collections():
         begin_ns = time.perf_counter_ns()
         work()
         return (time.perf_counter_ns() - begin_ns) / 1000
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 def lines_table(lines: Sequence[Line], calibration_us: float | None = None) -> Table:

@@ -1,7 +1,6 @@
 """Plant emulator and controller as two processes on one channel, with a recorder listening in."""
 
 import json
-from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -109,19 +108,12 @@ class LivePair:
     whatever way. Its own recording then ends with the last frame that was written.
     """
 
-    def __init__(
-        self,
-        bus: Bus,
-        files: PairFiles,
-        plant_options: Sequence[str] = (),
-        controller_options: Sequence[str] = (),
-    ) -> None:
-        """Without options each program takes its settings from ``files``."""
-        plant_options = plant_options or [str(files.settings("plant_emulator"))]
+    def __init__(self, bus: Bus, files: PairFiles) -> None:
+        """Each program takes its settings from ``files``."""
         self._bus = bus
         self._options = {
-            "controller": controller_options or [str(files.settings("controller"))],
-            "plant_emulator": ["--trace", str(files.plant_trace), *plant_options],
+            "controller": [],
+            "plant_emulator": ["--trace", str(files.plant_trace)],
         }
         self._files = files
         self._end = ExitStack()
@@ -136,8 +128,8 @@ class LivePair:
             stack.callback(self._recorder.end)
             self._programs = stack.enter_context(Processes(self._files.folder))
             for program, options in self._options.items():
-                report = str(self._files.report(program))
-                arguments = [*self._bus.options, "--report", report, *options]
+                report, settings = self._files.report(program), self._files.settings(program)
+                arguments = [*self._bus.options, "--report", str(report), *options, str(settings)]
                 self._programs.begin(program, f"steer_by_wire.{program}", arguments)
             self._end = stack.pop_all()
         return self
