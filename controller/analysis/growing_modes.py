@@ -141,7 +141,7 @@ class GrowingModes:
             - older * np.exp(-(whole_periods + 1) * log_z)
         )
 
-    def _held_for(self, time_s: float) -> FloatArray:
+    def _held_for(self, time_s: float | FloatArray) -> FloatArray:
         """Return what a unit command adds to the plant's state in some time."""
         return held_over(self._a, self._b, time_s)[1]
 
@@ -178,7 +178,7 @@ class GrowingModes:
         """Return log(p z^(-n) / q), mod 2πj, and its derivatives by angle and by delay [1/ns]."""
         periods, rest_ns = np.divmod(delay_ns, self._period_ns)
         new_s = (self._period_ns - rest_ns) / NS_PER_S
-        new = held_over(self._a, self._b, new_s)[1]
+        new = self._held_for(new_s)
         rate = new @ self._a.T + self._b  # d(new)/d(new_s)
         old = self._whole - new
 

@@ -21,7 +21,6 @@ command is held without an arrival.
 
 import math
 from collections.abc import Callable, Iterator
-from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +31,7 @@ from ..held_input import held_over
 from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from .stable_delays import stable_intervals
 
 MOMENTS_MAX = 250_000
 """Largest size of all second moments together, for an analysis within a few seconds."""
@@ -92,23 +92,13 @@ def stable_spreads(
 
     tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]
     recursions = [recursion(spread_ns) for spread_ns in tested]  # all of them, before any is used
-    verdicts = {
+    judged = {
         spread_ns: each.is_stable() for spread_ns, each in zip(tested, recursions, strict=True)
     }
-    for (low_ns, was_stable), (high_ns, is_stable) in pairwise(list(verdicts.items())):
-        while was_stable != is_stable and high_ns - low_ns > SPREAD_RESOLUTION_NS:
-            middle_ns = (low_ns + high_ns) // 2
-            verdicts[middle_ns] = recursion(middle_ns).is_stable()
-            if verdicts[middle_ns] == was_stable:
-                low_ns = middle_ns
-            else:
-                high_ns = middle_ns
-    intervals = []
-    for is_stable, group in groupby(sorted(verdicts.items()), key=lambda item: item[1]):
-        spreads_ns = [spread_ns for spread_ns, _ in group]
-        if is_stable:
-            intervals.append(SpreadInterval(spreads_ns[0], spreads_ns[-1]))
-    return tuple(intervals)
+    stable = stable_intervals(
+        judged, lambda spread_ns: recursion(spread_ns).is_stable(), SPREAD_RESOLUTION_NS
+    )
+    return tuple(SpreadInterval(*interval) for interval in stable)
 
 
 class _MomentRecursion:

@@ -20,7 +20,6 @@ the transients when echoes stop and return are neglected.
 """
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,23 +31,9 @@ from ..design import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
 from ..link import LinkParams
 from ..settings import ControllerSettings
-from .looking_back import (
-    LoopMatrices,
-    Rig,
-    Signals,
-    Timing,
-    Y,
-    continuous_rig,
-    rows_read_at,
-)
+from .looking_back import LoopMatrices, Rig, Signals, Timing, Y, continuous_rig, rows_read_at
 from .sampled_loop import SLOWEST_DECAY_1_S
-from .stable_delays import (
-    DELAY_NS_MAX,
-    RESOLUTION_NS,
-    SCAN_STEP_NS,
-    DelayInterval,
-    stable_intervals,
-)
+from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, DelayInterval, stable_intervals
 from .unit_answers import floats_in, unit_answers
 
 _START_S = 10
@@ -239,14 +224,4 @@ def stable_constant_delays(
     """
     scan = range(0, delay_ns_max, SCAN_STEP_NS)
     tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan), delay_ns_max})
-    judged = {delay_ns: loop.is_stable(delay_ns) for delay_ns in tested}
-    for low_ns, high_ns in pairwise(tested):
-        was_stable = judged[low_ns]
-        while was_stable != judged[high_ns] and high_ns - low_ns > RESOLUTION_NS:
-            middle_ns = (low_ns + high_ns) // 2
-            judged[middle_ns] = loop.is_stable(middle_ns)
-            if judged[middle_ns] == was_stable:
-                low_ns = middle_ns
-            else:
-                high_ns = middle_ns
-    return stable_intervals(judged)
+    return stable_intervals({each: loop.is_stable(each) for each in tested}, loop.is_stable)

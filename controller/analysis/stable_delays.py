@@ -12,8 +12,9 @@ argument principle (``growing_modes``), which agrees with the eigenvalues of ``S
 does not grow with the commands on their way.
 """
 
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Callable
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import NamedTuple
 
 from .growing_modes import GrowingModes
@@ -37,26 +38,37 @@ class DelayInterval(NamedTuple):
 def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[DelayInterval, ...]:
     """Return the stable delays from 0 to a limit, ascending; empty if there are none."""
     modes = GrowingModes(loop, delay_ns_max)
-    judged = {
-        delay_ns: modes.count(delay_ns) == 0 for delay_ns in _test_delays(modes, delay_ns_max)
-    }
-    for (before_ns, was_stable), (after_ns, is_stable) in pairwise(sorted(judged.items())):
-        if was_stable != is_stable:
-            judged.update(_bisected(modes, before_ns, after_ns, was_stable))
-    return stable_intervals(judged)
+    scan = {*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max}
+    crossings = [0, *(round(delay_ns) for delay_ns in modes.crossings_ns()), delay_ns_max]
+    between = {(a + b) // 2 for a, b in pairwise(crossings) if b - a > RESOLUTION_NS}
+
+    def is_stable(delay_ns: int) -> bool:
+        return modes.count(delay_ns) == 0
+
+    return stable_intervals({each: is_stable(each) for each in sorted(scan | between)}, is_stable)
 
 
-def stable_intervals(judged: Mapping[int, bool]) -> tuple[DelayInterval, ...]:
-    """Return the stable stretches of delays [ns] that were judged."""
-    intervals: list[DelayInterval] = []
-    was_stable = False
-    for delay_ns, is_stable in sorted(judged.items()):
-        if is_stable and was_stable:
-            intervals[-1] = intervals[-1]._replace(last_ns=delay_ns)
-        elif is_stable:
-            intervals.append(DelayInterval(delay_ns, delay_ns))
-        was_stable = is_stable
-    return tuple(intervals)
+def stable_intervals(
+    judged: dict[int, bool], is_stable: Callable[[int], bool], resolution_ns: int = RESOLUTION_NS
+) -> tuple[DelayInterval, ...]:
+    """Return the stable stretches of delays [ns], from the verdicts on some of them.
+
+    Between two with different verdicts the boundary is bisected; ``judged`` gets those verdicts.
+    """
+    for (low_ns, was_stable), (high_ns, becomes_stable) in pairwise(sorted(judged.items())):
+        while was_stable != becomes_stable and high_ns - low_ns > resolution_ns:
+            middle_ns = (low_ns + high_ns) // 2
+            judged[middle_ns] = is_stable(middle_ns)
+            if judged[middle_ns] == was_stable:
+                low_ns = middle_ns
+            else:
+                high_ns = middle_ns
+    stretches = (
+        [delay_ns for delay_ns, _ in group]
+        for verdict, group in groupby(sorted(judged.items()), key=itemgetter(1))
+        if verdict
+    )
+    return tuple(DelayInterval(delays_ns[0], delays_ns[-1]) for delays_ns in stretches)
 
 
 def delay_margin_ns(
@@ -69,24 +81,3 @@ def delay_margin_ns(
     if not intervals or intervals[0].first_ns > 0:
         return 0
     return None if intervals[0].last_ns >= delay_ns_max else intervals[0].last_ns
-
-
-def _test_delays(modes: GrowingModes, delay_ns_max: int) -> list[int]:
-    """Return the delays to judge: a scan, and one between every two crossings."""
-    scan = {*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max}
-    crossings = [0, *(round(delay_ns) for delay_ns in modes.crossings_ns()), delay_ns_max]
-    between = {(a + b) // 2 for a, b in pairwise(crossings) if b - a > RESOLUTION_NS}
-    return sorted(scan | between)
-
-
-def _bisected(
-    modes: GrowingModes, before_ns: int, after_ns: int, stable_before: bool
-) -> dict[int, bool]:
-    """Return the two delays on either side of a boundary, RESOLUTION_NS apart at most."""
-    while after_ns - before_ns > RESOLUTION_NS:
-        middle_ns = (before_ns + after_ns) // 2
-        if (modes.count(middle_ns) == 0) == stable_before:
-            before_ns = middle_ns
-        else:
-            after_ns = middle_ns
-    return {before_ns: stable_before, after_ns: not stable_before}
