@@ -22,6 +22,7 @@ the whole command from the history, because it predicts the effect of all comman
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from ..runtime.record import new_record
 from .fading import NOTHING, Fading, fading_step
 from .law_interface import LawInput, LawOutput, VehicleReading
 from .law_record import LawStep
@@ -83,12 +84,5 @@ def feed_forward_step(
     own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
     x_law, output = law_step(p.law, x.law, own)
     curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
-    return (
-        FeedForwardState(x_law, curve),
-        LawOutput(
-            output.steer_rad + curve.value,
-            output.disturbance_rad,
-            output.network_disturbance_rad,
-            output.compensated_lateral_error_m,
-        ),
-    )
+    added = (output.steer_rad + curve.value, *output[1:])
+    return FeedForwardState(x_law, curve), new_record(LawOutput, added)

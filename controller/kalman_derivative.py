@@ -15,10 +15,11 @@ difference between the two fades out.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from ..runtime.record import new_record
 from .estimator import EstimatorState, VehicleGains, estimate_to, estimator_at_rest, start_estimate
+from .fading import NOTHING, Fading, fading_step
 from .law_interface import LawInput, LawOutput
 from .law_record import LawStep
-from .limits import ramp_step
 from .link import LinkParams
 from .pd import PdParams, pd_at_rest, pd_step
 from .sections import SectionState
@@ -47,15 +48,13 @@ class DerivativeState(NamedTuple):
     """State of the derivative.
 
     ``settled_sample``  from this sample on the filter is used
-    ``correction_rad``  last correction of the command
+    ``correction``      of the command [rad], for the estimated derivative or the filtered one
     """
 
     estimate: EstimatorState
     settled_sample: int
     pd: SectionState
-    is_estimated: bool
-    correction_rad: float
-    fade_rad: float
+    correction: Fading
 
 
 class KalmanParams(NamedTuple):
@@ -94,14 +93,8 @@ def derivative_step(
             - p.derivative_gain_rad_s_m * error_rate_m_s(p, newest)
             - filtered_rad
         )
-    fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
-    if is_estimated != x.is_estimated:
-        fade_rad = x.correction_rad - wanted_rad
-    correction_rad = wanted_rad + fade_rad
-    return (
-        DerivativeState(estimate, settled_sample, x_pd, is_estimated, correction_rad, fade_rad),
-        correction_rad,
-    )
+    correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, is_estimated)
+    return DerivativeState(estimate, settled_sample, x_pd, correction), correction.value
 
 
 def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
@@ -118,15 +111,8 @@ def kalman_step(
     """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
     x_law, output = law_step(p.law, x.law, seen)
     x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
-    return (
-        KalmanState(x_law, x_derivative),
-        LawOutput(
-            output.steer_rad + correction_rad,
-            output.disturbance_rad,
-            output.network_disturbance_rad,
-            output.compensated_lateral_error_m,
-        ),
-    )
+    corrected = (output.steer_rad + correction_rad, *output[1:])
+    return KalmanState(x_law, x_derivative), new_record(LawOutput, corrected)
 
 
 def kalman_at_rest(
@@ -138,11 +124,5 @@ def kalman_at_rest(
 
 def derivative_at_rest(p: DerivativeParams, lateral_error_m: float) -> DerivativeState:
     """Return the state of the derivative after a constant lateral error [m]."""
-    return DerivativeState(
-        estimator_at_rest(lateral_error_m),
-        -1,
-        pd_at_rest(p.pd, lateral_error_m),
-        False,
-        0.0,
-        0.0,
-    )
+    x_pd = pd_at_rest(p.pd, lateral_error_m)
+    return DerivativeState(estimator_at_rest(lateral_error_m), -1, x_pd, NOTHING)

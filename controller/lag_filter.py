@@ -19,6 +19,7 @@ arithmetic; filterpy's filter is the reference (``tests/controller/test_lag_filt
 from math import log, sqrt
 from typing import NamedTuple
 
+from ..runtime.record import new_record
 from .estimator import sent_for
 from .law_interface import History, Link
 from .link import LinkParams
@@ -65,30 +66,12 @@ NO_LAG = LagState(-1, False, 0.0, 0.0, _VARIANCE_MAX, 0.0, _VARIANCE_MAX, AS_SET
 def lag_to(p: LinkParams, x: LagState, link: Link, history: History) -> LagState:
     """Return the filter at the newest echo."""
     if x.sample < 0 or link.echo_sample - x.sample > _FORGETS_AFTER:
-        return LagState(
-            link.echo_sample,
-            False,
-            x.alpha,
-            x.b,
-            x.variance_aa,
-            x.variance_ab,
-            x.variance_bb,
-            x.choice,
-        )
+        return new_record(LagState, (link.echo_sample, False, *x[2:]))
     if x.sample >= link.echo_sample:
         return x
     while x.sample < link.echo_sample:
         x = lag_step(x, history)
-    return LagState(
-        x.sample,
-        x.is_received,
-        x.alpha,
-        x.b,
-        x.variance_aa,
-        x.variance_ab,
-        x.variance_bb,
-        chosen(1e-9 * p.sensor_period_ns, x),
-    )
+    return new_record(LagState, (*x[:7], chosen(1e-9 * p.sensor_period_ns, x)))
 
 
 def lag_step(x: LagState, history: History) -> LagState:

@@ -13,10 +13,6 @@ IN_FLIGHT_MAX = 4096
 that a counter that has wrapped is not mistaken for the old one."""
 
 
-Echo = tuple[int, bool]
-"""When the command of an echo was sent [ns], and whether the echo is its first."""
-
-
 class SentCommands:
     """Stores the sending times; ``count`` is the number of commands sent."""
 
@@ -34,8 +30,11 @@ class SentCommands:
         self.count = count + 1
         return count % COMMAND_COUNTERS
 
-    def on_echo(self, counter: int) -> Echo | None:
-        """Return the echo for the counter of a command in effect; None if it is not stored."""
+    def on_echo(self, counter: int) -> tuple[int, bool] | None:
+        """Return when the command in effect was sent [ns], and whether this is its first echo.
+
+        None if the command with this counter is not stored.
+        """
         newest = self.count - 1
         age = (newest - counter) % COMMAND_COUNTERS
         if age > newest or age >= IN_FLIGHT_MAX:

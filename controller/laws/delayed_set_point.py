@@ -168,15 +168,8 @@ def delayed_set_point_at_rest(
     p: DelayedSetPointParams, lateral_error_m: float
 ) -> DelayedSetPointState:
     """Return the state after a constant lateral error [m], without steering or a request."""
-    return DelayedSetPointState(
-        pd_at_rest(p.pd, lateral_error_m),
-        0.0,
-        (0.0,) * REQUESTS,
-        p.request_periods,
-        0.0,
-        NOTHING,
-        NOTHING,
-    )
+    x_pd, requests = pd_at_rest(p.pd, lateral_error_m), (0.0,) * REQUESTS
+    return DelayedSetPointState(x_pd, 0.0, requests, p.request_periods, 0.0, NOTHING, NOTHING)
 
 
 def design_delayed_set_point(settings: "LawSettings") -> DelayedSetPointParams:
@@ -219,10 +212,7 @@ LAW = Law(
     design_delayed_set_point,
     LawNumber.DELAYED_SET_POINT,
     settings=DelayedSetPointSettings,
-    needs=(
-        "pd",
-        "nominal_model",
-    ),
+    needs=("pd", "nominal_model"),
     needs_vehicle=True,
     looks_back=True,
     feed_forward_refusal="takes the map's curvature by itself: leave out [feed_forward]",

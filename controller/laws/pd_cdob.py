@@ -25,25 +25,22 @@ class PdCdobParams(NamedTuple):
     cdob: CdobParams
 
 
-class PdCdobState(NamedTuple):
-    """State of pd_cdob."""
-
-    pd: SectionState
-    cdob: CdobState
+PdCdobState = tuple[SectionState, CdobState]
+"""State of the two."""
 
 
 def pd_cdob_step(p: PdCdobParams, x: PdCdobState, seen: LawInput) -> tuple[PdCdobState, LawOutput]:
     """Advance one control period."""
-    x_cdob, feedback_m, network_rad = cdob_step(
-        p.cdob, x.cdob, seen.lateral_error_m, seen.sent_steer_rad
-    )
-    x_pd, steer_rad = pd_step(p.pd, x.pd, feedback_m)
-    return PdCdobState(x_pd, x_cdob), LawOutput(steer_rad, 0.0, network_rad, feedback_m)
+    x_pd, x_cdob = x
+    error_m, sent_rad = seen.lateral_error_m, seen.sent_steer_rad
+    x_cdob, feedback_m, network_rad = cdob_step(p.cdob, x_cdob, error_m, sent_rad)
+    x_pd, steer_rad = pd_step(p.pd, x_pd, feedback_m)
+    return (x_pd, x_cdob), LawOutput(steer_rad, 0.0, network_rad, feedback_m)
 
 
 def pd_cdob_at_rest(p: PdCdobParams, lateral_error_m: float) -> PdCdobState:
     """Return the state after a constant lateral error [m] and no steering."""
-    return PdCdobState(pd_at_rest(p.pd, lateral_error_m), cdob_at_rest(p.cdob, lateral_error_m))
+    return pd_at_rest(p.pd, lateral_error_m), cdob_at_rest(p.cdob, lateral_error_m)
 
 
 def _design(settings: "LawSettings") -> PdCdobParams:

@@ -25,26 +25,22 @@ class PdDobParams(NamedTuple):
     dob: DobParams
 
 
-class PdDobState(NamedTuple):
-    """State of pd_dob."""
-
-    pd: SectionState
-    dob: DobState
+PdDobState = tuple[SectionState, DobState]
+"""State of the two."""
 
 
 def pd_dob_step(p: PdDobParams, x: PdDobState, seen: LawInput) -> tuple[PdDobState, LawOutput]:
     """Advance one control period."""
-    x_dob, disturbance_rad = dob_step(p.dob, x.dob, seen.lateral_error_m, seen.sent_steer_rad)
-    x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
-    return (
-        PdDobState(x_pd, x_dob),
-        LawOutput(demand_rad - disturbance_rad, disturbance_rad, 0.0, seen.lateral_error_m),
-    )
+    x_pd, x_dob = x
+    error_m = seen.lateral_error_m
+    x_dob, disturbance_rad = dob_step(p.dob, x_dob, error_m, seen.sent_steer_rad)
+    x_pd, demand_rad = pd_step(p.pd, x_pd, error_m)
+    return (x_pd, x_dob), LawOutput(demand_rad - disturbance_rad, disturbance_rad, 0.0, error_m)
 
 
 def pd_dob_at_rest(p: PdDobParams, lateral_error_m: float) -> PdDobState:
     """Return the state after a constant lateral error [m] and no steering."""
-    return PdDobState(pd_at_rest(p.pd, lateral_error_m), dob_at_rest(p.dob, lateral_error_m))
+    return pd_at_rest(p.pd, lateral_error_m), dob_at_rest(p.dob, lateral_error_m)
 
 
 def _design(settings: "LawSettings") -> PdDobParams:

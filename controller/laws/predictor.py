@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
+from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
 from ..estimator import (
@@ -43,11 +44,7 @@ from ..measured_vehicle import (
     measured_to,
     nothing_measured,
 )
-from ..prediction import (
-    horizon_samples,
-    predict,
-    steer_for,
-)
+from ..prediction import horizon_samples, predict, steer_for
 from ..predictor_design import Feedback, design_schedule, together
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
@@ -131,34 +128,15 @@ def predictor_step(
         is_predicting = link.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
             ahead = predict(p.link, gains, newest, link, history, horizon)
-            output = LawOutput(
-                steer_for(gains, ahead),
-                ahead.offset_rad,
-                0.0,
-                ahead.lateral_error_m,
-            )
+            steer_rad = steer_for(gains, ahead)
+            output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
     fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
     # The steps between two masses are small, and a plan does not fade.
     if is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice:
         fade_rad = x.steer_rad - output.steer_rad
     steer_rad = output.steer_rad + fade_rad
-    return (
-        PredictorState(
-            estimate,
-            measured,
-            settled_sample,
-            x_fallback,
-            is_predicting,
-            steer_rad,
-            fade_rad,
-        ),
-        LawOutput(
-            steer_rad,
-            output.disturbance_rad,
-            output.network_disturbance_rad,
-            output.compensated_lateral_error_m,
-        ),
-    )
+    after = (estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad)
+    return new_record(PredictorState, after), new_record(LawOutput, (steer_rad, *output[1:]))
 
 
 def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorState:

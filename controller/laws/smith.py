@@ -113,10 +113,7 @@ LAW = Law(
     design_smith,
     LawNumber.SMITH,
     settings=SmithSettings,
-    needs=(
-        "pd",
-        "nominal_model",
-    ),
+    needs=("pd", "nominal_model"),
     cutoffs=("washout_rad_s",),
     looks_back=True,
     commands_read=_commands_read,
