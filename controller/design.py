@@ -127,41 +127,36 @@ def _own(law: Law, settings: "LawSettings") -> LawDesign:
 
 def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:
     """Return a law with the steer for the curve added to its command."""
-    steady, params_at = steady_steer(vehicle_of(settings), gain), law.params_at
-    fade_step_rad = FADE_RAD_S / settings.rate_hz
-
-    def at(speed_m_s: float) -> FeedForwardParams:
-        inside = law.params if params_at is None else params_at(speed_m_s)
-        return FeedForwardParams(inside, steady, fade_step_rad)
-
-    return law._replace(
-        params=FeedForwardParams(law.params, steady, fade_step_rad),
-        params_at=None if params_at is None else at,
+    steady, fade_step_rad = steady_steer(vehicle_of(settings), gain), FADE_RAD_S / settings.rate_hz
+    around = _with_params(law, lambda inside: FeedForwardParams(inside, steady, fade_step_rad))
+    return around._replace(
         initial_state=partial(feed_forward_at_rest, law.initial_state),
         step=partial(feed_forward_step, law.step),
-        looks_back=True,
     )
 
 
 def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
     """Return a law with a set point, so that another point than the preview point follows."""
     set_point = set_point_of(settings.followed_point, vehicle_of(settings))
-    params_at, recovered = law.params_at, law.recovered_state
-    fade_step_m = FADE_M_S * settings.period_s
-
-    def around(inside: Any) -> FollowedPointParams:
-        return FollowedPointParams(inside, set_point, settings.period_s, fade_step_m)
-
-    return law._replace(
-        params=around(law.params),
-        params_at=None if params_at is None else lambda speed_m_s: around(params_at(speed_m_s)),
+    own = set_point, settings.period_s, FADE_M_S * settings.period_s
+    around, recovered = _with_params(law, lambda each: FollowedPointParams(each, *own)), None
+    if law.recovered_state is not None:
+        recovered = partial(followed_point_after_hold, law.recovered_state)
+    return around._replace(
         initial_state=partial(followed_point_at_rest, law.initial_state),
         step=partial(followed_point_step, law.step),
-        looks_back=True,
-        recovered_state=(
-            None if recovered is None else partial(followed_point_after_hold, recovered)
-        ),
+        recovered_state=recovered,
         plan=None if law.plan is None else partial(followed_point_plan, law.plan),
+    )
+
+
+def _with_params(law: LawDesign, around: Callable[[Any], Any]) -> LawDesign:
+    """Return a law with other params around its own, which is told of the bus."""
+    at = law.params_at
+    return law._replace(
+        params=around(law.params),
+        params_at=None if at is None else lambda speed_m_s: around(at(speed_m_s)),
+        looks_back=True,
     )
 
 

@@ -29,12 +29,10 @@ def design_pd(settings: PdSettings | None, period_s: float) -> PdParams:
     """Return C(z); raises ValueError for settings without [pd]."""
     if settings is None:
         raise ValueError("the law needs the table [pd]")
-    k_p, k_d = settings.proportional_gain_rad_m, settings.derivative_gain_rad_s_m
     if settings.derivative_filter_rad_s is None:
+        k_p, k_d = settings.proportional_gain_rad_m, settings.derivative_gain_rad_s_m
         return PdParams((k_p + k_d / period_s, -k_d / period_s, 0.0, 0.0, 0.0))
-    filter_s = 1.0 / settings.derivative_filter_rad_s
-    compensator = (Factor(0.0, k_p * filter_s + k_d, k_p), Factor(0.0, filter_s, 1.0))
-    return PdParams(tustin(*compensator, period_s))
+    return PdParams(*tustin_sections(pd_compensator(settings), period_s))
 
 
 def design_dob(settings: DobSettings, model: TransferFunction, period_s: float) -> DobParams:
@@ -64,8 +62,17 @@ def design_compensation(
     model: TransferFunction, washout_rad_s: float | None, period_s: float
 ) -> Cascade2:
     """Return H G_n, or G_n without a washout."""
-    compensation = model if washout_rad_s is None else washout(washout_rad_s).times(model)
-    return _two(tustin_sections(compensation, period_s))
+    return _two(tustin_sections(washout(washout_rad_s).times(model), period_s))
+
+
+def pd_compensator(pd: PdSettings) -> TransferFunction:
+    """Return C(s) = K_p + K_d s/(s/N + 1) [rad/m], improper where the derivative is ideal."""
+    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
+    if pd.derivative_filter_rad_s is None:
+        return TransferFunction(0, (Factor(0.0, k_d, k_p),), ())
+    filter_s = 1.0 / pd.derivative_filter_rad_s
+    zeros, poles = Factor(0.0, k_p * filter_s + k_d, k_p), Factor(0.0, filter_s, 1.0)
+    return TransferFunction(0, (zeros,), (poles,))
 
 
 def q_order_2(omega_rad_s: float) -> TransferFunction:
@@ -84,8 +91,10 @@ def q_type_2(omega_rad_s: float) -> TransferFunction:
     )
 
 
-def washout(omega_rad_s: float) -> TransferFunction:
-    """Return H = (s/(s + ω))²; not in paper."""
+def washout(omega_rad_s: float | None) -> TransferFunction:
+    """Return H = (s/(s + ω))², not in paper, or H = 1 for None."""
+    if omega_rad_s is None:
+        return TransferFunction(0, (), ())
     return TransferFunction(2, (), (Factor(1.0, 2.0 * omega_rad_s, omega_rad_s**2),))
 
 

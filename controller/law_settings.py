@@ -172,42 +172,37 @@ class LawSettings(_TablesOfLaws):
         for table in (*([] if law.settings is None else [self._table]), *law.needs):
             if getattr(self, table, None) is None:
                 raise ValueError(f"law = {self.law!r} needs the table [{table}]")
-        if law.needs_vehicle and not isinstance(self.nominal_model, VehicleModelSettings):
-            raise ValueError(f"law = {self.law!r} needs nominal_model.kind = 'vehicle'")
+        if law.needs_vehicle:
+            self._vehicle_for(f"law = {self.law!r}")
         return self
+
+    def _vehicle_for(self, key: str) -> VehicleModelSettings:
+        """Return the nominal vehicle, without which a setting is refused."""
+        if not isinstance(self.nominal_model, VehicleModelSettings):
+            raise ValueError(f"{key} needs nominal_model.kind = 'vehicle'")
+        return self.nominal_model
 
     @model_validator(mode="after")
     def _refuse_an_estimate_without_a_vehicle(self) -> Self:
         if self.pd is not None and self.pd.derivative == "kalman":
             if not self.law_record.takes_derivative:
                 raise ValueError(f"pd.derivative = 'kalman' is not for law = {self.law!r}")
-            if not isinstance(self.nominal_model, VehicleModelSettings):
-                raise ValueError("pd.derivative = 'kalman' needs nominal_model.kind = 'vehicle'")
+            self._vehicle_for("pd.derivative = 'kalman'")
         return self
 
     @model_validator(mode="after")
     def _refuse_a_second_feed_forward(self) -> Self:
-        if self.feed_forward is None:
-            return self
-        if self.law_record.feed_forward_refusal:
-            raise ValueError(f"law = {self.law!r} {self.law_record.feed_forward_refusal}")
-        if not isinstance(self.nominal_model, VehicleModelSettings):
-            raise ValueError("[feed_forward] needs nominal_model.kind = 'vehicle'")
+        if self.feed_forward is not None:
+            if self.law_record.feed_forward_refusal:
+                raise ValueError(f"law = {self.law!r} {self.law_record.feed_forward_refusal}")
+            self._vehicle_for("[feed_forward]")
         return self
 
     @model_validator(mode="after")
     def _refuse_another_point_without_a_vehicle(self) -> Self:
-        if self.followed_point == "preview":
-            return self
-        if not isinstance(self.nominal_model, VehicleModelSettings):
-            raise ValueError(
-                f"followed_point = {self.followed_point!r} needs nominal_model.kind = 'vehicle'"
-            )
-        if self.nominal_model.preview_distance_m == 0.0:
-            raise ValueError(
-                f"followed_point = {self.followed_point!r} needs"
-                " nominal_model.preview_distance_m above 0"
-            )
+        key = f"followed_point = {self.followed_point!r}"
+        if self.followed_point != "preview" and not self._vehicle_for(key).preview_distance_m:
+            raise ValueError(f"{key} needs nominal_model.preview_distance_m above 0")
         return self
 
     @model_validator(mode="after")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..runtime.thresholds import Quantity, Report
-from .control_verdict import ControlVerdict
+from .run_figures import ControlVerdict
 
 
 def verdict_text(report: Report) -> str:

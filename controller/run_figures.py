@@ -3,13 +3,32 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Any
 
 from ..dbc.messages import Mode, Validity
 from ..runtime.node import NS_PER_S
 from ..runtime.statistics import DurationStatistics, durations_report
 from .control_sample import ControlSample
-from .control_verdict import control_verdict
+
+
+class ControlVerdict(StrEnum):
+    """The controller's verdict on its own work; how the path was held is the plant's to judge."""
+
+    NO_START = "no start"  # no measurement ever arrived
+    FAULT = "fault"  # it has found a fault in itself
+    SAFE_STOP = "safe stop"  # measurements have stopped
+    HOLDING = "holding"  # measurements have just stopped
+    IN_CONTROL = "in control"  # the run ends with the law steering
+
+
+_OF_MODE: Mapping[Mode, ControlVerdict] = {
+    Mode.WAITING: ControlVerdict.NO_START,
+    Mode.ACTIVE: ControlVerdict.IN_CONTROL,
+    Mode.HOLDING: ControlVerdict.HOLDING,
+    Mode.SAFE_STOP: ControlVerdict.SAFE_STOP,
+}
+"""Verdict on a run that ends in a mode without a fault of its own."""
 
 
 class RunFigures:
@@ -86,7 +105,7 @@ class RunFigures:
         since_start_ns = sum(ns for mode, ns in mode_ns.items() if mode is not Mode.WAITING)
         ticks = max(self._law_ticks, 1)
         return {
-            "verdict": str(control_verdict(failure, self._mode)),
+            "verdict": str(ControlVerdict.FAULT if failure else _OF_MODE[self._mode]),
             "active_share": mode_ns[Mode.ACTIVE] / since_start_ns if since_start_ns else 0.0,
             "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
             "measured_peak_m": self._measured_peak_m,

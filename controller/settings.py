@@ -34,7 +34,8 @@ PRESETS = "steer_by_wire.controller.presets"
 """The package with the presets that are shipped."""
 REPORTING_MS = 5.0
 """Part of the fault tolerant time for reporting on the bus: a late tick, and the wire."""
-
+_TIMEOUTS = ("measurement_timeout_ms", "steering_status_timeout_ms", "vehicle_state_timeout_ms")
+"""Keys of [supervision], in the order of ``AgeLimits``."""
 
 AgeMs = Annotated[float, Field(ge=1.0, le=10_000.0)]
 AgeMsOrOff = Annotated[Annotated[AgeMs, Tag("number")] | OffWord, NUMBER_OR_WORD]
@@ -97,12 +98,8 @@ class ControllerSettings(LawSettings):
     @model_validator(mode="after")
     def _refuse_a_reaction_that_comes_too_late(self) -> Self:
         table, period_ms = self.supervision, self.period_ns / NS_PER_MS
-        limits_ms: dict[str, float | str | None] = {
-            "measurement_timeout_ms": table.measurement_timeout_ms,
-            "steering_status_timeout_ms": table.steering_status_timeout_ms,
-            "vehicle_state_timeout_ms": table.vehicle_state_timeout_ms,
-        }
-        for key, limit_ms in limits_ms.items():
+        for key in _TIMEOUTS:
+            limit_ms = getattr(table, key)
             if isinstance(limit_ms, str):
                 continue
             # A tick may come a whole period after the timeout.
@@ -190,11 +187,7 @@ def age_limits_of(settings: ControllerSettings) -> AgeLimits:
             limit_ms = table.fault_tolerant_time_ms - reaction_ms
         return round(limit_ms * NS_PER_MS)
 
-    return AgeLimits(
-        limit_ns(table.measurement_timeout_ms),
-        limit_ns(table.steering_status_timeout_ms),
-        limit_ns(table.vehicle_state_timeout_ms),
-    )
+    return AgeLimits(*(limit_ns(getattr(table, key)) for key in _TIMEOUTS))
 
 
 def counters_of(settings: ControllerSettings) -> SequenceRule:

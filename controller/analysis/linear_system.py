@@ -9,7 +9,7 @@ are exact for a command held over the period and delayed by any time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..held_input import held_over
-from ..law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, History, LawInput, Link
+from ..law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput
 from ..transfer_function import TransferFunction
 
 
@@ -88,11 +88,10 @@ def law_system(design: LawDesign) -> LinearSystem:
     for unit in np.eye(order + commands + 1):
         values = [float(value) for value in _UNIT * unit]
         sent_rad, error_m = values[order:-1], values[-1]
-        state, output = design.step(
-            design.params,
-            _filled(rest, iter(values[:order])),
-            LawInput(error_m, sent_rad[0], NO_VEHICLE, *_link_and_history(sent_rad)),
-        )
+        history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
+        link = NO_LINK._replace(tick=commands)
+        seen = LawInput(error_m, sent_rad[0], NO_VEHICLE, link, history)
+        state, output = design.step(design.params, filled(rest, iter(values[:order])), seen)
         columns.append([*floats_of(state), output.steer_rad, *sent_rad[:-1]])
     rows = np.array(columns).T / _UNIT
     if not np.isfinite(rows).all():
@@ -100,12 +99,6 @@ def law_system(design: LawDesign) -> LinearSystem:
     rows.flags.writeable = False
     a, b = rows[:, :-1], rows[:, -1]
     return LinearSystem(a, b, a[order], float(b[order]))
-
-
-def _link_and_history(sent_rad: Sequence[float]) -> tuple[Link, History]:
-    """Return the link and history of a law that has sent only these commands, newest first."""
-    history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
-    return NO_LINK._replace(tick=len(sent_rad)), history
 
 
 def without_idle_states(system: LinearSystem) -> LinearSystem:
@@ -159,7 +152,10 @@ def companion_form(
 
 
 def polynomials(model: TransferFunction) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients of numerator and denominator, of the highest power of s first."""
+    """Return the coefficients of numerator and denominator, of the highest power of s first.
+
+    Powers of s are exact trailing zeros.
+    """
     return (
         _product(model.numerator, max(0, model.power_of_s)),
         _product(model.denominator, max(0, -model.power_of_s)),
@@ -169,7 +165,7 @@ def polynomials(model: TransferFunction) -> tuple[FloatArray, FloatArray]:
 def _product(factors: tuple[Any, ...], power_of_s: int) -> FloatArray:
     product = np.array([1.0, *[0.0] * power_of_s])
     for factor in factors:
-        product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))
+        product = np.polymul(product, factor)
     return product
 
 
@@ -185,8 +181,9 @@ def floats_of(nested: Any) -> list[float]:
     return numbers
 
 
-def _filled(form: Any, values: Iterator[float]) -> Any:
+def filled(form: Any, values: Iterator[float], kind: type = object) -> Any:
+    """Return a nested tuple with the next values in place of its members of a kind."""
     if not isinstance(form, tuple):
-        return next(values)
-    members = [_filled(member, values) for member in form]
+        return next(values) if isinstance(form, kind) else form
+    members = [filled(member, values, kind) for member in form]
     return type(form)(*members) if hasattr(form, "_fields") else tuple(members)

@@ -4,7 +4,6 @@ The law's own step function is evaluated once for every float of its state and f
 it reads. This determines a law completely if it is linear at a constant latency.
 """
 
-from collections.abc import Iterator
 from math import ceil
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ..design import LawDesign
 from ..law_interface import History, LawInput, Link, VehicleReading
-from .linear_system import floats_of
+from .linear_system import filled, floats_of
 from .looking_back import Timing, rows_read_at
 
 _RING = 4096
@@ -35,7 +34,7 @@ def unit_answers(
     answers = [design.step(params, rest, wire.seen(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
-        answers.append(design.step(params, _filled(rest, moved), wire.seen(tick)))
+        answers.append(design.step(params, filled(rest, moved, float), wire.seen(tick)))
     numbers = [(wire.sent_rad, number) for number in ticks]
     for sample in samples:
         numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
@@ -114,10 +113,3 @@ def _leaves(state: Any) -> list[float]:
 def floats_in(state: Any) -> int:
     """Return the number of floats in a law's state."""
     return len(_leaves(state))
-
-
-def _filled(form: Any, values: Iterator[float]) -> Any:
-    if isinstance(form, tuple):
-        members = [_filled(member, values) for member in form]
-        return type(form)(*members) if hasattr(form, "_fields") else tuple(members)
-    return next(values) if isinstance(form, float) else form

@@ -21,16 +21,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..controller.analysis.linear_system import polynomials
 from ..controller.design import required
-from ..controller.discretization import q_order_2, q_type_2, washout
+from ..controller.discretization import pd_compensator, q_order_2, q_type_2, washout
 from ..controller.law_settings import LawSettings
-from ..controller.shared_settings import CdobSettings, DobSettings, PdSettings
+from ..controller.shared_settings import CdobSettings, DobSettings
 from ..controller.transfer_function import Factor, TransferFunction
 from ..runtime.array_types import ComplexArray, FloatArray
 from .root_count import Polynomial, RootCount, count_roots, on_axis
 from .small_gain import CdobParts
-
-_ONE = TransferFunction(0, (), ())
 
 
 class ContinuousLaw(NamedTuple):
@@ -39,17 +38,6 @@ class ContinuousLaw(NamedTuple):
     reference: Polynomial  # R
     measurement: Polynomial  # M
     denominator: Polynomial  # E
-
-
-def pd_compensator(pd: PdSettings) -> TransferFunction:
-    """Return C(s) = K_p + K_d s/(s/N + 1) [rad/m], improper where the derivative is ideal."""
-    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
-    if pd.derivative_filter_rad_s is None:
-        return TransferFunction(0, (Factor(0.0, k_d, k_p),), ())
-    filter_s = 1.0 / pd.derivative_filter_rad_s
-    return TransferFunction(
-        0, (Factor(0.0, k_p * filter_s + k_d, k_p),), (Factor(0.0, filter_s, 1.0),)
-    )
 
 
 def continuous_law(settings: LawSettings) -> ContinuousLaw:
@@ -87,8 +75,7 @@ def cdob_parts(settings: LawSettings) -> CdobParts:
     cdob, model = settings.cdob, settings.model
     if cdob is None or model is None:
         raise ValueError(f"law = {settings.law!r} has no CDOB")
-    filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
-    q = filter_h.times(q_order_2(cdob.q_cutoff_rad_s))
+    q = washout(cdob.washout_rad_s).times(q_order_2(cdob.q_cutoff_rad_s))
     return CdobParts(pd_compensator(required(settings.pd)), q, model)
 
 
@@ -125,8 +112,7 @@ def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: floa
 
 def _with_cdob(pd: ContinuousLaw, cdob: CdobSettings, model: TransferFunction) -> ContinuousLaw:
     """Return u = C (r - y + H Q y - H G_n Q u) for C of ``pd``."""
-    filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
-    q = q_order_2(cdob.q_cutoff_rad_s)
+    filter_h, q = washout(cdob.washout_rad_s), q_order_2(cdob.q_cutoff_rad_s)
     compensation = filter_h.times(model)  # powers of s cancel here, as integers
     q_numerator, q_denominator = polynomials(q)
     n, d = polynomials(compensation)
@@ -155,13 +141,6 @@ def _with_dob(law: ContinuousLaw, q: TransferFunction, model: TransferFunction) 
         ),
         denominator=product(law.denominator, lacking, model_zeros),
     )
-
-
-def polynomials(transfer: TransferFunction) -> tuple[Polynomial, Polynomial]:
-    """Return numerator and denominator, their powers of s as exact trailing zeros."""
-    numerator = np.array([1.0, *[0.0] * max(0, transfer.power_of_s)])
-    denominator = np.array([1.0, *[0.0] * max(0, -transfer.power_of_s)])
-    return product(numerator, *transfer.numerator), product(denominator, *transfer.denominator)
 
 
 def _sum(one: Polynomial, other: Polynomial) -> Polynomial:

@@ -22,7 +22,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..controller.analysis.linear_system import held_plant
+from ..controller.analysis.linear_system import held_plant, polynomials
 from ..controller.analysis.sampled_loop import SampledLoop
 from ..controller.design import LawDesign
 from ..controller.discretization import design_pd
@@ -31,7 +31,6 @@ from ..controller.shared_settings import PdSettings
 from ..controller.transfer_function import Factor, TransferFunction
 from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
-from .continuous_loop import polynomials
 from .d_stability import DStability, delayed_loop_satisfies, in_s_plane, judge
 
 
@@ -87,8 +86,7 @@ class ContinuousGainLoop:
         self._inverse = model.inverse()
         self._filter = Factor(0.0, filter_s, 1.0)
         zeros, poles = polynomials(model)
-        constant = np.polymul(poles, np.trim_zeros(np.array(self._filter), "f"))
-        k_p = np.polymul(zeros, np.trim_zeros(np.array(self._filter), "f"))
+        constant, k_p = np.polymul(poles, self._filter), np.polymul(zeros, self._filter)
         k_d = np.polymul(zeros, [1.0, 0.0])
         length = max(len(constant), len(k_p), len(k_d))
         self._characteristic = np.array(

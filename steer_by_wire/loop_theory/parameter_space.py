@@ -127,7 +127,7 @@ def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window)
         square = _areas(
             shapely.intersection(square, shapely.union_all(good, grid_size=_GRID), grid_size=_GRID)
         )
-    polygon = _areas(shapely.make_valid(_from_window(square, window)))
+    polygon = _areas(shapely.make_valid(_scaled(square, *window.sides, *window.origin)))
     return GainRegion(polygon, tuple(curves), window)
 
 
@@ -202,8 +202,7 @@ def verified(
     away = 1e-3
     beside = _beside(region, generator, points // 2, away)
     gains = np.concatenate([spread, beside])
-    square = _in_window(region.polygon, window)
-    unit = (gains - window.origin) / window.sides
+    square, unit = _in_window(region.polygon, window), _unit(gains, window)
     if not square.is_empty:
         far = shapely.distance(square.boundary, shapely.points(unit)) > 0.5 * away
         gains = gains[far & np.all((unit > 0.0) & (unit < 1.0), axis=1)]
@@ -264,20 +263,13 @@ def _unit(gains: FloatArray, window: Window) -> FloatArray:
 
 def _in_window(shape: shapely.Geometry, window: Window) -> shapely.Geometry:
     """Return a shape of gains with the window as the unit square."""
-    (k_p, k_d), (k_p_side, k_d_side) = window.origin, window.sides
-    return affine_transform(
-        shape, [1.0 / k_p_side, 0.0, 0.0, 1.0 / k_d_side, -k_p / k_p_side, -k_d / k_d_side]
-    )
+    return _scaled(shape, *(1.0 / window.sides), *(-window.origin / window.sides))
 
 
-def _from_window(shape: shapely.Geometry, window: Window) -> shapely.Geometry:
-    """Return a shape in the unit square as one of gains."""
-    (k_p, k_d), (k_p_side, k_d_side) = window.origin, window.sides
-    return affine_transform(shape, [k_p_side, 0.0, 0.0, k_d_side, k_p, k_d])
-
-
-def _scaled(shape: shapely.Geometry, k_p: float, k_d: float) -> shapely.Geometry:
-    return affine_transform(shape, [k_p, 0.0, 0.0, k_d, 0.0, 0.0])
+def _scaled(
+    shape: shapely.Geometry, x: float, y: float, x_off: float = 0.0, y_off: float = 0.0
+) -> shapely.Geometry:
+    return affine_transform(shape, [x, 0.0, 0.0, y, x_off, y_off])
 
 
 def _areas(shape: shapely.Geometry) -> Polygon | MultiPolygon:

@@ -58,8 +58,7 @@ class Uncertainty(NamedTuple):
     @property
     def peak(self) -> Peak:
         """Return the largest of all."""
-        index = int(np.argmax(self.size))
-        return Peak(float(self.size[index]), float(self.omega_rad_s[index]))
+        return _peak(self.size, self.omega_rad_s)
 
 
 class CdobParts(NamedTuple):
@@ -129,9 +128,8 @@ def largest_uncertainty(
 
 def condition_23(q: TransferFunction, uncertainty: Uncertainty) -> Peak:
     """Return the largest |Q Δ_m|: the condition is met where it is below 1."""
-    return _peak(
-        np.abs(q.response(on_axis(uncertainty.omega_rad_s))) * uncertainty.size, uncertainty
-    )
+    omega_rad_s, size = uncertainty
+    return _peak(np.abs(q.response(on_axis(omega_rad_s))) * size, omega_rad_s)
 
 
 def cutoff_bound(q_of_cutoff: QFamily, uncertainty: Uncertainty) -> CutoffBound:
@@ -209,14 +207,12 @@ def _refined_peak(size: Callable[[FloatArray], FloatArray]) -> Peak:
     index = int(np.argmax(size(omega_rad_s)))
     around = omega_rad_s[max(0, index - 1)], omega_rad_s[min(_OMEGAS - 1, index + 1)]
     fine_rad_s = np.linspace(*around, 2001)
-    sizes = size(fine_rad_s)
-    finest = int(np.argmax(sizes))
-    return Peak(float(sizes[finest]), float(fine_rad_s[finest]))
+    return _peak(size(fine_rad_s), fine_rad_s)
 
 
-def _peak(sizes: FloatArray, uncertainty: Uncertainty) -> Peak:
+def _peak(sizes: FloatArray, omega_rad_s: FloatArray) -> Peak:
     index = int(np.argmax(sizes))
-    return Peak(float(sizes[index]), float(uncertainty.omega_rad_s[index]))
+    return Peak(float(sizes[index]), float(omega_rad_s[index]))
 
 
 def _edge(accepts: Callable[[float], bool], low: float, high: float, verdict_low: bool) -> float:

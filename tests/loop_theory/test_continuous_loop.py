@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law, required
-from steer_by_wire.controller.discretization import q_order_2, q_type_2, washout
+from steer_by_wire.controller.discretization import (
+    pd_compensator,
+    q_order_2,
+    q_type_2,
+    washout,
+)
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
@@ -24,7 +29,6 @@ from steer_by_wire.loop_theory.continuous_loop import (
     dob_alone,
     dob_q,
     loop_response,
-    pd_compensator,
     reference_response,
 )
 from steer_by_wire.loop_theory.root_count import RootCount, count_roots
