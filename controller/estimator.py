@@ -259,13 +259,6 @@ def start_estimate(x: EstimatorState, link: Link, history: History) -> Estimator
     index = known & history.sample_mask
     if known < 0 or not history.has_error[index]:
         return estimator_at_rest(x.lateral_error_m)
-    return EstimatorState(
-        known,
-        0.0,
-        0.0,
-        history.heading_error_rad[index],
-        history.lateral_error_m[index],
-        history.curvature_1_m[index] if known <= link.path_end else 0.0,
-        0.0,
-        0.0,
-    )
+    heading_rad, error_m = history.heading_error_rad[index], history.lateral_error_m[index]
+    curvature_1_m = history.curvature_1_m[index] if known <= link.path_end else 0.0
+    return EstimatorState(known, 0.0, 0.0, heading_rad, error_m, curvature_1_m, 0.0, 0.0)

@@ -63,15 +63,9 @@ class LinkMemory:
     def on_path(self, path: PathAhead, speed_m_s: float) -> None:
         """Store the path ahead, at the vehicle's speed."""
         counter, spacing_m, *ahead_1_m = path
+        params, rings, path_end, errors = self._params, self._rings, self._path_end, self._errors
         self._path_end = path_step(
-            self._params,
-            self._rings,
-            self._path_end,
-            self._errors,
-            counter,
-            spacing_m,
-            ahead_1_m,
-            speed_m_s,
+            params, rings, path_end, errors, counter, spacing_m, ahead_1_m, speed_m_s
         )
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
@@ -82,18 +76,10 @@ class LinkMemory:
 
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
         """Store an echo."""
-        wheel_rad, applied_counter, code = status
+        wheel_rad, applied, code = status
+        params, rings, errors, commands = self._params, self._rings, self._errors, self._commands
         self._echoes = echo_step(
-            self._params,
-            self._rings,
-            self._echoes,
-            self._errors,
-            self._commands,
-            counter,
-            applied_counter,
-            code,
-            wheel_rad,
-            now_ns,
+            params, rings, self._echoes, errors, commands, counter, applied, code, wheel_rad, now_ns
         )
 
     def on_command(self, period: int, sent_rad: float, *, is_planned: bool = False) -> None:
@@ -110,16 +96,9 @@ class LinkMemory:
 
     def link(self, period: int, now_ns: int) -> Link:
         """Return the link in a control period."""
-        tick = self._tick(period)
-        return link_at(
-            self._params,
-            self._errors,
-            self._echoes,
-            self._path_end,
-            self._vehicle_ns,
-            tick,
-            now_ns,
-        )
+        tick, errors, echoes = self._tick(period), self._errors, self._echoes
+        path_end, vehicle_ns = self._path_end, self._vehicle_ns
+        return link_at(self._params, errors, echoes, path_end, vehicle_ns, tick, now_ns)
 
     def sensor_period(self) -> Mapping[str, Any]:
         """Return whether the sensors' period agrees with its setting, ready for JSON.

@@ -12,7 +12,7 @@ back, so that the number of reports is bounded. Lost frames alone wait for the n
 network loses some all the time.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from ..dbc.messages import (
@@ -51,14 +51,18 @@ class SafetyFacts(NamedTuple):
 
         More went wrong where a message has become stale or a fault was detected.
         """
-        stale = Freshness.STALE
         return (
             self.fault is not reported.fault
             or self.motion_request > reported.motion_request
-            or (self.lateral_error is stale and reported.lateral_error is not stale)
-            or (self.steering_status is stale and reported.steering_status is not stale)
-            or (self.vehicle_state is stale and reported.vehicle_state is not stale)
+            or any(self.newly_stale(reported))
         )
+
+    def newly_stale(self, before: "SafetyFacts") -> Iterator[str]:
+        """Return which messages have become stale since."""
+        stale = Freshness.STALE
+        for name in _AGES:
+            if getattr(self, name) is stale and getattr(before, name) is not stale:
+                yield name
 
 
 class SafetyStatus:
@@ -82,9 +86,8 @@ class SafetyStatus:
         if facts is before and facts is reported:
             return False
         if before is not None and facts != before:
-            for name in _AGES:
-                is_stale, was_stale = (getattr(x, name) is Freshness.STALE for x in (facts, before))
-                self._went_stale[name] += is_stale and not was_stale
+            for name in facts.newly_stale(before):
+                self._went_stale[name] += 1
         self._before = facts
         if reported is None or facts == reported:
             return False
@@ -93,15 +96,5 @@ class SafetyStatus:
     def frame(self, facts: SafetyFacts, lost: int, now_ns: int) -> Frame:
         """Return the frame that reports ``facts`` and the frames lost so far."""
         self._reported, self._reported_ns = facts, now_ns
-        message = ControllerSafety(
-            facts.rejected % _LOST_COUNTERS,
-            lost % _LOST_COUNTERS,
-            facts.lateral_error,
-            facts.steering_status,
-            facts.vehicle_state,
-            facts.fault,
-            facts.second_sender,
-            facts.validity,
-            facts.motion_request,
-        )
-        return self._sender.frame(message)
+        counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
+        return self._sender.frame((*counts, *facts[1:]))

@@ -62,7 +62,7 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     if box is not None and box.given() and isinstance(model, VehicleModelSettings):
         limit_ns = min(DELAY_NS_MAX, round(box.delay_ms_max * NS_PER_MS))
         answers: Answers = {}
-        for vehicle in box.corners(NominalVehicle(**model.model_dump(exclude={"kind"}))):
+        for vehicle in box.corners(model.vehicle):
             changed = {key: getattr(vehicle, key) for key in box.given()}
             progress(f"stable delays at {in_words(changed)}")
             stable = _stable_delays_of(settings, vehicle, limit_ns, answers)

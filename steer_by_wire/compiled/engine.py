@@ -26,7 +26,7 @@ from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
-from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
+from .loop import COMPLETE, LAW_FAILED, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .motion import cg_deviations_m, compiled_motion
@@ -54,13 +54,8 @@ class Outcome(StrEnum):
     LAW_FAILED = "the law gave no finite command"
 
 
-_OUTCOMES = {
-    COMPLETE: Outcome.COMPLETE,
-    LEFT_RANGE: Outcome.LEFT_RANGE,
-    LAW_FAILED: Outcome.LAW_FAILED,
-}
-
-
+_OUTCOMES = tuple(Outcome)
+"""By the codes of ``compiled.loop``."""
 _FASTMATH = compiled_fastmath(run_segment)
 
 

@@ -101,7 +101,7 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
         command_due_ns=down.due_ns[through],
         command_tick=down.frame[through],
         sample_ns=sample_ns,
-        noise_m=_noise(plant, samples),
+        noise_m=sensor_noise(plant, samples, slice(1))[0],
         command_latency_ns=down.latency_ns[through],
         motion_ns=motion_ns,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
@@ -195,9 +195,12 @@ def _segments(
     )
 
 
-def _noise(plant: PlantSettings, samples: int) -> FloatArray:
-    deviation_m = plant.sensor_noise.lateral_error_m
-    if deviation_m == 0.0:
-        return np.zeros(samples)
-    first_of_three = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)[::3]
-    return deviation_m * normal_scores(first_of_three)
+def sensor_noise(plant: PlantSettings, samples: int, columns: slice) -> list[FloatArray]:
+    """Return the noise of each sample, of some of lateral error, heading error and yaw rate."""
+    noise = plant.sensor_noise
+    deviations = [noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s][columns]
+    if not any(deviations):
+        return [np.zeros(samples) for _ in deviations]
+    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
+    scores = map(normal_scores, uniforms[columns])
+    return [deviation * each for deviation, each in zip(deviations, scores, strict=True)]

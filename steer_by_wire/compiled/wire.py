@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from ..controller.law_interface import NO_HISTORY, History, Link, VehicleReading
+from ..controller.law_interface import NO_HISTORY, Link, VehicleReading
 from ..controller.limits import SteerLimits
 from ..controller.link_history import (
     NO_COMMANDS,
@@ -178,46 +178,29 @@ def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
 
 def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
     arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
+    params, rings = w.params, w.rings
     while arrivals < len(w.arrival_ns) and w.arrival_ns[arrivals] <= now_ns:
-        arrival_ns, sample = w.arrival_ns[arrivals], w.arrival_sample[arrivals]
-        message = w.arrival_message[arrivals]
+        came_ns, sample = w.arrival_ns[arrivals], w.arrival_sample[arrivals]
+        message, counter = w.arrival_message[arrivals], sample % COUNTERS
         if message == _LATERAL_ERROR:
+            error_m, heading_rad = r.measured_m[sample], w.measured_heading_rad[sample]
             errors = error_step(
-                w.params,
-                w.rings,
-                errors,
-                echoes,
-                sample % COUNTERS,
-                r.measured_m[sample],
-                w.measured_heading_rad[sample],
-                arrival_ns,
+                params, rings, errors, echoes, counter, error_m, heading_rad, came_ns
             )
         elif message == _STEERING_STATUS:
             command = r.command[sample]
+            applied = s.command_tick[command] % COMMAND_COUNTERS if command >= 0 else 0
+            code, wheel_rad = w.status[sample], w.wheel_rad[sample]
             echoes = echo_step(
-                w.params,
-                w.rings,
-                echoes,
-                errors,
-                commands,
-                sample % COUNTERS,
-                s.command_tick[command] % COMMAND_COUNTERS if command >= 0 else 0,
-                w.status[sample],
-                w.wheel_rad[sample],
-                arrival_ns,
+                params, rings, echoes, errors, commands, counter, applied, code, wheel_rad, came_ns
             )
         elif message == _VEHICLE_STATE:
-            vehicle_sample, vehicle_ns = sample, arrival_ns
+            vehicle_sample, vehicle_ns = sample, came_ns
         else:
+            speed_m_s = w.speed_m_s if vehicle_sample >= 0 else 0.0
+            ahead_1_m = w.path_ahead_1_m[sample // w.samples_per_path]
             path_end = path_step(
-                w.params,
-                w.rings,
-                path_end,
-                errors,
-                sample % COUNTERS,
-                w.path_spacing_m,
-                w.path_ahead_1_m[sample // w.samples_per_path],
-                w.speed_m_s if vehicle_sample >= 0 else 0.0,
+                params, rings, path_end, errors, counter, w.path_spacing_m, ahead_1_m, speed_m_s
             )
         arrivals += 1
     return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end)
@@ -258,14 +241,6 @@ def _record_played(w: Wire, sample: int, steer_rad: float) -> None:
     w.played_rad[sample] = steer_rad
 
 
-def _all_known(_wire: Wire) -> Known:
-    return NOTHING_KNOWN
-
-
-def _rings(w: Wire) -> History:
-    return history_of(w.rings)
-
-
 def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
@@ -292,9 +267,9 @@ play = _choosing(_play, without=math.nan)
 """(wire, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
 record_played = _choosing(_record_played)
 """(wire, sample, steer_rad): records what a plan lets act at a sample."""
-nothing_known = _choosing(_all_known)
+nothing_known = _choosing(lambda _wire: NOTHING_KNOWN)
 """(wire): returns the knowledge at the start."""
-wire_history = _choosing(_rings, without=NO_HISTORY)
+wire_history = _choosing(lambda wire: history_of(wire.rings), without=NO_HISTORY)
 """(wire): returns the history that laws read."""
 note_now = _choosing(_note_now)
 """(wire, now, known, tick, now_ns): writes what is known at a tick."""

@@ -23,11 +23,9 @@ from ..plant_emulator.motion_design import MotionParams
 from ..plant_emulator.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
 from ..plant_emulator.sampling import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
-from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NS_PER_S
-from .network import normal_scores
-from .plan import Plan, arrivals_of
+from .plan import Plan, arrivals_of, sensor_noise
 from .wire import Uplink, Wire, on_wire
 
 _KEPT = 8
@@ -141,17 +139,5 @@ def _received(
     sample = np.concatenate([arrivals.sample for arrivals in each])
     arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
     order = np.lexsort((message, sample, arrival_ns))
-    return _Received(arrival_ns[order], message[order], sample[order], *_noise(plant, samples))
-
-
-def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:
-    noise = plant.sensor_noise
-    deviations = (noise.heading_error_rad, noise.yaw_rate_rad_s)
-    if not any(deviations):
-        return np.zeros(samples), np.zeros(samples)
-    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)
-    heading, yaw_rate = (
-        deviation * normal_scores(uniforms[column::3])
-        for column, deviation in enumerate(deviations, 1)
-    )
-    return heading, yaw_rate
+    noise = sensor_noise(plant, samples, slice(1, 3))
+    return _Received(arrival_ns[order], message[order], sample[order], *noise)
