@@ -157,9 +157,7 @@ def test_a_run_that_is_not_the_golden_one_is_disturbed(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fault of the command, as if nobody listened to it."""
-    monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.trial.is_received_by_nobody", lambda _case: True
-    )
+    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.scenario.Case.is_unreceived", True)
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     result = run_trial(scenario)
     assert (result.verdict, result.as_golden) == (Verdict.DISTURBED, False)

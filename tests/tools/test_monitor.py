@@ -314,11 +314,11 @@ def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:
 def test_a_strip_shows_the_values_that_its_lowest_and_highest_block_stand_for() -> None:
     strip = tuple(0.001 * number for number in range(STRIP_LENGTH))
     last = f"{STRIP_LENGTH - 1:.3g}"
-    text = scaled_strip(strip, 20, BLOCKS, 1e3)
+    text = scaled_strip(strip, 20, BLOCKS)
     assert len(text) == 20
     assert text.endswith(f"{BLOCKS[-1]} 0..{last}")
     assert text.startswith(BLOCKS[0])
-    assert scaled_strip((None,) * STRIP_LENGTH, 20, BLOCKS, 1e3) == " " * 20
+    assert scaled_strip((None,) * STRIP_LENGTH, 20, BLOCKS) == " " * 20
 
 
 def test_a_strip_keeps_the_largest_of_what_falls_together() -> None:

@@ -159,13 +159,10 @@ def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
     with_folder = [
         f"{first.resolve().parent.name}-{stem}" for first, stem in zip(firsts, stems, strict=True)
     ]
+    kinds = (stems, with_folder, [first.name.replace(".", "_") for first in firsts])
     names = [
-        stem
-        if stems.count(stem) == 1
-        else with_folder[index]
-        if with_folder.count(with_folder[index]) == 1
-        else firsts[index].name.replace(".", "_")
-        for index, stem in enumerate(stems)
+        next((kind[index] for kind in kinds if kind.count(kind[index]) == 1), kinds[-1][index])
+        for index in range(len(firsts))
     ]
     return [
         out / (f"{name}-{names[:index].count(name) + 1}" if names.count(name) > 1 else name)

@@ -1,5 +1,6 @@
 """The figures of the analysed logs in the terminal: a column for each log."""
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,15 +43,15 @@ def print_results(results: Sequence[Result]) -> None:
         print(f"report: {result.folder / 'report.html'}")
 
 
-def _smoothed_line(name: str, mean: float | None, mean_std: float | None) -> str:
+def _smoothed_line(name: str, mean: float, mean_std: float) -> str:
     label, _, unit = name.replace("_", " ").rpartition(" ")
-    if mean is None or mean_std is None:
+    if not math.isfinite(mean + mean_std):
         return f"{label}: not known"
     return f"{label}: {1e3 * mean:.2f} ± {1e3 * mean_std:.2f} m{unit}"
 
 
-def _signal(name: str, key: str, digits: int) -> Callable[[dict[str, Any]], str]:
-    return lambda figures: milliseconds(figures["signals"][name][key], digits)
+def _signal(name: str, key: str) -> Callable[[dict[str, Any]], str]:
+    return lambda figures: milliseconds(figures["signals"][name][key])
 
 
 def _latency(name: str) -> Callable[[dict[str, Any]], str]:
@@ -69,12 +70,12 @@ def _missing(figures: dict[str, Any]) -> str:
 _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "frames": lambda figures: str(figures["frames"]),
     "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
-    "preview point, RMS [mm]": _signal("lateral_error_m", "rms", 2),
-    "preview point, peak [mm]": _signal("lateral_error_m", "peak", 2),
-    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms", 2),
-    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak", 2),
-    "steer, RMS [mrad]": _signal("steer_rad", "rms", 2),
-    "steer, peak [mrad]": _signal("steer_rad", "peak", 2),
+    "preview point, RMS [mm]": _signal("lateral_error_m", "rms"),
+    "preview point, peak [mm]": _signal("lateral_error_m", "peak"),
+    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms"),
+    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak"),
+    "steer, RMS [mrad]": _signal("steer_rad", "rms"),
+    "steer, peak [mrad]": _signal("steer_rad", "peak"),
     "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
     "downlink, p50/p99/jitter [ms]": _latency("downlink"),
     "uplink, p50/p99/jitter [ms]": _latency("uplink"),

@@ -122,8 +122,7 @@ class SmoothedTable:
         self.time_s, self.values, self.deviations = time_s, values, deviations
         means = zip(COLUMNS, values.mean(axis=0), deviations.mean(axis=0), strict=True)
         self.figures = {
-            name: {"mean": finite_or_none(mean), "mean_std": finite_or_none(std)}
-            for name, mean, std in means
+            name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
 
     def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -165,8 +164,3 @@ class SmoothedTable:
         if status.status is not SteeringStatusCode.APPLYING:
             return float("nan")
         return command_at(command, counter).steer_rad
-
-
-def finite_or_none(value: float) -> float | None:
-    """Return a number for JSON."""
-    return float(value) if np.isfinite(value) else None

@@ -26,12 +26,7 @@ from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import (
-    SettingsError,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from steer_by_wire.terminal import counting_bars, plain_console
 from steer_by_wire.tools.fault_campaign.acceptance import (
     Finding,

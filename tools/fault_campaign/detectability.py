@@ -156,6 +156,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
         return Expectation((), False, "no node receives this message: nothing may change")
     is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
     magnitude, period_s = fault.magnitude, period_s_of(fault, sight)
+    late_s = min(magnitude, fault.duration_s)
     match fault.kind:
         case FaultKind.DROP if magnitude >= 1.0:
             return _silence(fault, sight, is_stream, is_control)
@@ -167,12 +168,9 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             return Expectation(_E2E, False, "a counter comes twice")
         case FaultKind.REORDER:
             return Expectation(_E2E, False, "the counter jumps, then goes back")
-        case FaultKind.DELAY_SPIKE if (
-            is_stream and min(magnitude, fault.duration_s) > sight.age_limit_s
-        ):
-            return Expectation(
-                _FRESHNESS, is_control, "nothing arrives for longer than the age limit"
-            )
+        case FaultKind.DELAY_SPIKE if is_stream and late_s > sight.age_limit_s:
+            why = "nothing arrives for longer than the age limit"
+            return Expectation(_FRESHNESS, is_control, why)
         case FaultKind.DELAY_SPIKE:
             return Expectation((), False, "late by less than the age limit: the network may")
         case FaultKind.FREEZE:

@@ -15,7 +15,7 @@ from ...runtime.bus_model import BusModel
 from ...runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.virtual_time import VirtualTimeExecutor
-from .detectability import MECHANISM_OF, Sight, is_unreceived, sight_of
+from .detectability import MECHANISM_OF, Sight, sight_of
 from .node_faults import NodeFault, with_node_faults
 from .observation import Watch, bounds_of
 from .recovery import Way, way_of
@@ -66,8 +66,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     kinds = {fault.kind for fault in case.faults}
     # Where frames are forged too, a frame that nobody has sent may be intact.
     # A node that nobody receives cannot have its frames accepted.
-    is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
-    is_corrupting = is_corrupting and not all(map(is_unreceived, case.faults))
+    is_corrupting = kinds & _CORRUPTING and not kinds & _FORGING and not case.is_unreceived
 
     def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()

@@ -38,9 +38,9 @@ class Case(NamedTuple):
     where: str
     magnitude: float
     receiver: str
-    faults: tuple[FaultSettings, ...]
-    node_fault: NodeFault | None
     expected: detectability.Expectation
+    faults: tuple[FaultSettings, ...] = ()
+    node_fault: NodeFault | None = None
 
     @property
     def label(self) -> str:
@@ -48,6 +48,11 @@ class Case(NamedTuple):
         if self.kind == GOLDEN:
             return GOLDEN
         return f"{self.kind} {self.magnitude:g} {self.where}"
+
+    @property
+    def is_unreceived(self) -> bool:
+        """Whether all faults act where no node listens."""
+        return bool(self.faults) and all(map(detectability.is_unreceived, self.faults))
 
 
 class Scenario(NamedTuple):
@@ -120,21 +125,14 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
 
 def golden_case() -> Case:
     """Return the case without a fault."""
-    return Case(GOLDEN, "", 0.0, _BOTH, (), None, detectability.Expectation((), False, "no fault"))
+    return Case(GOLDEN, "", 0.0, _BOTH, detectability.Expectation((), False, "no fault"))
 
 
 def case_of_fault(fault: FaultSettings, sight: detectability.Sight) -> Case:
     """Return the case of one fault of the stage at the plant's edge."""
     receiver = PLANT if fault.direction == "downlink" else CONTROLLER
-    return Case(
-        fault.kind.value,
-        fault.message,
-        fault.magnitude,
-        receiver,
-        (fault,),
-        None,
-        detectability.expect_fault(fault, sight),
-    )
+    kind, expected = fault.kind.value, detectability.expect_fault(fault, sight)
+    return Case(kind, fault.message, fault.magnitude, receiver, expected, faults=(fault,))
 
 
 def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> Case:
@@ -142,15 +140,8 @@ def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> Case:
     receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
         receiver = fault.node
-    return Case(
-        fault.kind.value,
-        fault.node,
-        fault.magnitude,
-        receiver,
-        (),
-        fault,
-        detectability.expect_node_fault(fault, sight),
-    )
+    kind, expected = fault.kind.value, detectability.expect_node_fault(fault, sight)
+    return Case(kind, fault.node, fault.magnitude, receiver, expected, node_fault=fault)
 
 
 def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> PlantSettings:

@@ -12,7 +12,7 @@ from .recovery import command_returns, wheel_steps
 from .scenario import GOLDEN, Case, Scenario
 from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from .timing import times_of
-from .unreceived import is_as_golden, is_received_by_nobody
+from .unreceived import is_as_golden
 
 
 class Verdict(StrEnum):
@@ -149,7 +149,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     times, detected_ns = times_of(case, pair, effect_ns)
     false_ns = [*pair.plant.false_ns, *pair.controller.false_ns]
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
-    as_golden = is_as_golden(scenario, pair) if is_received_by_nobody(case) else None
+    as_golden = is_as_golden(scenario, pair) if case.is_unreceived else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = [one for one in pair.plant_node.samples if one.time_s >= effect_ns / NS_PER_S]
     result = Result(

@@ -10,19 +10,13 @@ from hashlib import sha256
 
 import numpy as np
 
-from .detectability import is_unreceived
 from .observation import COMMAND_IDS
 from .pair import Pair, make_pair, run_pair
-from .scenario import Case, Scenario, golden_case
+from .scenario import Scenario, golden_case
 
 _GOLDEN_KEPT = 32
 UNHINDERED_BIT_S = 1_000_000_000
 """A frame takes less than a microsecond."""
-
-
-def is_received_by_nobody(case: Case) -> bool:
-    """Whether all faults of a case act where no node listens."""
-    return bool(case.faults) and all(map(is_unreceived, case.faults))
 
 
 def is_as_golden(scenario: Scenario, pair: Pair) -> bool:

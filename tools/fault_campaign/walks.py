@@ -113,7 +113,7 @@ def failure_of(spec: CampaignSettings, walk: Walk, faults: Sequence[WalkFault]) 
     sight = scenario_sight(spec, walk.point, walk.law)
     motion_s = max([MOTION_S, *(_over_s(fault, sight) + RECOVERY_S for fault in stage)])
     longer = spec.model_copy(update={"motion_s": motion_s})
-    case = Case(_WALK, "", 0.0, "both", stage, None, Expectation((), False, _WALK))
+    case = Case(_WALK, "", 0.0, "both", Expectation((), False, _WALK), stage)
     scenario = Scenario(case, walk.point, walk.law, walk.seed, longer)
     try:
         pair = make_pair(scenario, nodes)

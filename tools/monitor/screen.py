@@ -74,12 +74,9 @@ def strip_text(strip: Strip, width: int, blocks: str) -> str:
     return "".join(" " if v is None else blocks[round((v - low) * scale)] for v in shown)
 
 
-def scaled_strip(strip: Strip, width: int, blocks: str, scale: float) -> str:
-    """Return a strip with the values that its lowest and highest blocks stand for.
-
-    ``scale``  from the strip's unit to the one shown beside it
-    """
-    there = [scale * value for value in strip if value is not None]
+def scaled_strip(strip: Strip, width: int, blocks: str) -> str:
+    """Return a strip and what its lowest and highest blocks stand for, in thousandths."""
+    there = [_ONE_MS * value for value in strip if value is not None]
     span = f" {min(there):.3g}..{max(there):.3g}" if there else ""
     return strip_text(strip, width - len(span), blocks) + span
 
@@ -120,7 +117,7 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
     vehicle, status = view.vehicle, view.controller
 
     def strip(name: str) -> str:
-        return scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS)
+        return scaled_strip(view.strips[name], strip_width, blocks)
 
     blank = " " * strip_width
     cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
@@ -171,7 +168,7 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
     return [
         _pair(
             _value(label, value, _ONE_MS, 2, "ms", sign="").ljust(30),
-            scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS),
+            scaled_strip(view.strips[name], strip_width, blocks),
             remark,
             view.is_stale("PLANT_STATUS") and name in ("downlink_s", "uplink_s"),
         )
