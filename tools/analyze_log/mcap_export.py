@@ -62,11 +62,10 @@ class McapFile:
         schema_id = self._writer.register_schema(
             name=name, encoding="jsonschema", data=json.dumps(schema).encode("ascii")
         )
-        return int(
-            self._writer.register_channel(
-                topic=f"/{name}", message_encoding="json", schema_id=schema_id
-            )
+        channel_id: int = self._writer.register_channel(
+            topic=f"/{name}", message_encoding="json", schema_id=schema_id
         )
+        return channel_id
 
 
 def _is_enumeration(kind: Any) -> bool:

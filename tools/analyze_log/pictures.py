@@ -126,9 +126,7 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    names = [
-        name for name, message in figures["messages"].items() if message["cycle"]["samples"] > 1
-    ]
+    names = [name for name, m in figures["messages"].items() if m["cycle"]["samples"] > 1]
     if not names:
         return None
     figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.05 * len(names)))

@@ -107,9 +107,7 @@ def tick_run(bench: Bench, rate_hz: int, seconds: float) -> TickRun:
     Without a channel for the requester the controller is fed.
     """
     cpu, period_ns = max(os.sched_getaffinity(0)), NS_PER_S // rate_hz
-    passages, reference, ticks = (
-        bench.folder / name for name in ("passages", "reference", "ticks")
-    )
+    passages, reference, ticks = (bench.folder / one for one in ("passages", "reference", "ticks"))
     loop_command = [str(bench.programs.timer_loop), str(period_ns), str(round(seconds * NS_PER_S))]
     loop = Role("timer_loop", [*loop_command, str(reference)], _beside(bench, ABOVE), cpu)
     roles = [loop]

@@ -54,10 +54,7 @@ def _run_all(executors: list[RealTimeExecutor], should_stop: Callable[[], bool])
     """Run until one has ended; then end the others. Raises what an executor has raised."""
     one_has_ended = False
     with ThreadPoolExecutor(len(executors)) as pool:
-        runs = [
-            pool.submit(executor.run, lambda: one_has_ended or should_stop())
-            for executor in executors
-        ]
+        runs = [pool.submit(each.run, lambda: one_has_ended or should_stop()) for each in executors]
         wait(runs, return_when=FIRST_COMPLETED)
         one_has_ended = True
     for run in runs:

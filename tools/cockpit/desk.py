@@ -126,9 +126,8 @@ class Desk:
         self._may_control = may_control
         self._worker = ThreadPoolExecutor(1, "desk")
         self._stack = ExitStack()
-        self.recordings = Path(
-            self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cockpit-recordings-"))
-        )
+        folder = tempfile.TemporaryDirectory(prefix="cockpit-recordings-")
+        self.recordings = Path(self._stack.enter_context(folder))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
         self._busy = ""

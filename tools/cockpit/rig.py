@@ -102,9 +102,8 @@ class Rig:
         settings = lane_settings(scenario)
         self.stop()
         with ExitStack() as stack:
-            folder = FilePath(
-                stack.enter_context(tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-"))
-            )
+            private = tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-")
+            folder = FilePath(stack.enter_context(private))
             names = [f"lane{number}" for number in range(1, len(settings) + 1)]
             seed = settings[0].plant.seed
             channels = stack.enter_context(

@@ -268,9 +268,7 @@ def payload_text(frame: Frame) -> str:
 def message_text(message: messages.Message) -> str:
     """Return every signal with its value and unit."""
     signals = _SIGNALS[type(message)]
-    return ", ".join(
-        _signal_text(signals[field], value) for field, value in message._asdict().items()
-    )
+    return ", ".join(_signal_text(signals[key], value) for key, value in message._asdict().items())
 
 
 def _signal_text(signal: SignalLayout, value: float) -> str:

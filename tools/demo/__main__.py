@@ -15,7 +15,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -162,10 +161,7 @@ def _present(
     """Print the tables, draw the pictures, write the summary; returns the exit status."""
     out, phases = options.out, phases_of(plant)
     pictures = draw_all(results, phases, out)
-    run: dict[str, Any] = {
-        "bus": channels.description,
-        "plant_settings": plant.model_dump(mode="json"),
-    }
+    run = {"bus": channels.description, "plant_settings": plant.model_dump(mode="json")}
     summary = summary_json(results, phases, run)
     write_json(out / "summary.json", summary)
     console.print(story_table(results, phases))

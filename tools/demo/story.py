@@ -105,9 +105,7 @@ def phases_of(settings: PlantSettings) -> list[Phase]:
     """Return the phases of a run."""
     points = settings.latency.downlink.schedule
     ends = [*(point.time_s for point in points[1:]), settings.duration_s]
-    return [
-        Phase(_title(point), point.time_s, end) for point, end in zip(points, ends, strict=True)
-    ]
+    return [Phase(_title(one), one.time_s, end) for one, end in zip(points, ends, strict=True)]
 
 
 def _title(point: SchedulePoint) -> str:

@@ -87,16 +87,14 @@ def examine() -> tuple[Section, ...]:
 
 
 def _software() -> list[Finding]:
-    findings = [
+    extras = OPTIONAL_LIBRARIES.items()
+    return [
         Finding("Python", True, f"{platform.python_version()} ({sys.executable})"),
         Finding("system", True, platform.platform()),
         _library(DISTRIBUTION, "pip install ."),
+        *(_library(name, f"pip install '{name}'") for name in LIBRARIES),
+        *(_library(name, f"pip install '.[{extra}]'") for name, extra in extras),
     ]
-    findings += [_library(name, f"pip install '{name}'") for name in LIBRARIES]
-    findings += [
-        _library(name, f"pip install '.[{extra}]'") for name, extra in OPTIONAL_LIBRARIES.items()
-    ]
-    return findings
 
 
 def _library(name: str, advice: str) -> Finding:
@@ -244,10 +242,7 @@ def _rights() -> list[Finding]:
     request = RealTimeRequest(priority=REAL_TIME_PRIORITY, lock_memory=True)
     with real_time(request) as answers:
         granted = list(answers)
-    return [
-        Finding(name, got, detail, "" if got else advice.get(name, ""))
-        for name, got, detail in granted
-    ]
+    return [Finding(*one, "" if one.got else advice.get(one.name, "")) for one in granted]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -266,9 +261,7 @@ def _examine(arguments: Sequence[str] | None) -> ExitStatus:
 
 def as_json(sections: Sequence[Section]) -> str:
     """Return the findings as one JSON object, by the titles of the sections."""
-    content = {
-        section.title: [finding._asdict() for finding in section.findings] for section in sections
-    }
+    content = {one.title: [finding._asdict() for finding in one.findings] for one in sections}
     return json.dumps(content, indent=1)
 
 

@@ -229,11 +229,7 @@ def _protected(results: Sequence[Result]) -> Finding:
 
 def _queues(results: Sequence[Result]) -> Finding:
     """Every queue of a node rejects what exceeds its size; only a full bus fills one."""
-    filled = [
-        result
-        for result in results
-        if result.bus_refused and result.kind != NodeFaultKind.BABBLING.value
-    ]
+    filled = [one for one in results if one.bus_refused and one.kind != NodeFaultKind.BABBLING]
     refused = sum(result.bus_refused for result in results)
     figure = f"{refused} frames found their queue of 64 full, all behind a babbling node"
     if filled:

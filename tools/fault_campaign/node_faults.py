@@ -62,9 +62,7 @@ class Stricken(Wrapper[ReportingNode]):
 
     def _catch_up(self, now_ns: int) -> Sequence[Frame]:
         """Take the frames that have waited."""
-        answers = [
-            answer for frame in self._waiting for answer in self.node.on_frame(frame, now_ns)
-        ]
+        answers = [answer for one in self._waiting for answer in self.node.on_frame(one, now_ns)]
         self._waiting.clear()
         return answers
 

@@ -220,11 +220,9 @@ def _comparison_section(comparison: Comparison) -> Section:
         for one in results[:_FAILED_SHOWN]
     ]
     summary = comparison_lines(comparison)[0]
-    summary += f"; up to {_FAILED_SHOWN} runs of a group are named"
+    summary += f"; up to {_FAILED_SHOWN} runs of a group are named."
     tables = [Table(("group", "run", "verdict now", "FHTI now [ms]"), rows)]
-    return Section(
-        "Beside the earlier campaign", [summary[0].upper() + summary[1:] + "."], tables=tables
-    )
+    return Section("Beside the earlier campaign", [summary[0].upper() + summary[1:]], tables=tables)
 
 
 def _named_groups(comparison: Comparison) -> list[tuple[str, list[Result]]]:

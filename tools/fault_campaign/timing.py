@@ -42,11 +42,8 @@ def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]
             return _UNSEEN, None
         fdti_s, cause = min(seen)
         detected_ns = min(watch.first_seen_ns[cause], detected_ns or NEVER_NS)
-        safe = [
-            since_s
-            for since_s, one in _since(watch, None, effect_ns, late_ns)
-            if one in SAFE_CAUSES
-        ]
+        any_cause = _since(watch, None, effect_ns, late_ns)
+        safe = [since_s for since_s, one in any_cause if one in SAFE_CAUSES]
         fhti_s: float | None = fdti_s
         if case.expected.safe_state:
             fhti_s = max(fdti_s, min(safe)) if safe else None

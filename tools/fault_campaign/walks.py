@@ -130,9 +130,8 @@ def walk_lines(walks: Sequence[Walk], again: str) -> list[str]:
 
     ``again``  the command that runs walks of the same specification, to which a seed is added
     """
-    failed = sorted(
-        (walk for walk in walks if walk.failure), key=lambda walk: (len(walk.shortest), walk.seed)
-    )
+    failed = [walk for walk in walks if walk.failure]
+    failed.sort(key=lambda walk: (len(walk.shortest), walk.seed))
     count = sum(len(walk.faults) for walk in walks)
     lines = [f"{len(walks)} walks of {count} faults in all: {len(failed)} failed"]
     for walk in failed:

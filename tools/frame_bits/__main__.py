@@ -97,9 +97,7 @@ def _text(frame: Frame, rates: BitRates) -> str:
     duration_us = 1e6 * ((len(bits) - fast) / rates.nominal_bit_s + fast / rates.data_bit_s)
     at_data_rate = f" ({fast} at the data bit rate)" if fast else ""
     stuffed = sum(bit.is_stuff for bit in bits)
-    lines.append(
-        f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"
-    )
+    lines += [f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"]
     return "\n".join(lines)
 
 

@@ -136,9 +136,8 @@ def _records(choices: Choices) -> bytes:
     kind = choices.integer(0, 5)
     if kind < 3:
         frame = Sender().frame(choices)
-        raw = protocol.pack_frame(
-            record, frame._replace(data=frame.data[: 8 if record.size < 80 else 64])
-        )
+        length_max = 8 if record.size < 80 else 64
+        raw = protocol.pack_frame(record, frame._replace(data=frame.data[:length_max]))
         raw *= choices.integer(1, 80)
     elif kind == 3:
         chosen = [

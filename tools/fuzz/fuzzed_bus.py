@@ -97,11 +97,10 @@ class FuzzedBus:
             received = self._listener.recv(1 << 16)
             promise(bool(received), "the broker has dropped the receiver")
             self._raw += received
-        while len(self._raw) >= protocol.CLASSIC_RECORD.size:
-            frame, _ = protocol.unpack_delivery(
-                protocol.CLASSIC_RECORD, self._raw[: protocol.CLASSIC_RECORD.size]
-            )
-            self._raw = self._raw[protocol.CLASSIC_RECORD.size :]
+        record = protocol.CLASSIC_RECORD
+        while len(self._raw) >= record.size:
+            frame, _ = protocol.unpack_delivery(record, self._raw[: record.size])
+            self._raw = self._raw[record.size :]
             if not isinstance(frame, Frame):
                 promise(False, f"a client that sends nothing receives {frame}")
                 return

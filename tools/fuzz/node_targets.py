@@ -92,24 +92,16 @@ def fuzz_controller(data: bytes) -> None:
     """Let any traffic come to a controller."""
     choices = Choices(data)
     settings = controller_settings(choices.integer(0, len(CONTROLLERS) - 1))
-    drive(
-        choices,
-        lambda: ControllerNode(settings, 0),
-        (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS),
-        outgoing_of_controller(settings),
-    )
+    known = (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS)
+    drive(choices, lambda: ControllerNode(settings, 0), known, outgoing_of_controller(settings))
 
 
 def fuzz_plant(data: bytes) -> None:
     """Let any traffic come to a plant."""
     choices = Choices(data)
     settings, params = plant_settings(choices.integer(0, len(PLANTS) - 1))
-    drive(
-        choices,
-        lambda: PlantNode(settings, 0, params),
-        (*PLANT_RECEIVES, *PLANT_SENDS),
-        outgoing_of_plant(),
-    )
+    known = (*PLANT_RECEIVES, *PLANT_SENDS)
+    drive(choices, lambda: PlantNode(settings, 0, params), known, outgoing_of_plant())
 
 
 @lru_cache

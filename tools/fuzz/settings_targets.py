@@ -62,20 +62,14 @@ def fuzz_settings(data: bytes) -> None:
     if subject.preset_package is not None and not choices.chance(32):
         names = preset_names(subject.preset_package)
         preset = read_preset(subject.preset_package, choices.pick(names))
-    overrides = [
-        f"{_key(choices, leaves)}={toml_value(choices)}"
-        for _ in range(choices.integer(0, ENTRIES_MAX))
-    ]
+    overrides = _entries(choices, leaves, "=")
     with TemporaryDirectory() as folder:
         file = Path(folder) / "fuzzed.toml"
         if choices.chance(96):
             file.write_bytes(choices.rest())
         else:
-            lines = [
-                f"{_key(choices, leaves)} = {toml_value(choices)}"
-                for _ in range(choices.integer(0, ENTRIES_MAX))
-            ]
-            file.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+            text = "\n".join(_entries(choices, leaves, " = "))
+            file.write_text(text, encoding="utf-8", errors="replace")
         settings = settled(
             lambda: load_settings(subject.model, preset, file, overrides),
             (str(file), "command line", "preset ", "settings"),
@@ -160,8 +154,12 @@ def _leaves(root: Mapping[str, Any], schema: Mapping[str, Any], prefix: str) -> 
         yield from _leaves(root, child, dotted)
 
 
-def _key(choices: Choices, leaves: Sequence[str]) -> str:
-    return choices.text(12) if choices.chance(16) else choices.pick(leaves)
+def _entries(choices: Choices, leaves: Sequence[str], equals: str) -> list[str]:
+    entries = []
+    for _ in range(choices.integer(0, ENTRIES_MAX)):
+        key = choices.text(12) if choices.chance(16) else choices.pick(leaves)
+        entries.append(f"{key}{equals}{toml_value(choices)}")
+    return entries
 
 
 def toml_value(choices: Choices) -> str:

@@ -56,10 +56,7 @@ class BusOffFault:
             )
         self.fault = fault
         self._bus = bus
-        self._plan = [
-            start_ns + round(fault.onset_s * NS_PER_S),
-            start_ns + round(fault.end_s * NS_PER_S),
-        ]
+        self._plan = [start_ns + round(at_s * NS_PER_S) for at_s in (fault.onset_s, fault.end_s)]
 
     @property
     def where(self) -> str:

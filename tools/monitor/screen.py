@@ -237,9 +237,7 @@ def _refused(view: View) -> Text:
     ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
     more = ",.." if len(view.foreign_ids) > 4 else ""
     nodes = (("plant", view.plant), ("controller", view.safety))
-    counts = ", ".join(
-        f"{name} {one.lost}/{one.rejected}" for name, one in nodes if one is not None
-    )
+    counts = ", ".join(f"{who} {one.lost}/{one.rejected}" for who, one in nodes if one is not None)
     counted = f"; lost/refused: {counts}" if counts else ""
     causes = ", ".join(f"{cause} {count}" for cause, count in view.refused.items()) or "0"
     return Text(

@@ -207,12 +207,10 @@ def probe(options: argparse.Namespace, report: Report) -> Probe:
     """Measure; raises BusError when the bus cannot be opened or fails."""
     with _bus(options) as (bus, opened), shutting_down(opened.port):
         measured = [_measure(bus, opened, ORDINARY, RealTimeRequest(cpu=options.cpu), report)]
-        refused = "" if _wants_rights(options) else "not asked for"
+        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
+        refused = _refusal(request) if _wants_rights(options) else "not asked for"
         if not refused:
-            request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
-            refused = _refusal(request)
-            if not refused:
-                measured.append(_measure(bus, opened, REAL_TIME, request, report))
+            measured.append(_measure(bus, opened, REAL_TIME, request, report))
         return Probe(opened.description, opened.driver, measured, refused)
 
 

@@ -155,11 +155,10 @@ def run_live_soak(
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = programs.stop(name)
         report("reading the logs")
-        bus = census.read_bus_log(
-            programs.path("bus", ".log"), plan.babble_ids, plan.bus.bitrate_bit_s
-        )
+        bitrate_bit_s = plan.bus.bitrate_bit_s
+        bus = census.read_bus_log(programs.path("bus", ".log"), plan.babble_ids, bitrate_bit_s)
         own_logs = [programs.path(name, ".log") for name in (CONTROLLER, PLANT)]
-        messages = census.count_messages(bus, own_logs, plan.bus.bitrate_bit_s)
+        messages = census.count_messages(bus, own_logs, bitrate_bit_s)
         sent, _ = census.read_own_log(own_logs[0])
         modes = [
             ((time_ns - bus.babble_ns[0]) * 1e-9, mode.name, steer_rad)

@@ -138,11 +138,9 @@ def starve_findings(run: LiveSoak) -> Iterator[Finding]:
         for time_ns, _ in frames
         if first_ns + STARVED_S_MIN * NS_PER_S < time_ns < last_ns
     ]
-    starved = (
-        f"{len(through)} frames of the pair got through in {(last_ns - first_ns) * 1e-9:.2f} s"
-    )
-    yield Finding("the pair is starved", not through, starved)
     ends_s = (last_ns - first_ns) * 1e-9
+    figure = f"{len(through)} frames of the pair got through in {ends_s:.2f} s"
+    yield Finding("the pair is starved", not through, figure)
     hold_s = next((s for s, mode, _ in run.modes if mode == Mode.HOLDING.name and s > 0.0), None)
     figure = "never" if hold_s is None else f"{1e3 * hold_s:.0f} ms after the onset"
     yield Finding("controller in HOLDING", hold_s is not None and hold_s < ends_s, figure)
@@ -155,10 +153,9 @@ def starve_findings(run: LiveSoak) -> Iterator[Finding]:
     back_s = next((s for s, mode, _ in run.modes if mode == Mode.ACTIVE.name and s > ends_s), None)
     figure = "never" if back_s is None else f"{1e3 * (back_s - ends_s):.0f} ms after the end"
     yield Finding("controller in control again", back_s is not None, figure)
-    figure = (
-        f"{guard['recoveries']}x, {guard['ignored_commands']} commands after the silence ignored"
-    )
-    yield Finding("plant following again", guard["recoveries"] >= 1, figure)
+    times, ignored = guard["recoveries"], guard["ignored_commands"]
+    figure = f"{times}x, {ignored} commands after the silence ignored"
+    yield Finding("plant following again", times >= 1, figure)
     yield _handed_over_is_on_bus(run)
     yield _recorder_complete(run)
     yield _nobody_disconnected(run)

@@ -83,16 +83,13 @@ class Outcome(NamedTuple):
 
 def judge_trial(trial: Trial) -> Outcome:
     """Read the files of a run, and judge it."""
-    counts = {
-        name: counts_of(trial.reports[name])
-        for name in (PLANT, CONTROLLER)
-        if name in trial.reports
-    }
+    programs, reports = (PLANT, CONTROLLER), trial.reports
+    counts = {name: counts_of(reports[name]) for name in programs if name in reports}
     end_ns = trial.observed[1]
     on_bus = _bus_frames(trial.bus_log)
     onset_ns = _onset_ns(trial, on_bus)
     reactions, sent = {}, {}
-    for name in (PLANT, CONTROLLER):
+    for name in programs:
         sent[name] = _sent(trial.own_log(name))
         own = {frame for _, frame in sent[name]}
         seen = [(time_ns, frame) for time_ns, frame in on_bus if frame in own]
