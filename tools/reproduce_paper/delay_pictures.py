@@ -20,6 +20,7 @@ STEER_SHOWN_S = 10.0
 """Only the first seconds of the steer are drawn: later, a limit cycle is a filled area."""
 
 _ERROR_STEP_S, _STEER_STEP_S, _LAP_STEP_S = 0.02, 0.005, 0.1
+_COLUMN = {False: "lateral_error_m", True: "wheel_angle_rad"}
 _COLOUR_OF = {
     "PD": COLOURS[0],
     "PD+CDOB": COLOURS[1],
@@ -44,7 +45,7 @@ def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
         for label, run in runs.items():
             few = _shown(run, steer)
             columns["time_s"] = few.time_s
-            columns[f"{variant.title}: {label} {_unit(steer)}"] = _values(few, steer)
+            columns[f"{variant.title}: {label} {_COLUMN[steer]}"] = _values(few, steer)
             text = f"{label}, RMS {rms(_values(run, steer)):.3g} {'rad' if steer else 'm'}"
             axes.plot(few.time_s, _values(few, steer), color=_COLOUR_OF[label], lw=0.9, label=text)
         axes.set(xlabel="time [s]")
@@ -64,7 +65,7 @@ def two_laps(name: str, runs: Mapping[str, History], lap_s: float, *, steer: boo
     for label, run in few.items():
         values = np.full(longest.time_s.size, np.nan)
         values[: run.time_s.size] = _values(run, steer)
-        columns[f"{label} {_unit(steer)}"] = values
+        columns[f"{label} {_COLUMN[steer]}"] = values
         axes.plot(longest.time_s, values, color=_COLOUR_OF[label], lw=1.0, label=label)
     for lap in (1, 2):
         axes.axvline(lap * lap_s, color="0.4", lw=0.9, ls="-.")
@@ -105,7 +106,3 @@ def _shown(run: History, steer: bool) -> History:
 
 def _values(run: History, steer: bool) -> FloatArray:
     return run.wheel_angle_rad if steer else run.lateral_error_m
-
-
-def _unit(steer: bool) -> str:
-    return "wheel_angle_rad" if steer else "lateral_error_m"

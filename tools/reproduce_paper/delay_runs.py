@@ -97,15 +97,12 @@ CDOB_AND_DDOB = (
     ),
 )
 
-Runs = Mapping[str, History]
-"""Runs by the label of their law."""
-
 
 class Compared(NamedTuple):
-    """A variant and its runs."""
+    """A variant and its runs, by the label of their law."""
 
     variant: Variant
-    runs: Runs
+    runs: Mapping[str, History]
 
     @property
     def pair(self) -> tuple[History, History]:

@@ -80,14 +80,11 @@ def figure_10() -> Reproduction:
 def figure_11() -> Reproduction:
     """Return |y/r| at the four vertices with DOB, and the spread beside that of Figure 10."""
     without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
-    closed = without.closed_loop.spread_at(SPREAD_AT_RAD_S)
-    closed_dob = with_dob.closed_loop.spread_at(SPREAD_AT_RAD_S)
-    worst = without.closed_loop.largest_spread(LOW_RAD_S)[0]
-    worst_dob = with_dob.closed_loop.largest_spread(LOW_RAD_S)[0]
-    plant = without.regulated.spread_at(SPREAD_AT_RAD_S)
-    plant_dob = with_dob.regulated.spread_at(SPREAD_AT_RAD_S)
+    both = without, with_dob
+    closed = [one.closed_loop.spread_at(SPREAD_AT_RAD_S) for one in both]
+    worst = [one.closed_loop.largest_spread(LOW_RAD_S)[0] for one in both]
+    plant = [one.regulated.spread_at(SPREAD_AT_RAD_S) for one in both]
     ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
-    at = f"at {SPREAD_AT_RAD_S} rad/s, without and with DOB"
     return Reproduction(
         key="figure_11",
         title="Figure 11: |y/r| at the four vertices, with DOB",
@@ -99,24 +96,9 @@ def figure_11() -> Reproduction:
         ),
         comparisons=(
             *_spread_comparisons(with_dob, "y/u_new"),
-            Comparison(
-                f"spread of |y/r| {at}",
-                "smaller with DOB",
-                f"{_decibels(closed):.4f} and {_decibels(closed_dob):.4f} dB",
-                closed_dob < closed,
-            ),
-            Comparison(
-                f"largest spread of |y/r| up to {LOW_RAD_S:g} rad/s, without and with DOB",
-                "smaller with DOB",
-                f"{_decibels(worst):.2f} and {_decibels(worst_dob):.2f} dB",
-                worst_dob < worst,
-            ),
-            Comparison(
-                f"spread of |y/u_new| {at}",
-                "smaller with DOB",
-                f"{_decibels(plant):.3f} and {_decibels(plant_dob):.3f} dB",
-                plant_dob < plant,
-            ),
+            _smaller(f"spread of |y/r| at {SPREAD_AT_RAD_S} rad/s", *closed, digits=4),
+            _smaller(f"largest spread of |y/r| up to {LOW_RAD_S:g} rad/s", *worst, digits=2),
+            _smaller(f"spread of |y/u_new| at {SPREAD_AT_RAD_S} rad/s", *plant, digits=3),
             unpublished(
                 "ω up to which |y/u_new| spreads less than |y/u|", f"{ends_rad_s:.2f} rad/s"
             ),
@@ -155,6 +137,15 @@ def help_ends_rad_s(without: CornerResponses, with_dob: CornerResponses) -> floa
 
 def _decibels(ratio: float) -> float:
     return float(20.0 * np.log10(ratio))
+
+
+def _smaller(what: str, without: float, with_dob: float, *, digits: int) -> Comparison:
+    return Comparison(
+        f"{what}, without and with DOB",
+        "smaller with DOB",
+        f"{_decibels(without):.{digits}f} and {_decibels(with_dob):.{digits}f} dB",
+        with_dob < without,
+    )
 
 
 def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:

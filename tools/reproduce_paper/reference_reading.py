@@ -165,12 +165,9 @@ def _compared(
     compared = []
     for filter_rad_s in FILTERS_RAD_S:
         what = f"RMS {quantity.name}, {READING}, N = {filter_rad_s:g} rad/s"
-        first, second = (rms(_values(law, filter_rad_s, quantity)) for law in laws)
-        texts = (
-            f"{law.label}: {value:.4f} {quantity.unit}"
-            for law, value in zip(laws, (first, second), strict=True)
-        )
-        is_held = holds(first, second)
+        values = {law.label: rms(_values(law, filter_rad_s, quantity)) for law in laws}
+        texts = (f"{label}: {value:.4f} {quantity.unit}" for label, value in values.items())
+        is_held = holds(*values.values())
         compared.append(Comparison(what, statement, "; ".join(texts), is_held, CLAIM, READING))
     return compared
 

@@ -14,7 +14,6 @@ from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.array_types import FloatArray
 
 PAPER_DELAY_S = 0.08
-AT_1_KHZ = "sensor_period_ms=1"
 
 
 class History(NamedTuple):
@@ -40,7 +39,7 @@ def simulate(plant_settings: PlantSettings, controller_settings: ControllerSetti
 
 def paper_plant(preset: str, *overrides: str) -> PlantSettings:
     """Return a preset of the plant, measuring at 1 kHz, below ``table.key=value`` overrides."""
-    return plant_preset(preset, [AT_1_KHZ, *overrides])
+    return plant_preset(preset, ["sensor_period_ms=1", *overrides])
 
 
 def thinned(trace: History, step_s: float) -> History:
