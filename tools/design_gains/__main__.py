@@ -72,26 +72,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "VEHICLE --spec SPEC [options]",
     )
     parser.add_argument(
-        "vehicle",
-        type=settings_file(SHIPPED),
-        metavar="VEHICLE",
+        "vehicle", type=settings_file(SHIPPED), metavar="VEHICLE",
         help="a file, or paper_vehicle or highway_vehicle",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--spec",
-        type=settings_file(SHIPPED),
-        required=True,
-        metavar="SPEC",
+        "--spec", type=settings_file(SHIPPED), required=True, metavar="SPEC",
         help=f"a file, or one of {', '.join(_specifications())}",
-    )
+    )  # fmt: skip
     add_overrides_argument(parser, what="one value on top of the specification")
     add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
-        "--pictures",
-        type=Path,
-        metavar="DIR",
+        "--pictures", type=Path, metavar="DIR",
         help="folder for pictures and the plant's settings (default: as --out)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--verify",
         action="store_true",

@@ -48,11 +48,6 @@ def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
         yield Reason(key, value, down, up)
 
 
-def active(judgement: Judgement) -> list[Demand]:
-    """Return the numeric demands that are met with hardly anything to spare."""
-    return [d for d in judgement.demands if d.limit and d.value > (1.0 - _ACTIVE) * d.limit]
-
-
 def failed(judgement: Judgement) -> list[str]:
     """Return in words which demands are not met."""
     return [_failure(demand) for demand in judgement.demands if demand.excess]
@@ -77,13 +72,13 @@ def reason_lines(found: Reason, now: float) -> Iterator[str]:
 
 def demand_lines(judgement: Judgement) -> Iterator[str]:
     """Yield one line for each demand that is a number."""
-    held = {demand.name for demand in active(judgement)}
     for demand in judgement.demands:
         if demand.name not in _NUMBER_UNITS:
             continue
         unit = _NUMBER_UNITS[demand.name]
         at_most = "" if demand.limit == float("inf") else f", at most {demand.limit:g}{unit}"
-        note = "  <- active" if demand.name in held else ""
+        is_active = demand.limit and demand.value > (1.0 - _ACTIVE) * demand.limit
+        note = "  <- active" if is_active else ""
         yield f"  {demand.name:17} {demand.value:.4g}{unit}{at_most}{note}"
 
 

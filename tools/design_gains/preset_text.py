@@ -38,9 +38,9 @@ def preset_text(
     The supervision is left out: it has nothing to do with the design, and its defaults hold.
     """
     delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
-    judged = _conditions(spec, vehicle, f"{len(vehicle.box.vertices())} corners")
-    head = _head(spec, design.law, delays, sources)
-    return _commented([*head, *judged], _figures(spec, design), design.settings)
+    judged = f"{len(vehicle.box.vertices())} corners"
+    head = _head(spec, vehicle, design.law, delays, judged, sources)
+    return _commented(head, _figures(spec, design), design.settings)
 
 
 def predictor_preset_text(
@@ -52,17 +52,27 @@ def predictor_preset_text(
 ) -> str:
     """Return the TOML of a predictor's preset."""
     delays = f"delay from 0 to {table.delay_ms_max:g} ms, measured by the echo."
-    judged = _conditions(spec, vehicle, f"{design.vehicles} vehicles")
-    head = _head(spec, "predictor", delays, sources)
-    return _commented([*head, *judged], predictor_figures(spec, table, design), design.settings)
+    judged = f"{design.vehicles} vehicles"
+    head = _head(spec, vehicle, "predictor", delays, judged, sources)
+    return _commented(head, predictor_figures(spec, table, design), design.settings)
 
 
-def _head(spec: Specification, law: str, delays: str, sources: tuple[str, str]) -> list[str]:
-    return [
-        f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}",
-        f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
-        "",
-    ]
+def _head(
+    spec: Specification,
+    vehicle: VehicleFile,
+    law: str,
+    delays: str,
+    judged: str,
+    sources: tuple[str, str],
+) -> Iterator[str]:
+    yield f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}"
+    yield f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit."
+    yield ""
+    yield f"Worst of {judged} and, where none is given, of all delays:"
+    for field, minimum, maximum in vehicle.box.ranges:
+        yield f"  {field} {minimum:.6g} to {maximum:.6g}"
+    for path in spec.course.paths:
+        yield f"  {path_in_words(path)}, {spec.course.duration_s:g} s"
 
 
 def predictor_figures(
@@ -77,26 +87,17 @@ def predictor_figures(
             f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {table.ignore_s:g} s on,"
             f" {rms_m:.4f} m from the start",
         )
-    for jitter, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
-        yield (
-            "jitter",
-            f"{rms_m:.4f} m at {jitter.mean_ms:g} ± {jitter.spread_ms:g} ms,"
-            f" {100.0 * jitter.loss:g} % lost (gamma, newest wins)",
-        )
+    yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins")
     yield (
         "noise",
         f"{1e2 * table.lateral_error_noise_m:g} cm add {design.steer_noise_rad:.2g} rad of steer,"
         f" limit {table.steer_noise_rad_max:g}",
     )
-    yield (
-        "peak sensitivity",
-        f"{design.peak_sensitivity:.3g}, limit {spec.peak_sensitivity_max:g}",
-    )
+    peak = f"{design.peak_sensitivity:.3g}, limit {spec.peak_sensitivity_max:g}"
+    yield "peak sensitivity", peak
     for met, largest_m in zip(table.conditions, design.conditions_m, strict=True):
-        yield (
-            "largest error",
-            f"{largest_m:.2f} m, limit {met.error_m_max:g}, at {conditions_in_words(met)}",
-        )
+        limit = f"limit {met.error_m_max:g}, at {conditions_in_words(met)}"
+        yield "largest error", f"{largest_m:.2f} m, {limit}"
     yield (
         "without echoes",
         f"pd_ddob, stable up to a constant delay of {design.fallback_up_to_ns // NS_PER_MS} ms",
@@ -121,7 +122,7 @@ def conditions_in_words(met: ConditionsTable) -> str:
 
 
 def _commented(
-    comments: Sequence[str], figures: Iterable[tuple[str, str]], settings: ControllerSettings
+    comments: Iterable[str], figures: Iterable[tuple[str, str]], settings: ControllerSettings
 ) -> str:
     lines = [*comments, "", *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in figures)]
     commented = "".join(f"# {line}".rstrip() + "\n" for line in lines)
@@ -139,14 +140,6 @@ def _untouched(settings: ControllerSettings) -> list[str]:
     ]
 
 
-def _conditions(spec: Specification, vehicle: VehicleFile, judged: str) -> Iterator[str]:
-    yield f"Worst of {judged} and, where none is given, of all delays:"
-    for field, minimum, maximum in vehicle.box.ranges:
-        yield f"  {field} {minimum:.6g} to {maximum:.6g}"
-    for path in spec.course.paths:
-        yield f"  {path_in_words(path)}, {spec.course.duration_s:g} s"
-
-
 def path_in_words(path: PathSettings) -> str:
     """Return a path with its measures."""
     kind, *measures = path.model_dump(mode="json").items()
@@ -158,34 +151,31 @@ def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
     demands = {demand.name: demand for demand in design.found.judgement.demands}
     worst_m = design.rms.rms_m.max(axis=0)
     last = design.rms.delays_ns.index(spec.delays_ns[-1])
-    yield (
-        "RMS error",
-        f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms",
-    )
+    rms = f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms"
+    yield "RMS error", rms
     if design.rms_held_up_to_ns is not None:
         held_ms = design.rms_held_up_to_ns // NS_PER_MS
         yield "", f"at most {spec.rms_m_max_of(design.law):g} m up to {held_ms} ms"
-    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
-        yield (
-            "jitter",
-            f"{rms_m:.4f} m at {table.mean_ms:g} ± {table.spread_ms:g} ms,"
-            f" {100.0 * table.loss:g} % lost (gamma, newest wins; virtual time)",
-        )
+    yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins; virtual time")
     confirmation = design.found.confirmation
     if confirmation is not None:
         yield "stable", f"up to {confirmation.stable_up_to_ns // NS_PER_MS} ms"
         if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
             lag_ms = confirmation.with_lag_up_to_ns // NS_PER_MS
-            yield (
-                "",
-                f"up to {lag_ms} ms behind a steering actuator lag of {spec.actuator.lag_s:g} s",
-            )
+            lag = f"a steering actuator lag of {spec.actuator.lag_s:g} s"
+            yield "", f"up to {lag_ms} ms behind {lag}"
         yield "settling", f"no mode decays more slowly than {confirmation.decay_1_s:.3g} 1/s"
     yield "peak sensitivity", _limited(demands["peak sensitivity"], "")
     noise = demands["noise gain"]
     yield "noise gain", _limited(noise, " rad/m")
     yield "", f"{1e2 * _NOISE_M:g} cm of white noise: {_NOISE_M * noise.value:.2g} rad of steer"
     yield "largest steer", _limited(demands["steer"], " rad")
+
+
+def _jitters(spec: Specification, rms_m: Sequence[float], how: str) -> Iterator[tuple[str, str]]:
+    for table, value_m in zip(spec.jitter, rms_m, strict=True):
+        at = f"{table.mean_ms:g} ± {table.spread_ms:g} ms, {100.0 * table.loss:g} % lost"
+        yield "jitter", f"{value_m:.4f} m at {at} ({how})"
 
 
 def _limited(demand: Demand, unit: str) -> str:
