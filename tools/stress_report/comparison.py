@@ -32,7 +32,6 @@ class Comparison(NamedTuple):
     controller: int
     runs: int
     held: int
-    pairs: int
     only_it: int
     only_reference: int
     low: float
@@ -67,7 +66,6 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
         controller=place,
         runs=len(it),
         held=int(np.count_nonzero(rows.holds[it])),
-        pairs=len(one),
         only_it=int(np.count_nonzero(rows.holds[one] & ~rows.holds[other])),
         only_reference=int(np.count_nonzero(~rows.holds[one] & rows.holds[other])),
         low=float(low),

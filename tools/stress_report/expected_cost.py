@@ -68,11 +68,6 @@ class ExpectedCost(NamedTuple):
     error_mean_m: FloatArray
     error_deviation_m: FloatArray
 
-    @property
-    def rms_m(self) -> float:
-        """The root of the expected mean square."""
-        return math.sqrt(self.mean_square_m2)
-
 
 def expected_cost(
     plant: PlantSettings,
@@ -87,8 +82,8 @@ def expected_cost(
     """
     loop = linear_loop(plant, controller, steps_per_period)
     step_s = loop.period_s / steps_per_period
-    moments = _Moments(loop, _arrivals(plant.latency.downlink, step_s, steps_per_period, rounding))
-    return moments.cost()
+    when = _arrivals(plant.latency.downlink, step_s, steps_per_period, rounding)
+    return _Moments(loop, when).cost()
 
 
 def latency_cdf(line: LatencySettings) -> arrivals.LatencyCdf:
@@ -115,13 +110,13 @@ def _arrivals(
 ) -> arrivals.Arrivals:
     """Return when commands arrive, in whole steps, as far as the tail matters."""
     cdf, shift = latency_cdf(line), 0.5 if rounding is Rounding.NEAREST else 0.0
-    count = 64
-    while True:
-        values = cdf((np.arange(count, dtype=np.float64) + shift) * step_s)
-        if values[-1] >= 1.0 - 1e-3 * arrivals.AGE_PROBABILITY_MIN or count >= 1 << 16:
-            needed = int(np.searchsorted(values, 1.0 - 1e-3 * arrivals.AGE_PROBABILITY_MIN)) + 1
-            return arrivals.Arrivals(values[:needed], line.loss, steps_per_period)
-        count *= 2
+    enough = 1.0 - 1e-3 * arrivals.AGE_PROBABILITY_MIN
+    for exponent in range(6, 17):
+        values = cdf((np.arange(1 << exponent, dtype=np.float64) + shift) * step_s)
+        if values[-1] >= enough:
+            break
+    needed = int(np.searchsorted(values, enough)) + 1
+    return arrivals.Arrivals(values[:needed], line.loss, steps_per_period)
 
 
 class _Moments:

@@ -7,7 +7,7 @@ levels of all other factors. Only factors with a few levels are compared. For th
 or belong to the network, see the heat maps and break-points.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -156,9 +156,12 @@ def level_sections(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Sect
     )
     if conditions:
         paragraphs.append("Further tables have medians over all runs of a combination of levels.")
-        tables.append(_conditions(study, factors, conditions))
+        headings = ("runs held", "RMS error [mm]", *EFFORT_HEADINGS)
+        tables.append(_conditions(study, factors, conditions, headings, _all_runs))
         if 1 < latencies <= LATENCIES_MAX:
-            tables.append(_by_latency(study, factors, conditions, axes.mean.labels))
+            each = product(("steer [mrad]", "error [mm]"), axes.mean.labels)
+            headings = tuple(f"{what}, {latency} ms" for what, latency in each)
+            tables.append(_conditions(study, factors, conditions, headings, _by_latency))
     return [Section("Level by level", paragraphs, tables=tables)]
 
 
@@ -180,43 +183,27 @@ def _ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> Table:
 
 
 def _conditions(
-    study: StudyRecord, factors: Sequence[FactorRecord], conditions: Sequence[Condition]
-) -> Table:
-    headings = (
-        *("Controller", *(factor.name for factor in factors), "runs held", "RMS error [mm]"),
-        *EFFORT_HEADINGS,
-    )
-    cells = [
-        (
-            Cell(study.names[one.controller]),
-            *map(Cell, one.levels),
-            number(f"{one.held:,} of {one.runs:,}"),
-            number(millimetres(one.rms_m)),
-            *effort_cells(one.effort),
-        )
-        for one in conditions
-    ]
-    return Table(headings, cells)
-
-
-def _by_latency(
     study: StudyRecord,
     factors: Sequence[FactorRecord],
     conditions: Sequence[Condition],
-    latencies_ms: Sequence[str],
+    headings: Sequence[str],
+    cells_of: Callable[[Condition], Sequence[Cell]],
 ) -> Table:
-    headings = (
-        *("Controller", *(factor.name for factor in factors)),
-        *(f"steer [mrad], {label} ms" for label in latencies_ms),
-        *(f"error [mm], {label} ms" for label in latencies_ms),
-    )
-    cells = [
-        (
-            Cell(study.names[one.controller]),
-            *map(Cell, one.levels),
-            *(number(three_digits(1e3 * value)) for value in one.steer_by_latency_rad),
-            *(number(millimetres(value)) for value in one.rms_by_latency_m),
-        )
+    """Return a row for each law and combination of levels, with some of its figures."""
+    rows = [
+        (Cell(study.names[one.controller]), *map(Cell, one.levels), *cells_of(one))
         for one in conditions
     ]
-    return Table(headings, cells)
+    return Table(("Controller", *(factor.name for factor in factors), *headings), rows)
+
+
+def _all_runs(one: Condition) -> Sequence[Cell]:
+    held = number(f"{one.held:,} of {one.runs:,}")
+    return held, number(millimetres(one.rms_m)), *effort_cells(one.effort)
+
+
+def _by_latency(one: Condition) -> Sequence[Cell]:
+    return (
+        *(number(three_digits(1e3 * value)) for value in one.steer_by_latency_rad),
+        *(number(millimetres(value)) for value in one.rms_by_latency_m),
+    )

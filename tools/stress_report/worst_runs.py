@@ -30,15 +30,15 @@ class WorstRun(NamedTuple):
     steer_rad_max: float
 
 
-def worst_runs(study: StudyRecord, rows: Rows, count: int = COUNT) -> list[WorstRun]:
-    """Return the worst runs, the worst first."""
+def worst_runs(study: StudyRecord, rows: Rows) -> list[WorstRun]:
+    """Return the worst runs, the worst first; COUNT at most."""
     has_left = rows.verdict == VERDICTS.index(Verdict.LEFT_RANGE)
     known = np.flatnonzero(np.isfinite(rows.rms_m))
     left_s = np.where(has_left[known], rows.duration_s[known], np.inf)
     worst_first = known[np.lexsort((-rows.rms_m[known], left_s))]
     point = rows.case[worst_first] // int(study.sampling["replicates"])
     _, first = np.unique(point * len(study.names) + rows.controller[worst_first], return_index=True)
-    chosen = worst_first[np.sort(first)[:count]].tolist()
+    chosen = worst_first[np.sort(first)[:COUNT]].tolist()
     overrides = read_overrides(study, [int(rows.id[row]) for row in chosen])
     return [_again(study, rows, row, overrides[int(rows.id[row])]) for row in chosen]
 
