@@ -36,9 +36,9 @@ def junction(x: int, y: int, *signs: tuple[str, int, int]) -> str:
     return f'<circle class="sum" cx="{x}" cy="{y}" r="11"/>{texts}'
 
 
-def flow(path: str, *, arrow: bool = True) -> str:
+def flow(path: str) -> str:
     """Return a line along an SVG path, with an arrow at its end."""
-    return f'<path class="{"flow" if arrow else "line"}" d="{path}"/>'
+    return f'<path class="flow" d="{path}"/>'
 
 
 def label(x: int, y: int, text: str) -> str:

@@ -58,42 +58,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(NAME, __doc__, f"{NAME} --step-ms 100 --seeds 1 --duration-s 20")
     add_out_argument(parser, "out/comparison")
     parser.add_argument(
-        "--step-ms",
-        type=int,
-        default=25,
-        choices=(10, 20, 25, 50, 100),
+        "--step-ms", type=int, default=25, choices=(10, 20, 25, 50, 100),
         help="step between delays (default: %(default)s)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--seeds",
-        type=int,
-        default=3,
-        choices=range(1, 101),
-        metavar="1..100",
+        "--seeds", type=int, default=3, choices=range(1, 101), metavar="1..100",
         help="seeds per random network (default: %(default)s)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--duration-s",
-        type=float,
-        default=60.0,
-        choices=(20.0, 60.0, 120.0),
-        metavar="S",
+        "--duration-s", type=float, default=60.0, choices=(20.0, 60.0, 120.0), metavar="S",
         help="duration of each run: 20, 60 or 120 (default: %(default)g)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--interior",
-        type=whole_number(0, INTERIOR_MAX),
-        default=0,
-        metavar="POINTS",
+        "--interior", type=whole_number(0, INTERIOR_MAX), default=0, metavar="POINTS",
         help="instead the predictors' centre of gravity at so many points inside the box",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--law",
-        action="append",
-        default=[],
-        metavar="PACKAGE.MODULE:LAW",
+        "--law", action="append", default=[], metavar="PACKAGE.MODULE:LAW",
         help="a law of your own, with the tables of practical_pd_ddob; repeatable",
-    )
+    )  # fmt: skip
     add_overrides_argument(
         parser, "--law-set", "a setting of your laws, such as own_law.gain=2", dest=None
     )
@@ -119,8 +102,7 @@ def _cells(
     with stop.on_signals(), counting_bars(plain_console()) as bars:
         task = bars.add_task("")
         cells = compute(
-            progress=lambda done, of: bars.update(task, completed=done, total=of),
-            should_stop=stop,
+            progress=lambda done, of: bars.update(task, completed=done, total=of), should_stop=stop
         )
     file = options.out / name
     with file.open("w", newline="", encoding="utf-8") as opened:

@@ -42,12 +42,11 @@ class BusSettings(NamedTuple):
         """Return a new bus, for a simulation."""
         return BusModel(self.bitrate_bit_s, self.data_bitrate_bit_s, _AT_ONCE_MAX)
 
-    def wire(self, granularity_ns: int | None = None) -> Wire:
+    def wire(self) -> Wire:
         """Return what the analysis needs of the bus."""
         interval_ms = self.error_interval_ms
         interval_ns = None if interval_ms is None else max(1, round(interval_ms * NS_PER_MS))
-        wire = wire_of(self.bitrate_bit_s, interval_ns, granularity_ns)
-        return wire._replace(errors=self.errors)
+        return wire_of(self.bitrate_bit_s, interval_ns)._replace(errors=self.errors)
 
     def duration_ns(self, bits: FrameBits) -> int:
         """Return how long so many bits take, rounded up [ns]."""
@@ -69,23 +68,13 @@ class SentMessage(NamedTuple):
     mean_period_ns: int
 
 
-class MessageSet(NamedTuple):
-    """The messages of the files.
+def read_messages(
+    files: Sequence[Path], periods: Sequence[str], bus: BusSettings
+) -> tuple[list[SentMessage], list[str], list[str]]:
+    """Return the messages of the files by priority, and the names of segmented and left out ones.
 
-    ``sent``       by priority
-    ``segmented``  names of those that are sent in segments
-    ``left_out``   names of those without a period
-    """
-
-    sent: list[SentMessage]
-    segmented: list[str]
-    left_out: list[str]
-
-
-def read_messages(files: Sequence[Path], periods: Sequence[str], bus: BusSettings) -> MessageSet:
-    """Read the files.
-
-    Raises SettingsError for a file that cannot be read, and for two messages of one identifier.
+    Left out are those without a period. Raises SettingsError for a file that cannot be read, and
+    for two messages of one identifier.
     """
     listed = [message for file in files for message in _read(file)]
     periods_ms = _periods_ms(periods, [message.name for message in listed])
@@ -112,7 +101,7 @@ def read_messages(files: Sequence[Path], periods: Sequence[str], bus: BusSetting
         sent += _in_segments(source, messages, bus)
     sent.sort(key=lambda message: message.bound.priority)
     segmented = [message.name for messages in by_source.values() for message, _ in messages]
-    return MessageSet(sent, segmented, left_out)
+    return sent, segmented, left_out
 
 
 def _read(file: Path) -> tuple[ListedMessage, ...]:

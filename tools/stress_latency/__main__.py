@@ -61,11 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} latency_jitter --dry-run", "STUDY [options]")
     parser.add_argument(
-        "study",
-        type=settings_file("steer_by_wire.studies"),
-        metavar="STUDY",
+        "study", type=settings_file("steer_by_wire.studies"), metavar="STUDY",
         help=f"a file, or one of {', '.join(preset_names('steer_by_wire.studies'))}",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for the results (default: out/stress/NAME)"
     )
@@ -80,20 +78,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-report", action="store_true", help="write no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--threads",
-        type=whole_number(1, 4096),
-        metavar="N",
+        "--threads", type=whole_number(1, 4096), metavar="N",
         help="default: one per processor; for runs over a bus processes",
-    )
+    )  # fmt: skip
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
     )
     where.add_argument(
-        "--workers",
-        type=whole_number(1, 4096),
-        metavar="N",
+        "--workers", type=whole_number(1, 4096), metavar="N",
         help="number of processes, through dask",
-    )
+    )  # fmt: skip
     again = parser.add_argument_group("repeated runs")
     again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
     again.add_argument(
@@ -102,11 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="repeat with the real programs in real time: emulated, vcan0 or INTERFACE:CHANNEL",
     )
     again.add_argument(
-        "--subset",
-        type=whole_number(1, 4096),
-        metavar="N",
+        "--subset", type=whole_number(1, 4096), metavar="N",
         help="number of runs of --live, spread evenly",
-    )
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     if options.live and options.replay is None and options.subset is None:
         parser.error("--live needs --subset N or --replay ID")

@@ -170,11 +170,7 @@ class Estimate(NamedTuple):
 
 
 def run_study(
-    store: Store,
-    workers: Workers,
-    on_progress: Callable[[int], None],
-    should_stop: ShouldStop,
-    clock_s: Callable[[], float] = time.monotonic,
+    store: Store, workers: Workers, on_progress: Callable[[int], None], should_stop: ShouldStop
 ) -> bool:
     """Compute and store what is missing; returns whether the study is complete.
 
@@ -184,16 +180,16 @@ def run_study(
     """
     if store.is_complete:
         return True
-    flushed_s = clock_s()
+    flushed_s = time.monotonic()
     try:
         block_runs = BLOCK_RUNS if store.scenarios.study.bus is None else 1
         for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
             if len(computed.ids):
                 store.put(computed)
                 on_progress(len(computed.ids))
-            if clock_s() - flushed_s >= FLUSH_S:
+            if time.monotonic() - flushed_s >= FLUSH_S:
                 store.flush()
-                flushed_s = clock_s()
+                flushed_s = time.monotonic()
     finally:
         store.flush()
     if should_stop() and next(store.missing(), None):
