@@ -48,16 +48,21 @@ def study_axes(study: StudyRecord, rows: Rows) -> StudyAxes:
     mean = _factor(study.factors, ("mean_s",))
     jitter = _factor(study.factors, ("spread_fraction", "spread_s"))
     others = [f.name for f in study.factors if f not in (mean, jitter)]
-    group = np.zeros(len(rows.id), dtype=np.int64)
-    for name in others:
-        _, places = np.unique(rows.factors[name], return_inverse=True)
-        _, group = np.unique(group * (int(places.max()) + 1) + places, return_inverse=True)
+    group = same_levels(np.zeros(len(rows.id), dtype=np.int64), rows, others)
     return StudyAxes(
         _axis(mean, rows, "mean latency [ms]", 1e3),
         _axis(jitter, rows, *_jitter_title(jitter)),
         group,
         tuple(others),
     )
+
+
+def same_levels(key: IntArray, rows: Rows, factors: Sequence[str]) -> IntArray:
+    """Return a number for each row, the same where ``key`` and the levels of factors are."""
+    for name in factors:
+        _, place = np.unique(rows.factors[name], return_inverse=True)
+        _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
+    return np.asarray(key, dtype=np.int64)
 
 
 def is_share(axis: Axis) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...reports.page import Cell, Section, Table, number
 from ...runtime.array_types import IntArray
-from .axes import LATENCY, StudyAxes
+from .axes import LATENCY, StudyAxes, same_levels
 from .comparison import Effort, effort, median
 from .results import FactorRecord, Rows, StudyRecord
 from .sections import EFFORT_HEADINGS, effort_cells, millimetres, ratio, three_digits
@@ -63,7 +63,8 @@ def compared_factors(study: StudyRecord) -> list[FactorRecord]:
 
 def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[Ratios]:
     """Return the effect of the levels of a factor, law by law."""
-    rest = _same_but_for(study, rows, factor)
+    others = [other.name for other in study.factors if other.name != factor.name]
+    rest = same_levels(rows.case % int(study.sampling["replicates"]), rows, others)
     found = []
     for controller in range(len(study.names)):
         own = rows.controller == controller
@@ -123,16 +124,6 @@ def _is_at(rows: Rows, factor: FactorRecord, label: object) -> IntArray:
     return np.asarray(column == (str(label) if column.dtype == object else label))
 
 
-def _same_but_for(study: StudyRecord, rows: Rows, factor: FactorRecord) -> IntArray:
-    """Return a number for each row, the same where all but the factor is the same."""
-    key = rows.case % int(study.sampling["replicates"])
-    for other in study.factors:
-        if other.name != factor.name:
-            _, place = np.unique(rows.factors[other.name], return_inverse=True)
-            _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
-    return np.asarray(key, dtype=np.int64)
-
-
 LATENCIES_MAX = 6
 """More mean latencies than these get no columns; the heat maps have them."""
 
@@ -160,8 +151,8 @@ def level_sections(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Sect
         tables.append(_conditions(study, factors, conditions, headings, _all_runs))
         if 1 < latencies <= LATENCIES_MAX:
             each = product(("steer [mrad]", "error [mm]"), axes.mean.labels)
-            headings = tuple(f"{what}, {latency} ms" for what, latency in each)
-            tables.append(_conditions(study, factors, conditions, headings, _by_latency))
+            figures = [f"{what}, {latency} ms" for what, latency in each]
+            tables.append(_conditions(study, factors, conditions, figures, _by_latency))
     return [Section("Level by level", paragraphs, tables=tables)]
 
 
