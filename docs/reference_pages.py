@@ -80,9 +80,8 @@ def _table(model: type[Settings], place: str) -> Iterator[str]:
     if rows:
         yield "\n".join(["| Key | Allowed | Default | |", "|---|---|---|---|", *rows, ""])
     for key, table in inner:
-        kind = (
-            get_args(table.model_fields["kind"].annotation) if "kind" in table.model_fields else ()
-        )
+        kind_field = table.model_fields.get("kind")
+        kind = get_args(kind_field.annotation) if kind_field else ()
         yield f"## `[{key}]`{f' with kind = {kind[0]}' if kind else ''}\n"
         yield from _table(table, key)
 

@@ -103,10 +103,7 @@ def _csv_of(runs: Sequence[BusRun]) -> bytes:
     return text.getvalue().encode()
 
 
-Group = tuple[Point, str, list[BusRun]]
-
-
-def groups_of(runs: Sequence[BusRun]) -> list[Group]:
+def groups_of(runs: Sequence[BusRun]) -> list[tuple[Point, str, list[BusRun]]]:
     """Return the runs by point and controller, in their order."""
     groups: dict[tuple[Point, str], list[BusRun]] = {}
     for run in runs:

@@ -56,10 +56,9 @@ class NetworkVerdict(NamedTuple):
 def figure_12() -> Reproduction:
     """Return |L_n/(1 + L_n)| against 1/|Δ_m|, ideal and filtered derivative, and what is exact."""
     ideal = published_law("pd_cdob")
-    filtered = published_law("pd_cdob", f"pd.derivative_filter_rad_s={FILTER_RAD_S}")
-    slower = published_law(
-        "pd_cdob", f"pd.derivative_filter_rad_s={FILTER_RAD_S}", "cdob.q_cutoff_rad_s=100"
-    )
+    derivative = f"pd.derivative_filter_rad_s={FILTER_RAD_S}"
+    filtered = published_law("pd_cdob", derivative)
+    slower = published_law("pd_cdob", derivative, "cdob.q_cutoff_rad_s=100")
     return Reproduction(
         key="figure_12",
         title="Figure 12: |L_n/(1 + L_n)| against 1/|Δ_m|",
