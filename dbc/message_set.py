@@ -71,11 +71,5 @@ def _listed(message: Message, path: Path) -> ListedMessage:
         length = min((fits for fits in DATA_LENGTH_CODE if fits >= length), default=-1)
         if length < 0:
             raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
-    return ListedMessage(
-        message.name,
-        message.frame_id,
-        flags,
-        length,
-        max(message.cycle_time or 0, 0) or None,
-        tuple(message.senders),
-    )
+    cycle_ms, senders = max(message.cycle_time or 0, 0) or None, tuple(message.senders)
+    return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

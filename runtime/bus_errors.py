@@ -53,8 +53,7 @@ class _Member:
 
     def __init__(self) -> None:
         self.counters = ErrorCounters()
-        self.own_frames = 0
-        self.all_frames = 0
+        self.own_frames = self.all_frames = 0
 
 
 class BusErrors:
@@ -92,8 +91,7 @@ class BusErrors:
         self._next_hit_ns = -1
         self.sent = {_GONE: 0}
         self.causes: Counter[str] = Counter()
-        self.received_twice = self.missed_by_one = 0
-        self.bus_offs = 0
+        self.received_twice = self.missed_by_one = self.bus_offs = 0
 
     def join(self, node: int) -> None:
         """Have counters for this node."""

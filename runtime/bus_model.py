@@ -13,9 +13,8 @@ Rules:
 
 Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
 
-Times are integer nanoseconds at the interface. Internally they are integer ticks, the largest
-fraction of a nanosecond that divides both bit times, so that consecutive frames add up without
-rounding. An end is rounded up to the next nanosecond only when it is returned.
+Times are integer nanoseconds at the interface, and ticks (``bit_ticks``) inside. An end is rounded
+up to the next nanosecond only when it is returned.
 
 It serves the emulated bus, by the real clock, and virtual time where ``quiet_bus`` does not do.
 """

@@ -28,8 +28,7 @@ class ErrorCounters:
     """Transmit and receive error counter of one controller (TEC, REC)."""
 
     def __init__(self) -> None:
-        self.transmit = 0
-        self.receive = 0
+        self.transmit = self.receive = 0
 
     @property
     def state(self) -> ControllerState:

@@ -108,16 +108,12 @@ def _identifier(frame: Frame) -> list[WireBit]:
     """Start of frame to the bit before the control field's first format bit."""
     rtr = "RRS" if frame.flags & FD else "RTR"
     remote = 1 if frame.flags & REMOTE else 0
-    if not frame.flags & EXTENDED:
-        return [WireBit(DOMINANT, "SOF"), *_bits("ID", frame.can_id, 11), WireBit(remote, rtr)]
-    return [
-        WireBit(DOMINANT, "SOF"),
-        *_bits("ID", frame.can_id >> 18, 11),
-        WireBit(RECESSIVE, "SRR"),
-        WireBit(RECESSIVE, "IDE"),
-        *_bits("ID extension", frame.can_id & 0x3FFFF, 18),
-        WireBit(remote, rtr),
-    ]
+    is_extended = frame.flags & EXTENDED
+    base = _bits("ID", frame.can_id >> 18 if is_extended else frame.can_id, 11)
+    if is_extended:
+        base += [WireBit(RECESSIVE, "SRR"), WireBit(RECESSIVE, "IDE")]
+        base += _bits("ID extension", frame.can_id & 0x3FFFF, 18)
+    return [WireBit(DOMINANT, "SOF"), *base, WireBit(remote, rtr)]
 
 
 def _classic_control(frame: Frame) -> list[WireBit]:
@@ -133,15 +129,9 @@ def _payload(frame: Frame) -> list[WireBit]:
 def _fd_bits(frame: Frame) -> tuple[WireBit, ...]:
     switch = 1 if frame.flags & BITRATE_SWITCH else 0
     ide = [] if frame.flags & EXTENDED else [WireBit(DOMINANT, "IDE")]
-    slow = [
-        *_identifier(frame),
-        *ide,
-        WireBit(RECESSIVE, "FDF"),
-        WireBit(DOMINANT, "res"),
-        WireBit(switch, "BRS"),
-    ]
-    dlc = DATA_LENGTH_CODE[len(frame.data)]
-    head = [*slow, WireBit(DOMINANT, "ESI"), *_bits("DLC", dlc, 4), *_payload(frame)]
+    control = [WireBit(RECESSIVE, "FDF"), WireBit(DOMINANT, "res"), WireBit(switch, "BRS")]
+    length = [WireBit(DOMINANT, "ESI"), *_bits("DLC", DATA_LENGTH_CODE[len(frame.data)], 4)]
+    head = [*_identifier(frame), *ide, *control, *length, *_payload(frame)]
     stuffed = list(_stuffed(head, is_at_end=False))
     count = _bits("stuff count", stuff_count(len(stuffed) - len(head)), 4)
     crc = fd_crc(len(frame.data))

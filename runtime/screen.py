@@ -87,8 +87,7 @@ class Observer:
         self._screen = screen
         self._start_ns = start_ns
         self._changes = Changes()
-        self._next_ns = start_ns
-        self._status_ns = start_ns
+        self._next_ns = self._status_ns = start_ns
 
     def __call__(self, now_ns: int) -> None:
         """Look, if it is time."""

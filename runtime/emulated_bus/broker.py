@@ -174,13 +174,9 @@ class Broker:
         if hello.channel not in self.channels:
             # Each with errors of its own; those of the first are those of virtual time.
             seed = self._beside.seed + _SEED_STEP * len(self.channels)
-            self.channels[hello.channel] = Channel(
-                self._bitrate_bit_s,
-                self._data_bitrate_bit_s,
-                self._beside._replace(seed=seed),
-                now_ns,
-                is_fifo=self._is_fifo,
-            )
+            beside = self._beside._replace(seed=seed)
+            rates = self._bitrate_bit_s, self._data_bitrate_bit_s
+            self.channels[hello.channel] = Channel(*rates, beside, now_ns, is_fifo=self._is_fifo)
         self.channels[hello.channel].join(client)
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())

@@ -54,8 +54,7 @@ class Clients:
         # By when something has to happen [ns], the earliest first where all wait equally long.
         self._greeted_by_ns: dict[Connection, int] = {}
         self._read_again_ns: dict[Connection, int] = {}
-        self._accept_again_ns = 0
-        self._most = self._served = self._held_back = 0
+        self._accept_again_ns = self._most = self._served = self._held_back = 0
 
     def __iter__(self) -> Iterator[Connection]:
         return iter(self._all)

@@ -65,17 +65,14 @@ class Connection:
         self.hello: Hello | None = None
         self.waiting: dict[BufferKey, int] = {}
         self.full: set[BufferKey] = set()
-        self.is_held_back = False
-        self.is_behind = False
+        self.is_held_back = self.is_behind = False
         self.recovery: Recovery | None = None
         self._process = _process_of(connection)
         self._socket = connection
         self.record = record_format(fd=False)
-        self._incoming = bytearray()
-        self._outgoing = bytearray()
+        self._incoming, self._outgoing = bytearray(), bytearray()
         self._masks: dict[tuple[int, bool | None], set[int]] = {}
-        self._filters = 0
-        self._filter_changes = 0
+        self._filters = self._filter_changes = 0
         self._bus_offs: list[BusOff] = []
         self._put_back: Frame | None = None
 

@@ -106,14 +106,9 @@ def unpack_hello(raw: bytes) -> Hello:
     channel = _text(name)
     if magic != MAGIC or not channel:
         raise ProtocolError("it does not speak this version of the emulated bus")
-    return Hello(
-        channel,
-        bool(options & _HELLO_FD),
-        bool(options & _HELLO_RECEIVE_OWN),
-        bitrate_bit_s,
-        data_bitrate_bit_s,
-        bool(options & _HELLO_ERROR_FRAMES),
-    )
+    flags = (_HELLO_FD, _HELLO_RECEIVE_OWN, _HELLO_ERROR_FRAMES)
+    fd, receive_own, error_frames = (bool(options & flag) for flag in flags)
+    return Hello(channel, fd, receive_own, bitrate_bit_s, data_bitrate_bit_s, error_frames)
 
 
 class Answer(NamedTuple):

@@ -49,8 +49,7 @@ class BabbledBus:
         self._start_ns = start_ns
         self._end_ns = end_ns
         self._is_ready = False
-        self.babbled = 0
-        self.refused = 0
+        self.babbled = self.refused = 0
 
     @property
     def next_event_ns(self) -> int:

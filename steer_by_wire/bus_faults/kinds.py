@@ -152,15 +152,10 @@ def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
             f"{kind}: needs a process, by pid=N here or --pid N, 2 to {PID_MAX}"
             + (f", not {given['pid'][:40]!r}" if "pid" in given else "")
         )
-    return LiveFault(
-        kind,
-        _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX),
-        _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX),
-        magnitude,
-        to,
-        number if kind in PROCESS_KINDS else 0,
-        of,
-    )
+    onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
+    duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
+    target = number if kind in PROCESS_KINDS else 0
+    return LiveFault(kind, onset_s, duration_s, magnitude, to, target, of)
 
 
 def _number(

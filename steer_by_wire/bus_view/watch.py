@@ -208,16 +208,10 @@ class BusWatch:
         period_ms = CYCLE_TIMES_MS[MESSAGE_TYPES[name]]
         newest = self._newest.get(name)
         period_s = period_ms * NS_PER_MS / NS_PER_S if period_ms else None
-        return MessageView(
-            name,
-            period_s,
-            None if period_s is None else self._cycles[name].spread(now_ns),
-            counts.accepted,
-            counts.missing,
-            counts.late,
-            sum(counts.refused.values()),
-            period_s is not None and newest is not None and now_ns - newest[1] >= _STALE_NS,
-        )
+        cycle = None if period_s is None else self._cycles[name].spread(now_ns)
+        is_old = newest is not None and now_ns - newest[1] >= _STALE_NS
+        frames = counts.accepted, counts.missing, counts.late, sum(counts.refused.values())
+        return MessageView(name, period_s, cycle, *frames, is_old and period_s is not None)
 
     def frames_per_s(self, now_ns: int) -> float:
         """Return the frames a second of the last second or so."""
