@@ -68,29 +68,15 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool) -> Path:
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
     if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
         raise ValueError(_TOO_SHARP)
-    start_m = step_m * np.arange(pieces)
-    slope = np.diff(curvature) / step_m
+    start_m = (step_m * np.arange(pieces)).tolist()
+    slopes = (np.diff(curvature) / step_m).tolist()
     poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))
+    total_m, curvatures = lengths.total_m, curvature[:-1].tolist()
     if closed:
-        return Path(
-            start_m.tolist(),
-            curvature[:-1].tolist(),
-            slope.tolist(),
-            poses[:-1],
-            lengths.total_m,
-            poses[-1].heading_rad - poses[0].heading_rad,
-            True,
-        )
+        lap_turn_rad = poses[-1].heading_rad - poses[0].heading_rad
+        return Path(start_m, curvatures, slopes, poses[:-1], total_m, lap_turn_rad, True)
     # After the end of an open path the road continues straight.
-    return Path(
-        [*start_m.tolist(), lengths.total_m],
-        [*curvature[:-1].tolist(), 0.0],
-        [*slope.tolist(), 0.0],
-        poses,
-        lengths.total_m,
-        0.0,
-        False,
-    )
+    return Path([*start_m, total_m], [*curvatures, 0.0], [*slopes, 0.0], poses, total_m, 0.0, False)
 
 
 def _curvature(points: CurvePoints) -> FloatArray:

@@ -66,21 +66,14 @@ def _params(
 ) -> MotionParams:
     """Return the parameters without tables."""
     params = vehicle_params(vehicle)
-    actuator_params = ActuatorParams(
+    servo = ActuatorParams(
         actuator.lag_s,
         math.inf if actuator.angle_limit_rad is None else actuator.angle_limit_rad,
         math.inf if actuator.rate_limit_rad_s is None else actuator.rate_limit_rad_s,
         actuator.dead_band_rad,
     )
-    return MotionParams(
-        params.speed_m_s,
-        params.preview_distance_m,
-        actuator_params,
-        path,
-        disturbance_intervals(disturbance, params),
-        table=(),
-        first_rows=(),
-    )
+    intervals = disturbance_intervals(disturbance, params)
+    return MotionParams(params.speed_m_s, params.preview_distance_m, servo, path, intervals, (), ())
 
 
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:

@@ -29,10 +29,9 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
 
     Raises SettingsError in one line that names the file and, where it can, the line in it.
     """
+    points = _read(file)
     try:
-        return path_through(_read(file), closed=closed)
-    except SettingsError:
-        raise
+        return path_through(points, closed=closed)
     except ValueError as error:
         raise SettingsError(f"{file}: {error}") from error
 

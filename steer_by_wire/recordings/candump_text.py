@@ -182,9 +182,7 @@ def _distances() -> Callable[[str], int | None]:
     def read(stamp: str) -> int | None:
         nonlocal now_ns
         distance_ns = _time_ns(stamp)
-        if distance_ns is None:
-            return None
-        now_ns += distance_ns
-        return now_ns
+        now_ns += distance_ns or 0
+        return None if distance_ns is None else now_ns
 
     return read
