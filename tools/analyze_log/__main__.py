@@ -69,12 +69,8 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = command_parser(
-        NAME,
-        __doc__,
-        f"steer-by-wire run --out out/run\n{NAME} out/run/candump.log",
-        "FILE... [options]",
-    )
+    example = f"steer-by-wire run --out out/run\n{NAME} out/run/candump.log"
+    parser = command_parser(NAME, __doc__, example, "FILE... [options]")
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
     )

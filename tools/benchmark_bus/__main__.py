@@ -75,10 +75,6 @@ BETWEEN_S = 2.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
-    return run_main(NAME, partial(_benchmark, _parse(arguments)))
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --no-can --long-seconds 10")
     parser.add_argument("-c", "--channel", default="vcan0", help="default: %(default)s")
     parser.add_argument(
@@ -110,7 +106,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="SCHED_FIFO priority of all programs; 0: none (default: %(default)s)",
     )
     add_json_argument(parser)
-    return parser.parse_args(arguments)
+    return run_main(NAME, partial(_benchmark, parser.parse_args(arguments)))
 
 
 def _benchmark(options: argparse.Namespace) -> int:

@@ -140,14 +140,6 @@ def _print_line(name: str, line: str) -> bool:
 
 
 def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
-    parser = _parser(name)
-    options = parser.parse_args(arguments)
-    if options.group is not None and options.address is None:
-        parser.error("--group needs --address: the default one is in a directory of its user alone")
-    return options
-
-
-def _parser(name: str) -> argparse.ArgumentParser:
     parser = command_parser(
         name, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", name
     )
@@ -207,4 +199,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
         metavar="N",
         help="of traffic and noise (default: %(default)s)",
     )
-    return parser
+    options = parser.parse_args(arguments)
+    if options.group is not None and options.address is None:
+        parser.error("--group needs --address: the default one is in a directory of its user alone")
+    return options

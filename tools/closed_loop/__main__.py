@@ -76,12 +76,8 @@ CONTROLLER_PRESET = "practical_pd_ddob"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = command_parser(
-        NAME,
-        __doc__,
-        f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run",
-        "[PLANT.toml] [options]",
-    )
+    example = f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run"
+    parser = command_parser(NAME, __doc__, example, "[PLANT.toml] [options]")
     parser.add_argument(
         "--vehicle",
         type=Path,

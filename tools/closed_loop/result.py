@@ -52,13 +52,9 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     ]
     if run.shared is not None:
         lines += _bus_lines(run.shared)
-    lines += [
-        (
-            program.replace("_", " "),
-            f"lateness {durations_line(reports[program]['loop']['lateness'])}",
-        )
-        for program in run.loops
-    ]
+    for program in run.loops:
+        lateness = durations_line(reports[program]["loop"]["lateness"])
+        lines.append((program.replace("_", " "), f"lateness {lateness}"))
     lines += [
         ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
         for program, report in reports.items()
@@ -80,21 +76,14 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
     load = bus.model.load
-    lines = [
-        (
-            "bus",
-            f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, "
-            f"{load.refused} lost in full transmit buffers",
-        )
-    ]
+    lost = f"{load.refused} lost in full transmit buffers"
+    lines = [("bus", f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, {lost}")]
     if bus.errors is not None:
         causes = ", ".join(f"{count} {cause}" for cause, count in bus.errors.causes.most_common())
-        lines.append(
-            (
-                "bus errors",
-                f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
-                f"{bus.errors.missed_by_one} missed by one receiver, "
-                f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it",
-            )
+        text = (
+            f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
+            f"{bus.errors.missed_by_one} missed by one receiver, "
+            f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it"
         )
+        lines.append(("bus errors", text))
     return lines

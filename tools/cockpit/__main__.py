@@ -48,13 +48,9 @@ NAME = "steer-by-wire cockpit"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = command_parser(
-        NAME,
-        __doc__,
-        f"{NAME} --scenario 'DDOB with varying delay'\n"
-        f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html",
-        "[RECORDING...] [options]",
-    )
+    example = f"{NAME} --scenario 'DDOB with varying delay'\n"
+    example += f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html"
+    parser = command_parser(NAME, __doc__, example, "[RECORDING...] [options]")
     parser.add_argument(
         "recordings", nargs="*", type=Path, metavar="RECORDING", help="one log, of any format"
     )

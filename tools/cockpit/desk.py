@@ -36,14 +36,8 @@ class SetLatency(Settings):
     @property
     def message(self) -> LatencyConfig:
         """What is sent for it."""
-        latency = self.latency
-        return LatencyConfig(
-            Direction[self.direction.upper()],
-            latency.wire_model,
-            latency.mean_s,
-            latency.spread_s,
-            latency.loss,
-        )
+        way, own = Direction[self.direction.upper()], self.latency
+        return LatencyConfig(way, own.wire_model, own.mean_s, own.spread_s, own.loss)
 
 
 class Disturb(Settings):

@@ -190,7 +190,8 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             # rejected until they reach the newest one that was accepted.
             behind = round(magnitude / period_s) % COUNTERS
             period_ns = round(period_s * NS_PER_S)
-            step_max = _rule_of(fault, sight).step_max(period_ns, period_ns)
+            rule = sight.commands if fault.message in COMMANDS else sight.measurements
+            step_max = rule.step_max(period_ns, period_ns)
             refused_s = behind * period_s if COUNTERS - behind > step_max else 0.0
             is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"
@@ -270,10 +271,6 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
         case _:  # the magnitude is a share of the frames
             spared = 1.0 - min(magnitude, 1.0)
     return float(max(spared, 0.0) ** frames) if frames else 1.0
-
-
-def _rule_of(fault: FaultSettings, sight: Sight) -> SequenceRule:
-    return sight.commands if fault.message in COMMANDS else sight.measurements
 
 
 def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bool) -> Expectation:

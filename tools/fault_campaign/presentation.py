@@ -118,13 +118,8 @@ def campaign_page(
     if live:
         sections.append(live_section(live))
     sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
-    sections.append(
-        Section(
-            "Runs that failed",
-            [f"{len(failed)} of {len(results)}." if failed else "None."],
-            tables=[_failed_table(failed)],
-        )
-    )
+    how_many = f"{len(failed)} of {len(results)}." if failed else "None."
+    sections.append(Section("Runs that failed", [how_many], tables=[_failed_table(failed)]))
     sections.append(Section("Operating points", [], tables=[_points_table(spec)]))
     return page("Fault campaign", sections)
 

@@ -148,13 +148,8 @@ def _records(choices: Choices) -> bytes:
         ]
         raw = protocol.pack_filters(record, chosen) * choices.integer(1, 40)
     elif kind == 4:
-        raw = record.pack(
-            choices.integer(0, 4),
-            *choices.raw(2),
-            choices.integer(0, 2**32 - 1),
-            0,
-            choices.raw(64),
-        )
+        head = (choices.integer(0, 4), *choices.raw(2), choices.integer(0, 2**32 - 1))
+        raw = record.pack(*head, 0, choices.raw(64))
     else:
         raw = choices.raw(choices.integer(0, 200))
     return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw

@@ -142,12 +142,8 @@ def memory_table(run: LiveSoak) -> Table:
     headings = ("start", "middle", "end", "growth", "slope per minute")
     table = plain_table([""], headings, "memory [KiB]")
     for name, figures in run.memory.items():
-        table.add_row(
-            name,
-            *(str(kib) for kib in figures[:3]),
-            f"{figures.growth_kib:+.0f}",
-            f"{figures.slope_kib_min:+.1f}",
-        )
+        growth = (f"{figures.growth_kib:+.0f}", f"{figures.slope_kib_min:+.1f}")
+        table.add_row(name, *map(str, figures[:3]), *growth)
     return table
 
 

@@ -132,12 +132,8 @@ def between_findings(run: LiveSoak) -> Iterator[Finding]:
 def starve_findings(run: LiveSoak) -> Iterator[Finding]:
     """Yield what is to hold when the babbling node has the highest priority."""
     first_ns, last_ns = run.bus.babble_ns
-    through = [
-        time_ns
-        for frames in run.bus.control.values()
-        for time_ns, _ in frames
-        if first_ns + STARVED_S_MIN * NS_PER_S < time_ns < last_ns
-    ]
+    times_ns = (time_ns for frames in run.bus.control.values() for time_ns, _ in frames)
+    through = [t for t in times_ns if first_ns + STARVED_S_MIN * NS_PER_S < t < last_ns]
     ends_s = (last_ns - first_ns) * 1e-9
     figure = f"{len(through)} frames of the pair got through in {ends_s:.2f} s"
     yield Finding("the pair is starved", not through, figure)

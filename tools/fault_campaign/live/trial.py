@@ -71,11 +71,8 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         time.sleep(SETTLE_S)
         begin_ns = time.time_ns()
         if case.fault:
-            programs.start(
-                _INJECTOR,
-                "steer_by_wire.tools.inject_faults",
-                _options(programs, case, seed, recording),
-            )
+            options = _options(programs, case, seed, recording)
+            programs.start(_INJECTOR, "steer_by_wire.tools.inject_faults", options)
         time.sleep(ONSET_S + DURATION_S + RECOVER_S)
         end_ns = time.time_ns()
         pids = programs.pids()
