@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from ..dbc.messages import Law as LawNumber
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import SettingsError
+from .discretization import design_pd
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .followed_point import (
     FollowedPointParams,
@@ -25,7 +26,6 @@ from .shared_settings import VehicleModelSettings
 
 if TYPE_CHECKING:
     from .law_settings import LawSettings
-from .discretization import design_pd
 
 FADE_RAD_S = 0.2
 """Fading rate of the difference between two laws when one takes over from the other, and of the

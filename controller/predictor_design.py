@@ -72,9 +72,7 @@ class GainSchedule(NamedTuple):
     gains: Sequence[VehicleGains]
 
 
-def together(
-    schedules: Iterable[GainSchedule],
-) -> Callable[[float], tuple[VehicleGains, ...]]:
+def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[VehicleGains, ...]]:
     """Return the gains of each schedule as a function of the speed; all have the same speeds.
 
     Outside the table the gains are those at its nearer end.

@@ -25,13 +25,7 @@ from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
 from .quantities import QUANTITIES, verdict_text
-from .settings import (
-    PRESETS,
-    ControllerSettings,
-    on_bus,
-    shared_vehicle,
-    sparse_measurements,
-)
+from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle, sparse_measurements
 from .summary import controller_summary
 
 NAME = "steering-controller"

@@ -10,6 +10,7 @@ searched, so a filter's sections get exactly the coefficients they were designed
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -80,14 +81,7 @@ class TransferFunction(NamedTuple):
         poles = (s_squared,) * max(0, -self.power_of_s // 2) + self.denominator
         zeros = tuple(sorted(zeros, key=lambda factor: -factor.degree))
         poles = tuple(sorted(poles, key=lambda factor: -factor.degree))
-        count = max(len(zeros), len(poles))
-        pairs = tuple(
-            zip(
-                zeros + (one,) * (count - len(zeros)),
-                poles + (one,) * (count - len(poles)),
-                strict=True,
-            )
-        )
+        pairs = tuple(zip_longest(zeros, poles, fillvalue=one))
         if any(numerator.degree > denominator.degree for numerator, denominator in pairs):
             raise ValueError("the transfer function does not split into proper sections")
         return pairs

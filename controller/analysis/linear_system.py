@@ -131,9 +131,7 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
     return HeldPlant(transition, b_new, b_old, c, whole_periods)
 
 
-def companion_form(
-    model: TransferFunction,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def companion_form(model: TransferFunction) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return A, B and C of a continuous transfer function.
 
     Raises ValueError for one that is not strictly proper: it would answer before the hold.

@@ -34,7 +34,7 @@ from ..settings import ControllerSettings
 from .looking_back import LoopMatrices, Rig, Signals, Timing, Y, continuous_rig, rows_read_at
 from .sampled_loop import SLOWEST_DECAY_1_S
 from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, DelayInterval, stable_intervals
-from .unit_answers import floats_in, unit_answers
+from .unit_answers import own_floats, unit_answers
 
 _START_S = 10
 """Start of the analysed period, late enough for all the history that a law reads."""
@@ -97,7 +97,7 @@ class PredictorLoop:
         if self._last is not None and self._last[0] == delay_ns:
             return self._last[1]
         timing = self._timing(delay_ns)
-        signals = Signals(timing, self._plant, floats_in(self._design.initial_state(0.0)))
+        signals = Signals(timing, self._plant, len(own_floats(self._design.initial_state(0.0))))
         for time_ns in timing.instants():
             signals.move_to(time_ns)
             if time_ns % self._link.sensor_period_ns == 0:

@@ -30,7 +30,7 @@ def unit_answers(
     wire = _Wire(timing, speed_m_s)
     rest = _settled_at_rest(design, params, wire, timing, tick)
     ticks, samples = rows_read_at(timing, tick)
-    at_rest = _leaves(rest)
+    at_rest = own_floats(rest)
     answers = [design.step(params, rest, wire.seen(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
@@ -44,7 +44,7 @@ def unit_answers(
         ring[number % _RING] = 0.0
     if timing.samples_per_state:
         answers.append(design.step(params, rest, wire.seen(tick, 1.0)))
-    rest_rows, *rows = [[*_leaves(state), output.steer_rad] for state, output in answers]
+    rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in answers]
     columns: FloatArray = np.array(rows) - np.array(rest_rows)
     return columns.T
 
@@ -105,11 +105,6 @@ class _Wire:
         )
 
 
-def _leaves(state: Any) -> list[float]:
+def own_floats(state: Any) -> list[float]:
     """Return the floats of a law's state; whole numbers and truth values are not its own."""
     return [value for value in floats_of(state) if isinstance(value, float)]
-
-
-def floats_in(state: Any) -> int:
-    """Return the number of floats in a law's state."""
-    return len(_leaves(state))

@@ -22,13 +22,7 @@ from ...dbc.messages import Law as LawNumber
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
-from ..estimator import (
-    EstimatorState,
-    VehicleGains,
-    estimate_to,
-    estimator_at_rest,
-    start_estimate,
-)
+from ..estimator import EstimatorState, VehicleGains, estimate_to, estimator_at_rest, start_estimate
 from ..followed_point import ahead_of_cg_m
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Fallback, Law, LookingBack, Schedule

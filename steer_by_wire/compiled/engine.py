@@ -17,10 +17,8 @@ from ..controller.validity import share_of_demand
 from ..dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
 from ..dbc.messages import Law as LawNumber
 from ..plant_emulator.motion_design import MotionParams
-from ..plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
-from ..plant_emulator.safety_settings import SafetySettings, design_guard
+from ..plant_emulator.safety_settings import design_guard
 from ..plant_emulator.settings import PlantSettings
-from ..plant_emulator.steering_guard import GuardParams
 from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
@@ -34,8 +32,8 @@ from .plan import Plan, arrivals_of, plan_run
 from .wire import Uplink, Wire, on_wire
 from .wire_plan import plan_wire, speed_on_wire
 
-_DESIGNS_KEPT = 256
-"""Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
+_guard = lru_cache(maxsize=256)(design_guard)
+"""Kept for the next run with the same rig."""
 
 
 class FaultsNotCompiledError(SettingsError):
@@ -230,13 +228,6 @@ def _run(
 def _filled(column: FloatArray) -> int:
     """Return how many entries of a record, all NaN at first, have been filled."""
     return int(np.count_nonzero(np.isfinite(column)))
-
-
-@lru_cache(maxsize=_DESIGNS_KEPT)
-def _guard(
-    safety: SafetySettings, vehicle: VehicleSettings, actuator: ActuatorSettings
-) -> GuardParams:
-    return design_guard(safety, vehicle, actuator)
 
 
 def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:

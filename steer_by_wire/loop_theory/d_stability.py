@@ -142,7 +142,7 @@ def delayed_loop_satisfies(
         answer = np.polyval(delayed, s_rad_s) * np.exp(-s_rad_s * delay_s)
         return np.asarray(np.polyval(undelayed, s_rad_s) + answer, dtype=np.complex128)
 
-    if roots_within(delta, lambda x: radius * np.exp(2j * math.pi * x)) < 2:
+    if roots_within(delta, lambda x: radius * np.exp(2j * math.pi * x)) < _DOMINANT_ROOTS:
         return False
 
     def outside_the_cone(x: FloatArray) -> ComplexArray:

@@ -134,7 +134,8 @@ def stability_grid(
     radius = math.exp(-decay_1_s * period_s)
     angle_rad = _spread(math.pi, min(0.5 * decay_1_s, _OMEGA_RAD_S_MIN) * period_s, points)
     z = radius * np.exp(1j * angle_rad)
-    outside = [_outside(held_plant(model, period_ns, 0).a, radius) for model in models]
+    poles = [np.linalg.eigvals(held_plant(model, period_ns, 0).a) for model in models]
+    outside = [int(np.count_nonzero(np.abs(each) > radius)) for each in poles]
     return StabilityGrid(radius, z, _plants(models, delays_ns, period_ns, z), np.array(outside))
 
 
@@ -192,10 +193,6 @@ def _plants(
     models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
 ) -> ComplexArray:
     return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
-
-
-def _outside(matrix: FloatArray, radius: float) -> int:
-    return int(np.count_nonzero(np.abs(np.linalg.eigvals(matrix)) > radius))
 
 
 def _spread(last: float, scale: float, points: int) -> FloatArray:

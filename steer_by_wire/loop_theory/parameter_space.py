@@ -33,7 +33,7 @@ from shapely.affinity import affine_transform
 
 from ..controller.law_settings import LawSettings
 from ..controller.transfer_function import TransferFunction
-from ..runtime.array_types import BoolArray, FloatArray
+from ..runtime.array_types import FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
 from .gain_loops import GainLoop, SampledGainLoop
@@ -123,7 +123,8 @@ def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window)
         own = boundary_curves(loop, spec, window)
         curves.extend(own)
         faces = _faces(own, window, square)
-        good = faces[_good(loop, spec, window, faces)]
+        points = shapely.get_coordinates(shapely.point_on_surface(faces))
+        good = faces[loop.satisfies(spec, points * window.sides + window.origin)]
         square = _areas(
             shapely.intersection(square, shapely.union_all(good, grid_size=_GRID), grid_size=_GRID)
         )
@@ -224,14 +225,6 @@ def _faces(
     large = shapely.area(faces) > _FACE_AREA_MIN
     shapely.prepare(wanted)
     return np.asarray(faces[inner & large & shapely.intersects(wanted, faces)])
-
-
-def _good(
-    loop: GainLoop, spec: DStability, window: Window, faces: NDArray[np.object_]
-) -> BoolArray:
-    """Judge each face by the roots at one point of it."""
-    points = shapely.get_coordinates(shapely.point_on_surface(faces))
-    return loop.satisfies(spec, points * window.sides + window.origin)
 
 
 def _overshot(points: FloatArray) -> FloatArray:
