@@ -119,10 +119,6 @@ def kalman_at_rest(
     law_at_rest: Callable[[float], Any], p: DerivativeParams, lateral_error_m: float
 ) -> KalmanState:
     """Return the state around a law's after a constant lateral error [m] and no steering."""
-    return KalmanState(law_at_rest(lateral_error_m), derivative_at_rest(p, lateral_error_m))
-
-
-def derivative_at_rest(p: DerivativeParams, lateral_error_m: float) -> DerivativeState:
-    """Return the state of the derivative after a constant lateral error [m]."""
     x_pd = pd_at_rest(p.pd, lateral_error_m)
-    return DerivativeState(estimator_at_rest(lateral_error_m), -1, x_pd, NOTHING)
+    derivative = DerivativeState(estimator_at_rest(lateral_error_m), -1, x_pd, NOTHING)
+    return KalmanState(law_at_rest(lateral_error_m), derivative)

@@ -1,7 +1,7 @@
 """Which messages of the plant the controller receives in a run, and when; computed beforehand."""
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,16 +30,6 @@ from .wire import Uplink, Wire, on_wire
 
 _KEPT = 8
 """Uplinks cached for the next run on the same network: half a megabyte each."""
-
-
-class _Received(NamedTuple):
-    """The first arrays of ``Wire``; runs share them."""
-
-    arrival_ns: IntArray
-    arrival_message: IntArray
-    arrival_sample: IntArray
-    heading_noise_rad: FloatArray
-    yaw_rate_noise_rad_s: FloatArray
 
 
 def plan_wire(
@@ -133,11 +123,12 @@ def empty_rings(*, keeps_plans: bool) -> Rings:
 @lru_cache(maxsize=_KEPT)
 def _received(
     plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
-) -> _Received:
+) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the first arrays of ``Wire``, from ``arrival_ns`` on; runs share them."""
     each = [arrivals_of(message, plant, rule, samples, motion_start_ns) for message in Uplink]
     message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
     sample = np.concatenate([arrivals.sample for arrivals in each])
     arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
     order = np.lexsort((message, sample, arrival_ns))
-    noise = sensor_noise(plant, samples, slice(1, 3))
-    return _Received(arrival_ns[order], message[order], sample[order], *noise)
+    heading_rad, yaw_rate_rad_s = sensor_noise(plant, samples, slice(1, 3))
+    return arrival_ns[order], message[order], sample[order], heading_rad, yaw_rate_rad_s
