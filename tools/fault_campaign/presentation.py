@@ -169,20 +169,12 @@ def _why_table(groups: Sequence[Group]) -> Table:
 
 
 def _failed_table(failed: Sequence[Result]) -> Table:
-    rows = [
-        [
-            Cell(one.name),
-            Cell(str(one.verdict)),
-            number(in_ms(one.fdti_s)),
-            number(in_ms(one.fhti_s)),
-            Cell(
-                one.unsafe
-                or one.jumps
-                or ", ".join(f"{cause} {n}" for cause, n in one.counts.items())
-            ),
-        ]
-        for one in failed[:_FAILED_SHOWN]
-    ]
+    rows = []
+    for one in failed[:_FAILED_SHOWN]:
+        counted = ", ".join(f"{cause} {n}" for cause, n in one.counts.items())
+        times = number(in_ms(one.fdti_s)), number(in_ms(one.fhti_s))
+        what = Cell(one.unsafe or one.jumps or counted)
+        rows.append([Cell(one.name), Cell(str(one.verdict)), *times, what])
     return Table(("run", "verdict", "FDTI", "FHTI", "counted"), rows)
 
 

@@ -47,18 +47,8 @@ class Verdict(StrEnum):
 _JUMPS_SHOWN = 2
 _KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, PLANT), (NodeFaultKind.BABBLING, BUS))
 """Where commands wait, in a socket or for the bus, and then come all at once."""
-FAILURES = (
-    Verdict.MISSED,
-    Verdict.LATE,
-    Verdict.EARLY,
-    Verdict.NO_EFFECT,
-    Verdict.BELIEVED,
-    Verdict.NOT_RECOVERED,
-    Verdict.JUMPED,
-    Verdict.FALSE_ALARM,
-    Verdict.UNSAFE,
-    Verdict.DISTURBED,
-)
+_AS_EXPECTED = (Verdict.PASSED, Verdict.NOT_DETECTABLE, Verdict.FOLLOWED, Verdict.NO_CHANCE)
+FAILURES = frozenset(Verdict).difference(_AS_EXPECTED)
 
 
 class Result(NamedTuple):

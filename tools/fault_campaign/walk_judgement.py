@@ -102,13 +102,8 @@ def _out_of_place(
     is_abnormal = watch.states[-1][1]
     if _PEER[name] in killed:
         return "" if is_abnormal else f"the {name} is in control although its peer is dead"
-    last_ns = max(
-        [
-            *(fault.window_ns[1] for fault in faults if fault.kind is not NodeFaultKind.KILLED),
-            *(stage.last_ns or 0 for stage in pair.edge.stages),
-        ],
-        default=0,
-    )
+    ends_ns = [fault.window_ns[1] for fault in faults if fault.kind is not NodeFaultKind.KILLED]
+    last_ns = max([*ends_ns, *(stage.last_ns or 0 for stage in pair.edge.stages)], default=0)
     is_over = last_ns + RECOVERY_S * NS_PER_S <= end_ns
     return f"the {name} is not in control again" if is_abnormal and is_over else ""
 
