@@ -157,18 +157,10 @@ def unpacking(message_type: type[Message]) -> Unpacking:
     return Unpacking(codec.length, codec.flags, codec.unpack)
 
 
-class Packing(NamedTuple):
-    """How to send one message: identifier, ``MessageCodec.pack``, format as in ``Frame``."""
-
-    can_id: int
-    pack: Callable[[Any, int], bytes]
-    flags: int
-
-
-def packing(message_type: type[Message]) -> Packing:
-    """Return how to send a message, for a sender of many frames."""
+def packing(message_type: type[Message]) -> tuple[int, Callable[[Any, int], bytes], int]:
+    """Return identifier, ``MessageCodec.pack`` and flags, for a sender of many frames."""
     codec = _CODECS[message_type]
-    return Packing(codec.can_id, codec.pack, codec.flags)
+    return codec.can_id, codec.pack, codec.flags
 
 
 def encode(message: Message, counter: int) -> Frame:

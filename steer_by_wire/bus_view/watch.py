@@ -121,11 +121,6 @@ class BusWatch:
         """Rejected frames, by cause."""
         return self._listener.refused
 
-    @property
-    def foreign_frames(self) -> int:
-        """Frames with an identifier that the DBC does not define."""
-        return self._listener.foreign_frames
-
     def on_frame(self, frame: Frame, now_ns: int) -> ReceivedMessage | None:
         """Take a frame that arrived at ``now_ns``; returns its message if it is newer than all."""
         self._frames += 1
@@ -174,7 +169,7 @@ class BusWatch:
             lateness=spread_of(lateness_s),
             messages=self.messages(now_ns),
             refused=self.refused,
-            foreign_frames=self.foreign_frames,
+            foreign_frames=self._listener.foreign_frames,
             foreign_ids=tuple(self._listener.foreign),
             error_frames=self._listener.error_frames,
         )
