@@ -104,7 +104,7 @@ class PlantNode:
         self._sends_truth = settings.ground_truth
         self._messages = PlantMessages(settings)
         self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
-        self._record = RunRecord(settings, samples_max)
+        self._record = RunRecord(settings, self._motion, samples_max)
         self.finished = False
 
     @property
@@ -285,7 +285,7 @@ class PlantNode:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
-                self._record.take(motion, self._command, latencies_s, limit)
+                self._record.take(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if time_ns >= self._own.reported_ns and self._unit.has_fallen_back:
             self.finished = True

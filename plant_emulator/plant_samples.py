@@ -3,7 +3,7 @@
 import csv
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
@@ -13,11 +13,14 @@ from ..runtime.record import new_record
 from .deviation import cg_deviation_m
 from .motion import Motion
 from .path import Path, pose
+from .propagation import LinearState
 from .settings import PlantSettings
 from .verdict import samples_judged
 
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
+_BLOCK = 16
+"""Samples that are processed together: few enough that no tick takes long."""
 
 
 class PlantSample(NamedTuple):
@@ -46,6 +49,10 @@ class PlacedSample(NamedTuple):
     path_y_m: float
 
 
+_Taken = tuple[int, LinearState, SteeringCommand | None, tuple[float, float], str]
+"""Time [ns] and state of motion, the command in effect, both latencies [s], and the limit."""
+
+
 class RunningFigures:
     """Figures of a run, taken up sample by sample.
 
@@ -69,34 +76,36 @@ class RunningFigures:
         self._deviation_squares_m2 = 0.0
         self._band_m = band_m
 
-    def take(
-        self,
-        lateral_error_m: float,
-        cg_deviation_m: float,
-        wheel_angle_rad: float,
-        limit: str = "",
-    ) -> None:
-        """Add one sample; ``limit`` names what decides about the wheel, if anything does."""
-        self.samples += 1
-        self._error_squares_m2 += lateral_error_m * lateral_error_m
-        self._deviation_squares_m2 += cg_deviation_m * cg_deviation_m
-        self.lateral_error_final_m = lateral_error_m
-        self.newest_m.append(lateral_error_m)
-        distance_m, cg_m, angle_rad = (
-            abs(lateral_error_m),
-            abs(cg_deviation_m),
-            abs(wheel_angle_rad),
-        )
-        if distance_m > self.lateral_error_peak_m:
-            self.lateral_error_peak_m = distance_m
-        if cg_m > self.cg_deviation_peak_m:
-            self.cg_deviation_peak_m = cg_m
-        if distance_m > self._band_m:
-            self.settled_at = self.samples
-        if angle_rad > self.wheel_angle_peak_rad:
-            self.wheel_angle_peak_rad = angle_rad
-        if limit:
-            self.limited[limit] += 1
+    def take(self, samples: Iterable[tuple[float, float, float, str]]) -> None:
+        """Add samples: lateral error, deviation of the centre of gravity and wheel angle of each.
+
+        The fourth value names what decides about the wheel, and is empty if nothing does.
+        """
+        newest_m, band_m, limited = self.newest_m, self._band_m, self.limited
+        count, settled_at = self.samples, self.settled_at
+        squares_m2, cg_squares_m2 = self._error_squares_m2, self._deviation_squares_m2
+        peak_m, cg_peak_m = self.lateral_error_peak_m, self.cg_deviation_peak_m
+        peak_rad, error_m = self.wheel_angle_peak_rad, self.lateral_error_final_m
+        for error_m, cg_m, wheel_rad, limit in samples:
+            count += 1
+            squares_m2 += error_m * error_m
+            cg_squares_m2 += cg_m * cg_m
+            newest_m.append(error_m)
+            distance_m = abs(error_m)
+            if distance_m > peak_m:
+                peak_m = distance_m
+            if distance_m > band_m:
+                settled_at = count
+            if abs(cg_m) > cg_peak_m:
+                cg_peak_m = abs(cg_m)
+            if abs(wheel_rad) > peak_rad:
+                peak_rad = abs(wheel_rad)
+            if limit:
+                limited[limit] += 1
+        self.samples, self.settled_at = count, settled_at
+        self._error_squares_m2, self._deviation_squares_m2 = squares_m2, cg_squares_m2
+        self.lateral_error_peak_m, self.cg_deviation_peak_m = peak_m, cg_peak_m
+        self.wheel_angle_peak_rad, self.lateral_error_final_m = peak_rad, error_m
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -115,68 +124,75 @@ class RunningFigures:
 class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
-    ``samples_max``  how many are kept in ``samples``, oldest first
+    ``motion``       of the run
+    ``samples_max``  how many are kept in ``samples``
 
     ``rules``, ``period_s``  of the verdict, and of the sensors
     """
 
-    def __init__(self, settings: PlantSettings, samples_max: int) -> None:
+    def __init__(self, settings: PlantSettings, motion: Motion, samples_max: int) -> None:
         self.rules, self.period_s = settings.verdict, settings.sensor_period_ns / NS_PER_S
         newest = samples_judged(self.rules, settings.duration_s, self.period_s)
-        self.figures = RunningFigures(self.rules.settling_band_m, newest)
-        self.samples: list[PlantSample] = []
+        self._figures = RunningFigures(self.rules.settling_band_m, newest)
+        self._samples: list[PlantSample] = []
         self._samples_max = samples_max
+        self._motion = motion
+        self._waiting: list[_Taken] = []
+        """Not in figures and samples yet; they are processed in blocks, which is faster."""
+
+    @property
+    def figures(self) -> RunningFigures:
+        """Figures of all samples so far."""
+        self._process_waiting()
+        return self._figures
+
+    @property
+    def samples(self) -> Sequence[PlantSample]:
+        """The samples that are kept, oldest first."""
+        self._process_waiting()
+        return self._samples
 
     def take(
-        self,
-        motion: Motion,
-        command: SteeringCommand | None,
-        latencies_s: tuple[float, float],
-        limit: str,
+        self, command: SteeringCommand | None, latencies_s: tuple[float, float], limit: str
     ) -> None:
         """Take a sample of the motion, of the command in effect, and of what limits the wheel.
 
         ``latencies_s``  of that command, and of the measurement that left last
         """
-        (
-            side_slip_rad,
-            yaw_rate_rad_s,
-            heading_rad,
-            error_m,
-            wheel_rad,
-            _,
-            curvature_1_m,
-            _,
-            _,
-            _,
-        ) = motion.linear
-        at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
-        cg_m = cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
-        self.figures.take(error_m, cg_m, wheel_rad, limit)
-        if len(self.samples) >= self._samples_max:
-            return
-        command_rad = math.nan if command is None else command.steer_rad
-        downlink_latency_s, uplink_latency_s = latencies_s
-        self.samples.append(
-            # By position, in the order of the fields: this runs at every sample.
-            new_record(
-                PlantSample,
-                (
-                    motion.time_ns * 1e-9,
-                    at_m,
-                    error_m,
-                    heading_rad,
-                    yaw_rate_rad_s,
-                    command_rad,
-                    wheel_rad,
-                    downlink_latency_s,
-                    uplink_latency_s,
-                    curvature_1_m,
-                    side_slip_rad,
-                    cg_m,
-                ),
+        motion, waiting = self._motion, self._waiting
+        waiting.append((motion.time_ns, motion.linear, command, latencies_s, limit))
+        if len(waiting) >= _BLOCK:
+            self._process_waiting()
+
+    def _process_waiting(self) -> None:
+        room = self._samples_max - len(self._samples)
+        speed_m_s, path = self._motion.speed_m_s, self._motion.path
+        preview_m = self._motion.preview_distance_m
+        figures = []
+        for time_ns, linear, command, (downlink_s, uplink_s), limit in self._waiting:
+            side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
+            at_m = speed_m_s * (time_ns / NS_PER_S)
+            cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
+            figures.append((error_m, cg_m, wheel_rad, limit))
+            if len(figures) > room:
+                continue
+            values = (
+                time_ns * 1e-9,
+                at_m,
+                error_m,
+                heading_rad,
+                yaw_rate_rad_s,
+                math.nan if command is None else command.steer_rad,
+                wheel_rad,
+                downlink_s,
+                uplink_s,
+                rho,
+                side_slip_rad,
+                cg_m,
             )
-        )
+            self._samples.append(new_record(PlantSample, values))
+        self._figures.take(figures)
+        self._waiting.clear()
 
 
 def motion_cg_m(motion: Motion) -> float:

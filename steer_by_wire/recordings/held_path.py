@@ -51,9 +51,8 @@ class HeldPath:
             self._wheel_rad = message.wheel_angle_rad
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, messages.LateralError) and self._has_started:
-            self._figures.take(
-                message.lateral_error_m, cg_deviation_m, self._wheel_rad, self._limit
-            )
+            error_m = message.lateral_error_m
+            self._figures.take([(error_m, cg_deviation_m, self._wheel_rad, self._limit)])
 
     def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.

@@ -64,8 +64,8 @@ def test_a_sample_is_its_lateral_error_away_from_the_path(
 
 def test_figures_by_hand() -> None:
     figures = RunningFigures()
-    for row in ((1.0, 2.0, 0.1), (-7.0, -14.0, -0.3), (5.0, 10.0, 0.2)):
-        figures.take(*row)
+    figures.take([(1.0, 2.0, 0.1, ""), (-7.0, -14.0, -0.3, "")])
+    figures.take([(5.0, 10.0, 0.2, "")])
     assert figures.samples == 3
     assert figures.lateral_error_rms_m == pytest.approx(5.0)
     assert figures.lateral_error_peak_m == 7.0

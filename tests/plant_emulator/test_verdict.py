@@ -83,8 +83,7 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
     rules = VerdictRules(window_s=1.0)
     newest = samples_judged(rules, 60.0, 0.01)
     figures = RunningFigures(newest=newest)
-    for value in sine(0.2):
-        figures.take(float(value), 0.0, 0.0)
+    figures.take((float(value), 0.0, 0.0, "") for value in sine(0.2))
     assert len(figures.newest_m) == newest == 200
     kept = judge(rules, list(figures.newest_m), figures.samples, 0.2, 0.01)
     assert kept == judged(sine(0.2), rules)
