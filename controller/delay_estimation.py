@@ -94,6 +94,9 @@ Seen = tuple[float, float, float, VehicleReading, float]
     vehicle_age_s    its age
 """
 
+_Pair = tuple[float, float, float, float, bool]
+"""Means of a pair: command, yaw rate, lateral error, curvature; and whether it is fresh."""
+
 
 class Estimate(NamedTuple):
     """A delay and its standard deviation [s]."""
@@ -137,55 +140,55 @@ class DelayEstimator:
         self._states: FilterStates = ()
         self._speed_m_s = 0.0
         self._waiting: list[Seen] = []
-        self._block: list[tuple[float, float, float, float, bool]] = []
-        """Means of pairs: command, yaw rate, lateral error, curvature; and whether it is fresh."""
+        """The control periods of a block, as far as they have passed."""
         self._pairs = self._unsettled_until = 0
         self._error_before_m = 0.0
         self.estimate = NOTHING_YET
 
     def on_tick(self, seen: Seen, skipped: int = 0) -> None:
         """Record a control period and the skipped periods before it."""
-        waiting, ticks_per_pair = self._waiting, self._ticks_per_pair
+        waiting, per_block = self._waiting, self._ticks_per_pair * _PAIRS_PER_BLOCK
         if skipped:
             waiting += [seen] * min(skipped, _SKIPPED_MAX)
         waiting.append(seen)
-        while len(waiting) >= ticks_per_pair:
-            self._take_pair(waiting[:ticks_per_pair])
-            del waiting[:ticks_per_pair]
-            if len(self._block) == _PAIRS_PER_BLOCK:
-                self._take_block(seen)
-                self._block.clear()
+        while len(waiting) >= per_block:
+            self._take_block(waiting[:per_block])
+            del waiting[:per_block]
 
-    def _take_pair(self, periods: Sequence[Seen]) -> None:
-        """Take the means of the control periods of a pair."""
-        steer_rad = error_m = error_age_s = yaw_rate_rad_s = curvature_1_m = age_s = 0.0
-        for steer, error, error_age, vehicle, age in periods:
-            steer_rad += steer
-            error_m += error
-            error_age_s += error_age
-            yaw_rate_rad_s += vehicle.yaw_rate_rad_s
-            curvature_1_m += vehicle.preview_curvature_1_m
-            age_s += age
-        count = len(periods)
-        is_fresh = _is_fresh(periods[-1])
-        if is_fresh:
-            self._weight = self._keep * self._weight + 1.0
-            self._age_s += (age_s / count - self._age_s) / self._weight
-            self._error_age_s += (error_age_s / count - self._error_age_s) / self._weight
-        means = steer_rad / count, yaw_rate_rad_s / count, error_m / count, curvature_1_m / count
-        self._block.append((*means, is_fresh))
+    def _pairs_of(self, periods: Sequence[Seen]) -> list[_Pair]:
+        """Return the means of the control periods of each pair."""
+        count, pairs = self._ticks_per_pair, []
+        for begin in range(0, len(periods), count):
+            steer_rad = error_m = error_age_s = yaw_rate_rad_s = curvature_1_m = age_s = 0.0
+            last = begin + count
+            for steer, error, error_age, vehicle, age in periods[begin:last]:
+                steer_rad += steer
+                error_m += error
+                error_age_s += error_age
+                yaw_rate_rad_s += vehicle.yaw_rate_rad_s
+                curvature_1_m += vehicle.preview_curvature_1_m
+                age_s += age
+            is_fresh = _is_fresh(periods[last - 1])
+            if is_fresh:
+                self._weight = self._keep * self._weight + 1.0
+                self._age_s += (age_s / count - self._age_s) / self._weight
+                self._error_age_s += (error_age_s / count - self._error_age_s) / self._weight
+            means = steer_rad / count, yaw_rate_rad_s / count, error_m / count
+            pairs.append((*means, curvature_1_m / count, is_fresh))
+        return pairs
 
-    def _take_block(self, newest: Seen) -> None:
+    def _take_block(self, periods: Sequence[Seen]) -> None:
         """Filter the pairs of a block, and pass them on to both fits."""
+        pairs, newest = self._pairs_of(periods), periods[-1]
         speed_m_s = newest[3].speed_m_s
         change_m_s = abs(speed_m_s - self._speed_m_s)
         if speed_m_s >= _SPEED_M_S_MIN and change_m_s > _SPEED_CHANGE * self._speed_m_s:
-            self._design(speed_m_s)
+            self._design(speed_m_s, pairs[0])
         filters = self._filters
         if filters is None:
             return
         commands_rad, yaw_rates_rad_s, errors_m, curvatures_1_m, freshness = zip(
-            *self._block, strict=True
+            *pairs, strict=True
         )
         before_m, self._error_before_m = (self._error_before_m, *errors_m[:-1]), errors_m[-1]
         # The lateral error at the time of the curvature, up to a pair ago.
@@ -206,12 +209,12 @@ class DelayEstimator:
         if is_new:
             self._estimate(filters, _is_fresh(newest))
 
-    def _design(self, speed_m_s: float) -> None:
+    def _design(self, speed_m_s: float, first: _Pair) -> None:
         """Design the filters for a speed; the first ones start at rest."""
         vehicle = self._params.vehicle._replace(speed_m_s=speed_m_s)
         filters = design_filters(vehicle, self._pair_s)
         if filters is not None and self._filters is None:
-            _, yaw_rate_rad_s, self._error_before_m, _, _ = self._block[0]
+            _, yaw_rate_rad_s, self._error_before_m, _, _ = first
             self._states = filters_at_rest(filters, yaw_rate_rad_s, self._error_before_m)
         else:
             self._unsettled_until = self._pairs + round(_SETTLING_S / self._pair_s)
