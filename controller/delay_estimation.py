@@ -137,7 +137,7 @@ class DelayEstimator:
         self._keep = math.exp(-self._pair_s / params.window_s)
         self._weight = self._age_s = self._error_age_s = 0.0
         self._filters: DelayFilters | None = None
-        self._states: FilterStates = ()
+        self._states: FilterStates | None = None
         self._speed_m_s = 0.0
         self._waiting: list[Seen] = []
         """The control periods of a block, as far as they have passed."""
@@ -184,8 +184,8 @@ class DelayEstimator:
         change_m_s = abs(speed_m_s - self._speed_m_s)
         if speed_m_s >= _SPEED_M_S_MIN and change_m_s > _SPEED_CHANGE * self._speed_m_s:
             self._design(speed_m_s, pairs[0])
-        filters = self._filters
-        if filters is None:
+        filters, states = self._filters, self._states
+        if filters is None or states is None:
             return
         commands_rad, yaw_rates_rad_s, errors_m, curvatures_1_m, freshness = zip(
             *pairs, strict=True
@@ -198,7 +198,7 @@ class DelayEstimator:
             for before_m, error_m in zip(before_m, errors_m, strict=True)
         ]
         self._states, (x_a, z_a, x_b, z_b) = filters_run(
-            filters, self._states, commands_rad, yaw_rates_rad_s, aligned_m, curvatures_1_m
+            filters, states, commands_rad, yaw_rates_rad_s, aligned_m, curvatures_1_m
         )
         self._pairs += _PAIRS_PER_BLOCK
         nothing = (False,) * _PAIRS_PER_BLOCK

@@ -18,19 +18,24 @@ divided by G_n, and stable poles of the vehicle suffice at any speed.
 """
 
 from collections.abc import Sequence
+from operator import add
 from typing import NamedTuple
 
 from .discretization import tustin_sections
 from .nominal_model import NominalVehicle, steer_to_lateral_error
 from .sections import (
     Cascade2,
+    Cascade2State,
     Cascade3,
+    Cascade3State,
     Section,
     SectionState,
     cascade_2_at_rest,
+    cascade_2_run,
     cascade_3_at_rest,
+    cascade_3_run,
     section_at_rest,
-    sections_run,
+    section_run,
 )
 from .transfer_function import Factor, TransferFunction
 
@@ -55,7 +60,9 @@ class DelayFilters(NamedTuple):
     lag_s: float
 
 
-FilterStates = tuple[Sequence[SectionState], ...]
+FilterStates = tuple[
+    Cascade3State, Cascade2State, Cascade3State, SectionState, SectionState, SectionState
+]
 """States of the filters, in their order."""
 
 
@@ -101,9 +108,9 @@ def filters_at_rest(p: DelayFilters, yaw_rate_rad_s: float, lateral_error_m: flo
         cascade_3_at_rest(p.command_to_yaw, 0.0)[0],
         cascade_2_at_rest(p.yaw, yaw_rate_rad_s)[0],
         cascade_3_at_rest(p.command_to_error, 0.0)[0],
-        (section_at_rest(p.error, lateral_error_m)[0],),
-        (section_at_rest(p.curvature, 0.0)[0],),
-        (section_at_rest(p.error_lowpass, 0.0)[0],),
+        section_at_rest(p.error, lateral_error_m)[0],
+        section_at_rest(p.curvature, 0.0)[0],
+        section_at_rest(p.error_lowpass, 0.0)[0],
     )
 
 
@@ -117,13 +124,12 @@ def filters_run(
 ) -> tuple[FilterStates, Sequence[Sequence[float]]]:
     """Advance by a period per value; returns the new states, and x_a, z_a, x_b, z_b."""
     x_yaw, z_yaw, x_error, z_error, z_curvature, z_low = x
-    x_yaw, x_b = sections_run(p.command_to_yaw, x_yaw, commands_rad)
-    z_yaw, z_b = sections_run(p.yaw, z_yaw, yaw_rates_rad_s)
-    x_error, x_a = sections_run(p.command_to_error, x_error, commands_rad)
-    z_error, swings_m = sections_run((p.error,), z_error, lateral_errors_m)
-    z_curvature, drifts_m = sections_run((p.curvature,), z_curvature, curvatures_1_m)
-    moved_m = [swing_m + drift_m for swing_m, drift_m in zip(swings_m, drifts_m, strict=True)]
-    z_low, z_a = sections_run((p.error_lowpass,), z_low, moved_m)
+    x_yaw, x_b = cascade_3_run(p.command_to_yaw, x_yaw, commands_rad)
+    z_yaw, z_b = cascade_2_run(p.yaw, z_yaw, yaw_rates_rad_s)
+    x_error, x_a = cascade_3_run(p.command_to_error, x_error, commands_rad)
+    z_error, swings_m = section_run(p.error, z_error, lateral_errors_m)
+    z_curvature, drifts_m = section_run(p.curvature, z_curvature, curvatures_1_m)
+    z_low, z_a = section_run(p.error_lowpass, z_low, map(add, swings_m, drifts_m))
     return (x_yaw, z_yaw, x_error, z_error, z_curvature, z_low), (x_a, z_a, x_b, z_b)
 
 

@@ -149,12 +149,12 @@ class Reception:
 
         ``now_ns``  when it arrived
         """
-        can_id, data = frame.can_id, frame.data
+        can_id, data, flags = frame
         received = self._received.get(can_id)
         if received is None:
             return self._notice_own(can_id, now_ns) if can_id in self._sent_ids else None
         length, wanted_flags, unpack, check = received
-        if frame.flags != wanted_flags or len(data) != length:
+        if flags != wanted_flags or len(data) != length:
             return self._refuse_unread(frame)
         unpacked = unpack(data)
         if type(unpacked) is not tuple:
