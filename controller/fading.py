@@ -5,6 +5,7 @@ At a change the difference to the previous value is added, and then reduced step
 
 from typing import NamedTuple
 
+from ..runtime.record import new_record
 from .limits import ramp_step
 
 
@@ -24,4 +25,4 @@ def fading_step(step: float, x: Fading, wanted: float, source: bool) -> Fading:
     difference = ramp_step(step, x.difference)
     if source != x.source:
         difference = x.value - wanted
-    return Fading(wanted + difference, source, difference)
+    return new_record(Fading, (wanted + difference, source, difference))

@@ -94,7 +94,8 @@ def derivative_step(
             - filtered_rad
         )
     correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, is_estimated)
-    return DerivativeState(estimate, settled_sample, x_pd, correction), correction.value
+    after = (estimate, settled_sample, x_pd, correction)
+    return new_record(DerivativeState, after), correction.value
 
 
 def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
@@ -111,8 +112,8 @@ def kalman_step(
     """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
     x_law, output = law_step(p.law, x.law, seen)
     x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
-    corrected = (output.steer_rad + correction_rad, *output[1:])
-    return KalmanState(x_law, x_derivative), new_record(LawOutput, corrected)
+    after, corrected = (x_law, x_derivative), (output.steer_rad + correction_rad, *output[1:])
+    return new_record(KalmanState, after), new_record(LawOutput, corrected)
 
 
 def kalman_at_rest(

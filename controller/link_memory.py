@@ -77,7 +77,8 @@ class LinkMemory:
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
         """Store an echo."""
         wheel_rad, applied, code = status
-        params, rings, errors, commands = self._params, self._rings, self._errors, self._commands
+        params, rings = self._params, self._rings
+        errors, commands = self._errors, self._commands
         self._echoes = echo_step(
             params, rings, self._echoes, errors, commands, counter, applied, code, wheel_rad, now_ns
         )
