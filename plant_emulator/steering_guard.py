@@ -85,7 +85,6 @@ class GuardState(NamedTuple):
     ``deadline_ns``  when `guard_timer` is due next
     ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
     ``fade_rad``     what is added to the command
-    ``followed_ns``  when the wheel was last seen within its tolerance
     """
 
     mode: int
@@ -94,12 +93,11 @@ class GuardState(NamedTuple):
     deadline_ns: int
     good_run: int
     fade_rad: float
-    followed_ns: int
 
 
 def start_guard(p: GuardParams) -> GuardState:
     """Return the state at time 0."""
-    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0, 0)
+    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0)
 
 
 def guard_command(
@@ -109,14 +107,14 @@ def guard_command(
 
     ``is_new``  whether it has just arrived, and is no later value of a plan
     """
-    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns = x
+    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad = x
     if before == _SAFE_STATE:
         return x, False
     if not is_new:
         if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
             return x, False
         limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_before_rad, time_ns)
-        state = (before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns)
+        state = (before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad)
         return new_record(GuardState, state), True
     silence_ns = time_ns - arrived_ns
     counted_ns = min(silence_ns, p.silence_ns)
@@ -125,7 +123,7 @@ def guard_command(
         mode, good_run = _FOLLOWING, 0
         deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
     elif before == _FALLBACK:
-        state = (before, limiter, time_ns, deadline_ns, good_run, 0.0, followed_ns)
+        state = (before, limiter, time_ns, deadline_ns, good_run, 0.0)
         return new_record(GuardState, state), False
     elif run_before > 0:
         deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
@@ -135,7 +133,7 @@ def guard_command(
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
-    state = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad, followed_ns)
+    state = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad)
     return new_record(GuardState, state), True
 
 
@@ -146,12 +144,12 @@ def guard_rejection(x: GuardState) -> GuardState:
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
     """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
-    mode, limiter, arrived_ns, _, good_run, fade_rad, followed_ns = x
+    mode, limiter, arrived_ns, _, good_run, fade_rad = x
     if time_ns >= p.override_ns:
         mode = _SAFE_STATE
     elif mode == _FOLLOWING:
         until_ns = min(time_ns + p.hold_ns, p.override_ns)
-        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad, followed_ns), False
+        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad), False
     elif mode == _HOLDING:
         mode = _FALLBACK
     target_rad = _towards_zero(limiter.steer_rad, p.ramp_step_rad)
@@ -161,25 +159,28 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
         next_ns = time_ns + RAMP_PERIOD_NS
     if mode != _SAFE_STATE:
         next_ns = min(next_ns, p.override_ns)
-    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0, followed_ns), True
-
-
-def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -> GuardState:
-    """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow."""
-    mode, limiter, arrived_ns, deadline_ns, good_run, fade_rad, followed_ns = x
-    if is_at_target(p.limiter, limiter.steer_rad, wheel_rad):
-        followed_ns = time_ns
-    elif time_ns - followed_ns > p.limiter.follow_ns and mode != _SAFE_STATE:
-        return GuardState(_SAFE_STATE, limiter, arrived_ns, time_ns, 0, 0.0, followed_ns)
-    state = (mode, limiter, arrived_ns, deadline_ns, good_run, fade_rad, followed_ns)
-    return new_record(GuardState, state)
+    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0), True
 
 
 def guard_fault(x: GuardState, time_ns: int) -> GuardState:
-    """Process a fault of the unit: SAFE_STATE, and `guard_timer` is due at once."""
+    """Process a fault: SAFE_STATE, and `guard_timer` is due at once."""
     if x.mode == _SAFE_STATE:
         return x
-    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0, x.followed_ns)
+    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
+
+
+def guard_wheel(
+    p: GuardParams, x: GuardState, followed_ns: int, wheel_rad: float, time_ns: int
+) -> tuple[GuardState, int]:
+    """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow.
+
+    ``followed_ns``  when the wheel was last seen within its tolerance; its new value is returned
+    """
+    if is_at_target(p.limiter, x.limiter.steer_rad, wheel_rad):
+        return x, time_ns
+    if time_ns - followed_ns > p.limiter.follow_ns:
+        x = guard_fault(x, time_ns)
+    return x, followed_ns
 
 
 def is_overruled(x: GuardState) -> bool:

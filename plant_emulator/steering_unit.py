@@ -65,7 +65,7 @@ class SteeringUnit:
         self._entered: Counter[str] = Counter()
         self._ignored = 0
         self._recoveries = 0
-        self._command_ns, self._wheel_ns = NEVER_NS, 0
+        self._command_ns, self._wheel_ns, self._followed_ns = NEVER_NS, 0, 0
         self._longest_silence_ns = 0
         self._safe_state_at_ns = NEVER_NS
         self._safe_state_cause = ""
@@ -117,11 +117,11 @@ class SteeringUnit:
 
     def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
         """Compare the measured wheel with the target."""
-        state = guard_wheel(self._params, self._state, wheel_rad, now_ns)
-        self._wheel_ns = now_ns
-        if state.mode == self._state.mode:
-            self._state = state
-        else:
+        before, self._wheel_ns = self._state, now_ns
+        state, self._followed_ns = guard_wheel(
+            self._params, before, self._followed_ns, wheel_rad, now_ns
+        )
+        if state is not before:
             self._note_mode(state, now_ns, "the wheel does not follow")
             self._enter(state)
 

@@ -60,7 +60,7 @@ def _plant_until(
     to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
-    z, guard, sample, command, in_effect, plan, is_new, played = x
+    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played = x
     while True:
         command_ns = sample_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
@@ -71,8 +71,8 @@ def _plant_until(
             sample_ns = s.sample_ns[at]
         guard_ns = c.motion_start_ns + guard.deadline_ns
         if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
-            x = Progress(z, guard, sample, command, in_effect, plan, is_new, played)
-            return x, COMPLETE
+            buffered = plan, is_new, played
+            return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers = True, False, False
@@ -115,7 +115,7 @@ def _plant_until(
         if is_sample:
             _, linear, _ = z
             _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
-            guard = guard_wheel(c.guard, guard, wheel_rad, motion_ns)
+            guard, followed_ns = guard_wheel(c.guard, guard, followed_ns, wheel_rad, motion_ns)
             r.lateral_error_m[at] = error_m
             r.heading_error_rad[at] = heading_rad
             r.yaw_rate_rad_s[at] = yaw_rate_rad_s
@@ -126,7 +126,8 @@ def _plant_until(
             record_wire(wire, sample, linear, guard)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
-                x = Progress(z, guard, sample, command, in_effect, plan, is_new, played)
+                buffered = plan, is_new, played
+                x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                 return x, LEFT_RANGE
             r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
 
@@ -151,7 +152,7 @@ def run_segment(
     Returns the samples taken and the ticks done so far, and how it ended.
     """
     p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1, -1, False, -1)
+    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1)
     kept = Kept(x, 0.0, 0.0, nothing_known(wire))
     place = at(law.kept, kept)
     if not is_start:

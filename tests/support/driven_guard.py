@@ -37,6 +37,7 @@ class Guarded:
             override_ns=tested.OFF_NS if override_ms is None else round(override_ms * MS_NS),
         )
         self.x = tested.start_guard(self.p)
+        self.followed_ns = 0
         self.log: list[tuple[float, str, float]] = []
         self.set_anew: list[bool] = []
 
@@ -71,7 +72,9 @@ class Guarded:
 
     def wheel(self, time_ms: float, wheel_rad: float) -> None:
         self.until(time_ms)
-        self.x = tested.guard_wheel(self.p, self.x, wheel_rad, round(time_ms * MS_NS))
+        self.x, self.followed_ns = tested.guard_wheel(
+            self.p, self.x, self.followed_ns, wheel_rad, round(time_ms * MS_NS)
+        )
 
     @property
     def mode(self) -> str:
