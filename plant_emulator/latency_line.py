@@ -129,8 +129,9 @@ class LatencyLine(Generic[Item]):
             self._drawn_ns = constant_ns
             in_turn = self._in_turn
             if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
-                self._pushed += len(frames)
-                injected_ns += constant_ns * len(frames)
+                count = len(frames)
+                self._pushed += count
+                injected_ns += constant_ns * count
                 in_turn.append((now_ns + constant_ns[0], now_ns, frames))
                 self.next_due_ns = in_turn[0][0]
                 if len(injected_ns) >= _BLOCK:
@@ -170,7 +171,10 @@ class LatencyLine(Generic[Item]):
             latencies_ns += [due_ns - came_ns] * len(frames)
             released.append(passage)
             in_turn.popleft()
-        waiting, newest, newest_wins = self._waiting, self._newest_released, self._newest_wins
+        waiting = self._waiting
+        if not waiting:
+            return released
+        newest, newest_wins = self._newest_released, self._newest_wins
         while waiting:
             due_ns, sequence, came_ns, key, item = waiting[0]
             if sequence < newest[key]:  # older than what has left: nobody waits for it

@@ -102,7 +102,7 @@ class PlantNode:
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         self._sends_truth = settings.ground_truth
-        self._messages = PlantMessages(settings)
+        self._messages = PlantMessages()
         self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
         self._record = RunRecord(settings, self._motion, samples_max)
         self.finished = False

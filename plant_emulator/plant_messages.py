@@ -25,9 +25,6 @@ from ..dbc.protection import COUNTERS
 from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from .network import Network
-from .sensors import Readings, Sample, with_noise
-from .settings import PlantSettings
-from .streams import Channel, uniforms
 
 STEERING = (SteeringCommand, SteeringPlan)
 """Commands: a plan and a command take each other's place."""
@@ -60,11 +57,7 @@ class PlantMessages:
     ``clamped``        other values sent as the end of their signal's range
     """
 
-    def __init__(self, settings: PlantSettings) -> None:
-        noise = settings.sensor_noise
-        deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
-        self._noise = deviations if any(deviations) else None
-        self._uniforms = uniforms(settings.seed, Channel.SENSOR_NOISE)
+    def __init__(self) -> None:
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
         self._states, self._rig = Sender(VehicleState), Sender(PlantStatus)
         self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
@@ -75,10 +68,6 @@ class PlantMessages:
     def next_sample(self) -> int:
         """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
         return self._errors.counter
-
-    def measured(self, true: Sample) -> Sample:
-        """Return a sample with noise."""
-        return true if self._noise is None else with_noise(true, self._noise, self._uniforms)
 
     def lateral_error(self, error_m: float, heading_rad: float, *, is_finite: bool) -> Frame:
         """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""

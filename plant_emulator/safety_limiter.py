@@ -139,7 +139,10 @@ def limit_steer(
         if slot - slot_before >= passed:
             low_2, high_2, low_1, high_1 = low_1, high_1, low, high
             low = high = steer_before
-    lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
+    lowest = low if low < low_1 else low_1
+    lowest = lowest if lowest < low_2 else low_2
+    highest = high if high > high_1 else high_1
+    highest = highest if highest > high_2 else high_2
     steer, cause = steer_rad, 0
     if not math.isfinite(steer_rad):
         steer, cause = steer_before, 5
@@ -148,7 +151,8 @@ def limit_steer(
             steer, cause = max(-reach_rad, highest - sweep_rad), cause_of_row
         elif steer > reach_rad or steer > lowest + sweep_rad:
             steer, cause = min(reach_rad, lowest + sweep_rad), cause_of_row
-    low, high = min(low, steer), max(high, steer)
+    low = low if low < steer else steer
+    high = high if high > steer else steer
     state = (steer, cause, slot, low, high, low_1, high_1, low_2, high_2)
     return new_record(LimiterState, state), steer
 

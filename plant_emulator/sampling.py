@@ -15,7 +15,9 @@ from .latency_line import LatencyLine
 from .motion import Motion
 from .path_ahead import curvatures_ahead_1_m, spacing_m
 from .plant_messages import PlantMessages
+from .sensors import Readings, with_noise
 from .settings import PlantSettings
+from .streams import Channel, uniforms
 
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 _ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
@@ -43,6 +45,10 @@ class Sampling:
         self._ahead_m = (
             None if ahead is None else spacing_m(settings.vehicle.speed_m_s, ahead.reach_s)
         )
+        noise = settings.sensor_noise
+        deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        self._noise = deviations if any(deviations) else None
+        self._uniforms = uniforms(settings.seed, Channel.SENSOR_NOISE)
         self._messages, self._uplink = messages, uplink
 
     def send(
@@ -62,9 +68,9 @@ class Sampling:
         messages = self._messages
         z = motion.linear
         _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z
-        error_m, heading_rad, yaw_rate_rad_s = messages.measured(
-            (error_m, heading_rad, yaw_rate_rad_s)
-        )
+        if self._noise is not None:
+            true = error_m, heading_rad, yaw_rate_rad_s
+            error_m, heading_rad, yaw_rate_rad_s = with_noise(true, self._noise, self._uniforms)
         error = messages.lateral_error(error_m, heading_rad, is_finite=motion.is_finite)
         status = messages.steering_status(wheel_rad, applied, code)
         frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
