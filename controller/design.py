@@ -151,7 +151,7 @@ def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
 
 
 def _with_params(law: LawDesign, around: Callable[[Any], Any]) -> LawDesign:
-    """Return a law with other params around its own, which is told of the bus."""
+    """Return a law with params around its own, which reads all of its input."""
     at = law.params_at
     return law._replace(
         params=around(law.params),

@@ -66,7 +66,7 @@ def section_run(
 ) -> tuple[SectionState, list[float]]:
     """Advance one period per input; returns the new state and the outputs.
 
-    This and the next two give the same numbers as one step per period, in a third of the time.
+    This and the next two give the same numbers as one step per period, in less time.
     """
     b0, b1, b2, a1, a2 = p
     x1, x2 = x

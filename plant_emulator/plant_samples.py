@@ -165,13 +165,14 @@ class RunRecord:
             self._process_waiting()
 
     def _process_waiting(self) -> None:
+        """Add the waiting samples to the figures, and keep those for which there is room."""
         room = self._samples_max - len(self._samples)
         speed_m_s, path = self._motion.speed_m_s, self._motion.path
         preview_m = self._motion.preview_distance_m
         figures = []
         for time_ns, linear, command, (downlink_s, uplink_s), limit in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
-            at_m = speed_m_s * (time_ns / NS_PER_S)
+            at_m = speed_m_s * (time_ns / NS_PER_S)  # ``Motion.arc_length_m`` at that time
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
             figures.append((error_m, cg_m, wheel_rad, limit))
             if len(figures) > room:
