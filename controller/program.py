@@ -10,23 +10,27 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..command_line import command_parser
-from ..dbc.secured_frame import CONTROLLER
-from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.program import fail_status, run_main, say
-from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
-from ..runtime.report import json_text
-from ..runtime.settings import SettingsError
-from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
+from ..dbc.secoc.frame import CONTROLLER
+from ..dbc.secoc.program import add_key_file_argument, run_secured_node
+from ..runtime.command_line import command_parser
+from ..runtime.program.program import fail_status, run_main, say
+from ..runtime.program.program_options import (
+    add_settings_arguments,
+    load_program_settings,
+    make_parser,
+)
+from ..runtime.program.report import json_text
+from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
+from ..runtime.settings.settings import SettingsError
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .laws import LAWS
-from .node import RECEIVED, SENT, ControllerNode
-from .quantities import QUANTITIES, verdict_text
+from .node.node import RECEIVED, SENT, ControllerNode
+from .node.quantities import QUANTITIES, verdict_text
+from .node.summary import controller_summary
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle, sparse_measurements
-from .summary import controller_summary
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"

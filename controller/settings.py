@@ -10,12 +10,12 @@ from typing import Annotated, Self
 
 from pydantic import Field, PositiveFloat, Tag, model_validator
 
+from ..dbc.codec.protection import SequenceRule
 from ..dbc.messages import SteeringCommand
 from ..dbc.messages import limits as signal_limits
-from ..dbc.protection import SequenceRule
-from ..runtime.node import NS_PER_MS, NS_PER_S
-from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import (
+from ..runtime.node.node import NS_PER_MS, NS_PER_S
+from ..runtime.node.overruns import OverrunSettings
+from ..runtime.settings.settings import (
     NUMBER_OR_WORD,
     OffWord,
     Settings,
@@ -24,11 +24,11 @@ from ..runtime.settings import (
     read_preset,
     read_table,
 )
-from .delay_settings import DelayEstimationSettings
-from .freshness import NO_LIMIT_NS, AgeLimits
-from .law_settings import LawSettings
-from .limits import SteerLimits
-from .modes import Supervision
+from .delay_estimation.delay_settings import DelayEstimationSettings
+from .history.freshness import NO_LIMIT_NS, AgeLimits
+from .interface.limits import SteerLimits
+from .laws.settings import LawSettings
+from .node.modes import Supervision
 
 PRESETS = "steer_by_wire.controller.presets"
 """The package with the presets that are shipped."""

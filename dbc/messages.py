@@ -1,20 +1,22 @@
-"""The messages on the bus to and from frames, as the typed records of ``dbc.message_records``.
+"""The messages on the bus to and from frames, as the typed records of ``dbc.contract.records``.
 
 Encoding raises for a value that its signal cannot carry, which is a mistake of the program.
 Decoding never raises: a frame that is not a valid message gives a ``Rejection``, to be counted by
 cause.
 
-``dbc.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
+``dbc.contract.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
 """
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
+from ..runtime.frame.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
-from .codec import EncodeError, Rejection, codecs_of
-from .enumerations import (
+from .codec.codec import EncodeError, Rejection, codecs_of
+from .codec.protection import id_mark, mark_in
+from .codec.signals import SignalRange
+from .contract.enumerations import (
     ControllerFault,
     Direction,
     EchoState,
@@ -29,9 +31,9 @@ from .enumerations import (
     SteeringStatusCode,
     Validity,
 )
-from .generated_layout import LAYOUTS
-from .long_messages import PathAhead, SteeringPlan
-from .message_records import (
+from .contract.generated_layout import LAYOUTS
+from .contract.long_messages import PathAhead, SteeringPlan
+from .contract.records import (
     MESSAGE_TYPES,
     ControllerSafety,
     ControllerStatus,
@@ -46,8 +48,6 @@ from .message_records import (
     SteeringStatus,
     VehicleState,
 )
-from .protection import id_mark, mark_in
-from .signals import SignalRange
 
 __all__ = [
     "CAN_IDS",

@@ -1,7 +1,7 @@
 """Which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest accepted one (``dbc.protection.SequenceCheck``). Refused frames are
+counter, newer than the newest accepted one (``dbc.codec.protection.SequenceCheck``). Refused frames are
 counted by cause. Frames under the identifiers that the node itself sends are noticed: a node does
 not receive its own, so they come from a second sender.
 """
@@ -10,8 +10,9 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
-from ..runtime.frame import FD, Frame
-from ..runtime.node import NEVER_NS, NS_PER_MS
+from ..runtime.frame.frame import FD, Frame
+from ..runtime.node.node import NEVER_NS, NS_PER_MS
+from .codec.protection import SequenceCheck, SequenceResult, SequenceRule
 from .messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
@@ -29,8 +30,7 @@ from .messages import (
     rejection_of,
     unpacking,
 )
-from .protection import SequenceCheck, SequenceResult, SequenceRule
-from .secured_frame import Refused, is_secured
+from .secoc.frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _COMES_WITH: Mapping[type[Message], type[Message]] = {

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from ..runtime.frame import Frame
+from ..runtime.frame.frame import Frame
 from ..runtime.record import new_record
+from .codec.protection import COUNTERS
 from .messages import Message, encode_not_available, packing
-from .protection import COUNTERS
 
 
 class Sender:

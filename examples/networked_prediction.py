@@ -27,13 +27,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.design import link_of, vehicle_of
-from steer_by_wire.controller.estimator import command_from
-from steer_by_wire.controller.law_record import Schedule
+from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.history.plan import VALUES
+from steer_by_wire.controller.interface.law_record import Schedule
+from steer_by_wire.controller.laws.design import link_of, vehicle_of
 from steer_by_wire.controller.laws.packet import plan_times
-from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.plan import VALUES
-from steer_by_wire.controller.predictor_design import noise_covariances, sampled_vehicles
+from steer_by_wire.controller.prediction.estimator import command_from
+from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles
 
 Array = NDArray[np.float64]
 H = np.eye(4)[[3, 2]]  # y and Δψ are measured

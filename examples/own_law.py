@@ -20,11 +20,11 @@ from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
 from steer_by_wire import Law, LawInput, LawOutput, Run, Settings, simulate
-from steer_by_wire.controller.discretization import design_pd
-from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.filters.discretization import design_pd
+from steer_by_wire.controller.filters.pd import PdParams, pd_at_rest, pd_step
+from steer_by_wire.controller.filters.sections import SectionState
 from steer_by_wire.controller.laws import last_command
-from steer_by_wire.controller.pd import PdParams, pd_at_rest, pd_step
-from steer_by_wire.controller.sections import SectionState
+from steer_by_wire.controller.laws.settings import LawSettings
 
 
 class OwnTable(Settings):  # [own_law] of a settings file; C(s) is that of [pd]

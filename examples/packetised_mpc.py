@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller import estimator
-from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LINK, History, Link
-from steer_by_wire.controller.law_record import Schedule
+from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LINK, History, Link
+from steer_by_wire.controller.interface.law_record import Schedule
 from steer_by_wire.controller.laws import packet
 from steer_by_wire.controller.laws.predictor import PredictorState
-from steer_by_wire.controller.measured_vehicle import measured_gains
-from steer_by_wire.controller.prediction import predict, steer_for
+from steer_by_wire.controller.prediction import estimator
+from steer_by_wire.controller.prediction.measured_vehicle import measured_gains
+from steer_by_wire.controller.prediction.prediction import predict, steer_for
 
 Array = NDArray[np.float64]
 Cost = tuple[estimator.VehicleGains, float, int]  # model, k, samples between two values

@@ -20,17 +20,17 @@ from ..dbc.messages import (
     limits,
     resolutions,
 )
-from ..runtime.node import NS_PER_MS
-from ..runtime.toml_text import dump_toml
-from .latency_settings import LatencySettings
-from .motion_design import MotionParams, motion_params
-from .path import Path
-from .rig_settings import VehicleSettings
-from .safety_limiter import AVERAGING_S, Cause
-from .safety_settings import design_guard
-from .sampling import samples_per_vehicle_state
+from ..runtime.node.node import NS_PER_MS
+from ..runtime.settings.toml_text import dump_toml
+from .network.settings import LatencySettings
+from .node.sampling import samples_per_vehicle_state
+from .node.status_timing import PERIOD_NS
+from .path.path import Path
 from .settings import PlantSettings
-from .status_timing import PERIOD_NS
+from .steering.limiter import AVERAGING_S, Cause
+from .steering.settings import design_guard
+from .vehicle.motion_design import MotionParams, motion_params
+from .vehicle.rig_settings import VehicleSettings
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""

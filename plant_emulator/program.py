@@ -8,22 +8,22 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.secured_frame import PLANT
-from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.option_types import output_file
-from ..runtime.program import ExitStatus, run_main, say
-from ..runtime.program_options import load_program_settings, make_parser
-from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
+from ..dbc.secoc.frame import PLANT
+from ..dbc.secoc.program import add_key_file_argument, run_secured_node
+from ..runtime.program.option_types import output_file
+from ..runtime.program.program import ExitStatus, run_main, say
+from ..runtime.program.program_options import load_program_settings, make_parser
+from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check import check_text
-from .faults import FaultyNode, with_faults
-from .motion_design import motion_params
-from .node import PlantNode
-from .plant_messages import RECEIVED, SENT
-from .plant_samples import SAMPLES_MAX, write_trace
-from .quantities import QUANTITIES
+from .evaluation.quantities import QUANTITIES
+from .evaluation.run_record import SAMPLES_MAX, write_trace
+from .evaluation.summary import plant_summary
+from .evaluation.verdict_text import verdict_text
+from .faults.stage import FaultyNode, with_faults
+from .node.messages import RECEIVED, SENT
+from .node.node import PlantNode
 from .settings import PRESETS, PlantSettings, shared_vehicle
-from .summary import plant_summary
-from .verdict_text import verdict_text
+from .vehicle.motion_design import motion_params
 
 NAME = "plant-emulator"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))

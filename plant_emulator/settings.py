@@ -6,13 +6,21 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ..dbc.protection import SequenceRule
-from ..runtime.node import NS_PER_MS, NS_PER_S
-from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
-from .fault_settings import FAULTS_MAX, FaultSettings
-from .latency_settings import BothLatencySettings
-from .rig_settings import (
+from ..dbc.codec.protection import SequenceRule
+from ..runtime.node.node import NS_PER_MS, NS_PER_S
+from ..runtime.node.overruns import OverrunSettings
+from ..runtime.settings.settings import (
+    Settings,
+    SharedTable,
+    load_settings,
+    read_preset,
+    read_table,
+)
+from .evaluation.verdict import VerdictRules
+from .faults.settings import FAULTS_MAX, FaultSettings
+from .network.settings import BothLatencySettings
+from .steering.settings import SafetySettings, resync_ns_of
+from .vehicle.rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
     EllipseSettings,
@@ -21,8 +29,6 @@ from .rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
-from .safety_settings import SafetySettings, resync_ns_of
-from .verdict import VerdictRules
 
 PRESETS = "steer_by_wire.plant_emulator.presets"
 """The package with the presets that are shipped."""
@@ -66,7 +72,7 @@ class PlantSettings(Settings):
     overruns: OverrunSettings = OverrunSettings()
     """Of the sensors; beyond these the plant counts as too slow, and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
-    """Injected on the way to and from the plant (``plant_emulator.faults``)."""
+    """Injected on the way to and from the plant (``plant_emulator.faults.stage``)."""
 
     @property
     def duration_ns(self) -> int:

@@ -10,10 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .closed_loop.run import Run
+    from .closed_loop.run_tables import ControllerTable, PlantTable, Track
+    from .closed_loop.simulate import controller_presets, plant_presets, simulate
+    from .closed_loop.studies.study_table import run_study
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
-    from .plant_emulator.own_parts import (
+    from .plant_emulator.path.shapes import path_of_curvature
+    from .plant_emulator.path.waypoints import path_through
+    from .plant_emulator.settings import PlantSettings
+    from .plant_emulator.vehicle.own_parts import (
         DisturbanceModel,
         DisturbanceStep,
         LatencyModel,
@@ -22,30 +29,23 @@ if TYPE_CHECKING:
         VehicleModel,
         VehicleState,
     )
-    from .plant_emulator.path_shapes import path_of_curvature
-    from .plant_emulator.settings import PlantSettings
-    from .plant_emulator.vehicle import VehicleParams
-    from .plant_emulator.waypoints import path_through
-    from .run_tables import ControllerTable, PlantTable, Track
-    from .runtime.settings import Settings, SettingsError
-    from .simulated_run import Run
-    from .simulation import controller_presets, plant_presets, simulate
-    from .study_table import run_study
+    from .plant_emulator.vehicle.vehicle import VehicleParams
+    from .runtime.settings.settings import Settings, SettingsError
 
 _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
     "controller.settings": ("ControllerSettings",),
     "dbc.messages": ("Mode",),
-    "plant_emulator.own_parts": (
+    "plant_emulator.vehicle.own_parts": (
         *("DisturbanceModel", "DisturbanceStep", "LatencyModel", "PathModel"),
         *("VehicleInput", "VehicleModel", "VehicleState"),
     ),
-    "plant_emulator.path_shapes": ("path_of_curvature",),
+    "plant_emulator.path.shapes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),
-    "plant_emulator.vehicle": ("VehicleParams",),
-    "plant_emulator.waypoints": ("path_through",),
+    "plant_emulator.vehicle.vehicle": ("VehicleParams",),
+    "plant_emulator.path.waypoints": ("path_through",),
     "run_tables": ("ControllerTable", "PlantTable", "Track"),
-    "runtime.settings": ("Settings", "SettingsError"),
+    "runtime.settings.settings": ("Settings", "SettingsError"),
     "simulated_run": ("Run",),
     "simulation": ("controller_presets", "plant_presets", "simulate"),
     "study_table": ("run_study",),

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, metadata
 from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
-from .command_line import DISTRIBUTION, INTERRUPTED_STATUS, missing_library
+from .runtime.command_line import DISTRIBUTION, INTERRUPTED_STATUS, missing_library
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
@@ -80,7 +80,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
-            "with-vcan": Program("vcan.__main__", "run a command with a real vcan0", True),
+            "with-vcan": Program("tools.vcan.__main__", "run a command with a real vcan0", True),
             "probe": _tool("probe_host", "which rate this machine can keep"),
             "benchmark": _tool("benchmark", "the time of a control step and a run here"),
             "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),

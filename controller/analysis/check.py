@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ...runtime.toml_text import dump_toml
+from ...runtime.settings.toml_text import dump_toml
 from ..settings import ControllerSettings
 from .check_figures import check_figures
 from .check_verdict import found_in, in_words

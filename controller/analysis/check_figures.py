@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.array_types import ComplexArray
-from ...runtime.node import NS_PER_MS, NS_PER_S
-from ..design import LawDesign, design_law, link_of, vehicle_of
-from ..law_record import LookingBack
-from ..nominal_model import NominalVehicle, steer_to_lateral_error
+from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.records import ComplexArray
+from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
+from ..filters.settings import VehicleModelSettings
+from ..interface.law_record import LookingBack
+from ..laws.design import LawDesign, design_law, link_of, vehicle_of
 from ..settings import ControllerSettings
-from ..shared_settings import VehicleModelSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .looking_back import Rig

@@ -7,7 +7,7 @@ from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ...runtime.thresholds import Quantity
+from ...runtime.program.thresholds import Quantity
 
 
 class CheckVerdict(StrEnum):

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...runtime.array_types import ComplexArray, FloatArray
-from ...runtime.node import NS_PER_S
-from ..design import LawDesign
-from ..held_input import held_over
-from ..law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput
-from ..transfer_function import TransferFunction
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import ComplexArray, FloatArray
+from ..filters.transfer_function import TransferFunction
+from ..interface.law import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput
+from ..laws.design import LawDesign
+from ..prediction.held_input import held_over
 
 
 class LinearSystem(NamedTuple):

@@ -2,7 +2,7 @@
 
 At a constant latency every instant is known beforehand: when samples are taken, ticks run and
 commands act, which command the echo names, and what the controller has received. ``Signals`` moves
-the vehicle exactly from event to event, in the order of ``compiled.loop``: commands that are due,
+the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands that are due,
 samples, the tick, and its command if there is no latency. The response of a tick is computed by
 ``controller.analysis.unit_answers``.
 
@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_S
-from ..held_input import held_over
-from ..link import LinkParams
-from ..nominal_model import NominalVehicle
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import FloatArray
+from ..filters.nominal_model import NominalVehicle
+from ..history.link import LinkParams
+from ..prediction.held_input import held_over
 
 BETA, R, PSI, Y, WHEEL = range(5)
 

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
-from ...runtime.node import NS_PER_S
-from ..design import LawDesign
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import BoolArray, ComplexArray, FloatArray
+from ..history.link import LinkParams
+from ..laws.design import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
-from ..link import LinkParams
 from ..settings import ControllerSettings
 from .looking_back import LoopMatrices, Rig, Signals, Timing, Y, continuous_rig, rows_read_at
 from .sampled_loop import SLOWEST_DECAY_1_S

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.array_types import FloatArray
-from ..design import LawDesign
-from ..law_interface import History, LawInput, Link, VehicleReading
+from ...runtime.records import FloatArray
+from ..interface.law import History, LawInput, Link, VehicleReading
+from ..laws.design import LawDesign
 from .linear_system import filled, floats_of
 from .looking_back import Timing, rows_read_at
 

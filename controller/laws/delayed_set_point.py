@@ -5,7 +5,7 @@ controls the vehicle's yaw rate to that request:
 
     r_req = V (ρ + C(0 - y)/S)                       requested now
     e     = r_req(t - T) - r                         requested one delay ago, measured now
-    u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``controller.feed_forward``
+    u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``controller.laws.feed_forward``
 
     y  lateral_error_m         [m]       r  yaw_rate_rad_s  of VEHICLE_STATE   [rad/s]
     ρ  preview_curvature_1_m   [1/m]     V  speed_m_s       of VEHICLE_STATE   [m/s]
@@ -37,20 +37,20 @@ from pydantic import Field
 
 from ...dbc.messages import CYCLE_TIMES_MS, VehicleState
 from ...dbc.messages import Law as LawNumber
-from ...runtime.node import NS_PER_MS
-from ...runtime.settings import Settings
-from ..design import FADE_RAD_S, link_of, steady_steer, vehicle_of
-from ..discretization import design_pd
-from ..fading import NOTHING, Fading, fading_step
-from ..feed_forward import SteadySteer, curve_step, steer_per_curvature
-from ..law_interface import LawInput, LawOutput, Link
-from ..law_record import Law, LookingBack
-from ..link import LinkParams
-from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import SectionState
+from ...runtime.node.node import NS_PER_MS
+from ...runtime.settings.settings import Settings
+from ..filters.discretization import design_pd
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..history.link import LinkParams
+from ..interface.fading import NOTHING, Fading, fading_step
+from ..interface.law import LawInput, LawOutput, Link
+from ..interface.law_record import Law, LookingBack
+from .design import FADE_RAD_S, link_of, steady_steer, vehicle_of
+from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 REQUESTS = 100
 """Number of stored requests."""

@@ -5,7 +5,7 @@ with the loop closed by the predictor's own feedback:
 
     x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then u_ss - K (x[k] - x_ss)
 
-u at every ``spacing`` samples is the plan (``controller.plan``). The plant plays the newest plan
+u at every ``spacing`` samples is the plan (``controller.history.plan``). The plant plays the newest plan
 by its own clock, so that a late or lost frame costs only what the plan before did not foresee. The
 controller knows that clock without comparing clocks: it is the number of the sample, which the
 counter of each measurement shows.
@@ -24,14 +24,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings import Settings
-from ..estimator import command_from, estimate_to, step_on_path
-from ..law_interface import LawInput, LawOutput, Link
-from ..law_record import Law, LookingBack, Schedule
-from ..link import LinkParams
-from ..measured_vehicle import measured_gains
-from ..plan import SPACING_MAX, VALUES
-from ..prediction import horizon_samples, steer_for
+from ...runtime.settings.settings import Settings
+from ..history.link import LinkParams
+from ..history.plan import SPACING_MAX, VALUES
+from ..interface.law import LawInput, LawOutput, Link
+from ..interface.law_record import Law, LookingBack, Schedule
+from ..prediction.estimator import command_from, estimate_to, step_on_path
+from ..prediction.measured_vehicle import measured_gains
+from ..prediction.prediction import horizon_samples, steer_for
 from . import predictor
 from .predictor import (
     PredictorParams,
@@ -43,7 +43,7 @@ from .predictor import (
 )
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 SINGLE_COMMANDS = "predictor"
 """The law on classic CAN, which has no frame for a plan."""

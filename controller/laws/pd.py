@@ -3,14 +3,14 @@
 from typing import TYPE_CHECKING
 
 from ...dbc.messages import Law as LawNumber
-from ..discretization import design_pd
-from ..law_interface import LawInput, LawOutput
-from ..law_record import Law, last_command
-from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import SectionState
+from ..filters.discretization import design_pd
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import Law, last_command
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 
 def pd_law_step(p: PdParams, x: SectionState, seen: LawInput) -> tuple[SectionState, LawOutput]:

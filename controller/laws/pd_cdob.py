@@ -6,16 +6,16 @@ The observer sees the command that was sent, after limits, and does not wind up.
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
-from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
-from ..design import required
-from ..discretization import design_cdob, design_pd
-from ..law_interface import LawInput, LawOutput
-from ..law_record import Law, last_command
-from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import SectionState
+from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
+from ..filters.discretization import design_cdob, design_pd
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import Law, last_command
+from .design import required
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 
 class PdCdobParams(NamedTuple):

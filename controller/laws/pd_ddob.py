@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.record import new_record
-from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
-from ..design import required
-from ..discretization import design_cdob, design_dob, design_pd
-from ..dob import DobParams, DobState, dob_at_rest, dob_step
-from ..law_interface import LawInput, LawOutput
-from ..law_record import Law, last_command
-from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import SectionState
+from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
+from ..filters.discretization import design_cdob, design_dob, design_pd
+from ..filters.dob import DobParams, DobState, dob_at_rest, dob_step
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import Law, last_command
+from .design import required
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 
 class PdDdobParams(NamedTuple):

@@ -1,7 +1,7 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
-The echo of the command counter measures the delay (``controller.link``); the Kalman filter
-(``controller.estimator``) gives the state at the newest sample; the model extrapolates it with the
+The echo of the command counter measures the delay (``controller.history.link``); the Kalman filter
+(``controller.prediction.estimator``) gives the state at the newest sample; the model extrapolates it with the
 commands in transit, up to the time at which this period's command is expected to act; and
 
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
@@ -20,15 +20,20 @@ from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.record import new_record
-from ...runtime.settings import Settings
-from ..design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
-from ..estimator import EstimatorState, VehicleGains, estimate_to, estimator_at_rest, start_estimate
-from ..followed_point import ahead_of_cg_m
-from ..law_interface import LawInput, LawOutput
-from ..law_record import Fallback, Law, LookingBack, Schedule
-from ..limits import ramp_step
-from ..link import LinkParams
-from ..measured_vehicle import (
+from ...runtime.settings.settings import Settings
+from ..history.link import LinkParams
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import Fallback, Law, LookingBack, Schedule
+from ..interface.limits import ramp_step
+from ..prediction.estimator import (
+    EstimatorState,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    start_estimate,
+)
+from ..prediction.gains import Feedback, design_schedule, together
+from ..prediction.measured_vehicle import (
     SET,
     MeasuredParams,
     MeasuredState,
@@ -38,12 +43,13 @@ from ..measured_vehicle import (
     measured_to,
     nothing_measured,
 )
-from ..prediction import horizon_samples, predict, steer_for
-from ..predictor_design import Feedback, design_schedule, together
+from ..prediction.prediction import horizon_samples, predict, steer_for
+from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
+from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 
 NAME = "predictor"

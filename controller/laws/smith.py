@@ -6,7 +6,7 @@
     u     sent_rad                      commands as sent, after limits                    [rad]
     T_m   delay of the model            from sending a command until its effect is seen   [s]
     y_fb  compensated_lateral_error_m   as the error would be without the delay           [m]
-    H     (s/(s + ω_h))²                washout, as in ``controller.cdob``
+    H     (s/(s + ω_h))²                washout, as in ``controller.filters.cdob``
 
 O. J. Smith, "Closer control of loops with dead time", 1957; not in SAE 2018-01-1086, whose CDOB
 does the same with an estimate in place of u - u(t - T_m). Where the real delay is T_m and the
@@ -22,17 +22,23 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings import Settings
-from ..design import required
-from ..discretization import design_compensation, design_pd
-from ..law_interface import History, LawInput, LawOutput
-from ..law_record import Law
-from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import Cascade2, Cascade2State, SectionState, cascade_2_at_rest, cascade_2_step
-from ..shared_settings import CutoffRadS
+from ...runtime.settings.settings import Settings
+from ..filters.discretization import design_compensation, design_pd
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import (
+    Cascade2,
+    Cascade2State,
+    SectionState,
+    cascade_2_at_rest,
+    cascade_2_step,
+)
+from ..filters.settings import CutoffRadS
+from ..interface.law import History, LawInput, LawOutput
+from ..interface.law_record import Law
+from .design import required
 
 if TYPE_CHECKING:
-    from ..law_settings import LawSettings
+    from .settings import LawSettings
 
 
 class SmithSettings(Settings):

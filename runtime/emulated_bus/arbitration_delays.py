@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from ..frame import EXTENDED, Frame
-from ..statistics import DurationStatistics, DurationSummary
+from ..frame.frame import EXTENDED, Frame
+from ..node.statistics import DurationStatistics, DurationSummary
 
 WATCHED_IDS_MAX = 256
 """The first identifiers on a channel; arbitration time and sender are recorded for these only."""

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..background_traffic import PeriodicMessage
-from ..bus_settings import BusSettings
+from ..bus_model.rest_bus import PeriodicMessage
+from ..bus_model.settings import BusSettings
 
 
 class Beside(NamedTuple):

@@ -12,14 +12,14 @@ reach the clients up to that much late, with their right times.
 
 from struct import Struct
 
-from ..background_traffic import BackgroundTraffic
-from ..bus_model import BusModel
-from ..bus_records import BusLoad, Delivery
-from ..bus_settings import errors_of
-from ..error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
-from ..fault_confinement import ControllerState
-from ..frame import ERROR, EXTENDED, Frame
-from ..node import NEVER_NS, NS_PER_MS
+from ..bus_model.bus_model import BusModel
+from ..bus_model.bus_records import BusLoad, Delivery
+from ..bus_model.error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
+from ..bus_model.fault_confinement import ControllerState
+from ..bus_model.rest_bus import BackgroundTraffic
+from ..bus_model.settings import errors_of
+from ..frame.frame import ERROR, EXTENDED, Frame
+from ..node.node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
 from .beside import NOTHING_BESIDE, Beside, client_number
 from .bus_off import Recovery

@@ -20,14 +20,14 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.design import LawDesign, design_law
-from steer_by_wire.controller.discretization import design_pd
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.filters.discretization import design_pd
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from steer_by_wire.controller.filters.settings import PdSettings
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
-from steer_by_wire.controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
-from steer_by_wire.controller.shared_settings import PdSettings
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.laws.design import LawDesign, design_law
+from steer_by_wire.controller.laws.settings import LawSettings
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

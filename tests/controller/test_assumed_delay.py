@@ -8,14 +8,14 @@ the distribution.
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.link_history import RING_SIZE
-from steer_by_wire.controller.link_memory import LinkMemory
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.history.history import RING_SIZE
+from steer_by_wire.controller.history.link_memory import LinkMemory
+from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 
 ASSUMED_NS = 300_000_000
@@ -64,7 +64,7 @@ def test_a_constant_delay_may_as_well_be_assumed_as_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured_m = settled_rms_m(CONSTANT, "d")
-    monkeypatch.setattr("steer_by_wire.controller.law_runner.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.LinkMemory", AssumingMemory)
     assert settled_rms_m(CONSTANT, "d") == pytest.approx(measured_m, rel=0.05)
 
 
@@ -73,5 +73,5 @@ def test_under_jitter_an_assumed_delay_costs_several_times_the_error(
 ) -> None:
     measured_m = settled_rms_m(JITTERY, "d")
     assert measured_m < 0.0005
-    monkeypatch.setattr("steer_by_wire.controller.law_runner.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.LinkMemory", AssumingMemory)
     assert 5.0 * measured_m < settled_rms_m(JITTERY, "d") < 0.01

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.design import LawDesign
-from steer_by_wire.controller.law_interface import LawInput, LawOutput
-from steer_by_wire.controller.node import STATUS_PERIOD_NS, ControllerNode
-from steer_by_wire.controller.sent_commands import IN_FLIGHT_MAX, SentCommands
+from steer_by_wire.controller.interface.law import LawInput, LawOutput
+from steer_by_wire.controller.laws.design import LawDesign
+from steer_by_wire.controller.node.node import STATUS_PERIOD_NS, ControllerNode
+from steer_by_wire.controller.node.sent_frames import IN_FLIGHT_MAX, SentCommands
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -26,7 +26,7 @@ from steer_by_wire.dbc.messages import (
     encode,
     encode_not_available,
 )
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
 
 VEHICLE = {
@@ -197,7 +197,9 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
         return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("steer_by_wire.controller.law_runner.design_law", lambda _settings: design)
+    monkeypatch.setattr(
+        "steer_by_wire.controller.node.law_runner.design_law", lambda _settings: design
+    )
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(3, 0.2)
     assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
@@ -221,7 +223,9 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
         return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("steer_by_wire.controller.law_runner.design_law", lambda _settings: design)
+    monkeypatch.setattr(
+        "steer_by_wire.controller.node.law_runner.design_law", lambda _settings: design
+    )
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(6, 0.2)
     assert [command.mode for command in plant.commands[2:]] == [

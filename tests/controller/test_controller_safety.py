@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.freshness import NO_LIMIT_NS, AgeLimits
-from steer_by_wire.controller.law_interface import LawOutput
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.safety_status import INTERVAL_NS
+from steer_by_wire.controller.history.freshness import NO_LIMIT_NS, AgeLimits
+from steer_by_wire.controller.interface.law import LawOutput
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.node.safety import INTERVAL_NS
 from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.dbc.messages import (
     ControllerFault,

@@ -1,8 +1,8 @@
 """What the controller shows: peer, modes, refused frames."""
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
 

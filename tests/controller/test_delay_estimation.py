@@ -6,19 +6,19 @@ from collections.abc import Callable
 
 import pytest
 
-from steer_by_wire.controller.delay_estimation import (
+from steer_by_wire.controller.delay_estimation.estimation import (
     DelayEstimate,
     DelayEstimationParams,
     DelayEstimator,
     Estimate,
     combined,
 )
-from steer_by_wire.controller.delay_filters import design_filters
-from steer_by_wire.controller.delay_watch import EchoDelay
-from steer_by_wire.controller.lag_fit import LagFit, LagGrid, Peak
-from steer_by_wire.controller.law_interface import VehicleReading
-from steer_by_wire.controller.nominal_model import NominalVehicle
-from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.controller.delay_estimation.filters import design_filters
+from steer_by_wire.controller.delay_estimation.lag_fit import LagFit, LagGrid, Peak
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle
+from steer_by_wire.controller.interface.law import VehicleReading
+from steer_by_wire.controller.node.delay_watch import EchoDelay
+from steer_by_wire.runtime.node.node import NS_PER_S
 
 PERIOD_S = 0.01
 PERIOD_NS = 10_000_000

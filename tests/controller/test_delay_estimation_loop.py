@@ -6,18 +6,21 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from steer_by_wire.controller.delay_settings import DelayEstimationSettings, delay_estimation_of
-from steer_by_wire.controller.delay_watch import DelayWatch, EchoDelay
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.received import Received
+from steer_by_wire.controller.delay_estimation.delay_settings import (
+    DelayEstimationSettings,
+    delay_estimation_of,
+)
+from steer_by_wire.controller.filters.settings import PaperEq19Settings
+from steer_by_wire.controller.node.delay_watch import DelayWatch, EchoDelay
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.node.received import Received
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.controller.shared_settings import PaperEq19Settings
 from steer_by_wire.dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000
 TOLERANCE_S = 0.01

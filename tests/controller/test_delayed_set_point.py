@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.design import LawDesign, design_law
-from steer_by_wire.controller.law_interface import NO_LINK, LawInput, Link, VehicleReading
+from steer_by_wire.controller.interface.law import NO_LINK, LawInput, Link, VehicleReading
 from steer_by_wire.controller.laws.delayed_set_point import REQUESTS, request_before
+from steer_by_wire.controller.laws.design import LawDesign, design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, on_a_circle, run_nodes
 from tests.support.compiled_runs import plant_settings as rig

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy import signal
 
-from steer_by_wire.controller.discretization import (
+from steer_by_wire.controller.filters.discretization import (
     design_cdob,
     design_dob,
     design_pd,
@@ -22,11 +22,11 @@ from steer_by_wire.controller.discretization import (
     tustin_sections,
     washout,
 )
-from steer_by_wire.controller.law_settings import LawSettings
-from steer_by_wire.controller.nominal_model import paper_eq19
-from steer_by_wire.controller.sections import Section
-from steer_by_wire.controller.shared_settings import CdobSettings, DobSettings, PdSettings
-from steer_by_wire.controller.transfer_function import TransferFunction
+from steer_by_wire.controller.filters.nominal_model import paper_eq19
+from steer_by_wire.controller.filters.sections import Section
+from steer_by_wire.controller.filters.settings import CdobSettings, DobSettings, PdSettings
+from steer_by_wire.controller.filters.transfer_function import TransferFunction
+from steer_by_wire.controller.laws.settings import LawSettings
 
 PERIOD_S = 0.01
 EQ19 = {"kind": "paper_eq19"}

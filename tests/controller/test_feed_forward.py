@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law, steady_steer
-from steer_by_wire.controller.fading import NOTHING
-from steer_by_wire.controller.feed_forward import curve_steer
-from steer_by_wire.controller.law_interface import LawInput, VehicleReading
+from steer_by_wire.controller.interface.fading import NOTHING
+from steer_by_wire.controller.interface.law import LawInput, VehicleReading
+from steer_by_wire.controller.laws.design import design_law, steady_steer
+from steer_by_wire.controller.laws.feed_forward import curve_steer
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
 from tests.support.own_vehicle import transition
 

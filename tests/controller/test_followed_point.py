@@ -5,19 +5,19 @@ import re
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
 from steer_by_wire.controller.analysis.check import check_text
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.estimator import estimator_at_rest
-from steer_by_wire.controller.followed_point import set_point_of, steady_set_point_m
-from steer_by_wire.controller.law_interface import LawInput, VehicleReading
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.prediction import steer_for
+from steer_by_wire.controller.filters.settings import FollowedPoint
+from steer_by_wire.controller.interface.law import LawInput, VehicleReading
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.followed_point import set_point_of, steady_set_point_m
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.prediction.estimator import estimator_at_rest
+from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.controller.shared_settings import FollowedPoint
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.runtime.settings.settings import SettingsError
 from tests.support.baseline_runs import vehicle_of
 from tests.support.compiled_runs import plant_settings as rig
 from tests.support.one_mean import one_mean as one_mean

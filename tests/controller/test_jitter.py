@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.arrivals import (
     Arrivals,
     arrivals,
@@ -21,13 +21,13 @@ from steer_by_wire.controller.analysis.jitter import (
 )
 from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.plant_emulator.latency import gamma_quantile, uniform_quantile
+from steer_by_wire.plant_emulator.network.latency import gamma_quantile, uniform_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.array_types import FloatArray
+from steer_by_wire.runtime.records import FloatArray
 from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000

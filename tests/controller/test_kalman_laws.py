@@ -5,19 +5,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.estimator import EstimatorState
-from steer_by_wire.controller.kalman_derivative import KalmanParams, error_rate_m_s
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.predictor_design import SPEED_M_S_MAX
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.kalman_derivative import KalmanParams, error_rate_m_s
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.prediction.estimator import EstimatorState
+from steer_by_wire.controller.prediction.gains import SPEED_M_S_MAX
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.settings.settings import SettingsError
 from tests.support.compiled_runs import assert_same_as_nodes
 
 KALMAN = "pd.derivative=kalman"

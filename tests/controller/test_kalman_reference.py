@@ -6,26 +6,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.estimator import (
+from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.prediction.estimator import (
     EstimatorState,
     VehicleGains,
     correction_step,
     estimator_at_rest,
     model_step,
 )
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.predictor_design import (
+from steer_by_wire.controller.prediction.gains import (
     design_schedule,
     noise_covariances,
     sampled_vehicles,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from tests.support.kalman_reference import (
     NotSettledError,
     reference_filter,

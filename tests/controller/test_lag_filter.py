@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from steer_by_wire.compiled.engine import BatchRun, run_batch
-from steer_by_wire.controller.lag_filter import (
+from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.interface.law import NO_LINK, History
+from steer_by_wire.controller.prediction.lag_filter import (
     AS_SET,
     LAGS_S,
     NO_LAG,
@@ -17,19 +20,16 @@ from steer_by_wire.controller.lag_filter import (
     lag_step,
     lag_to,
 )
-from steer_by_wire.controller.law_interface import NO_LINK, History
-from steer_by_wire.controller.link import LinkParams
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     ActuatorSettings,
     DoubleLaneChangeSettings,
     VehicleSettings,
 )
-from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
-from steer_by_wire.plant_emulator.settings import PlantSettings
 
 PERIOD_NS = 10_000_000
 LINK = LinkParams(PERIOD_NS, PERIOD_NS, 10.0)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.design import design_law, required
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws.design import design_law, required
+from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.runtime.settings import read_preset
+from steer_by_wire.runtime.settings.settings import read_preset
 from tests.support.own_vehicle import transition
 
 PERIOD_S = 0.01

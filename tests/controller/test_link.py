@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.link import (
+from steer_by_wire.controller.history.history import RING_SIZE
+from steer_by_wire.controller.history.link import (
     NO_DELAY,
     DelayState,
     LinkParams,
@@ -15,8 +15,8 @@ from steer_by_wire.controller.link import (
     delay_step,
     unwrapped,
 )
-from steer_by_wire.controller.link_history import RING_SIZE
-from steer_by_wire.controller.link_memory import LinkMemory
+from steer_by_wire.controller.history.link_memory import LinkMemory
+from steer_by_wire.controller.interface.law import Link
 from tests.support.fed_memory import (
     LIMITS,
     MS,

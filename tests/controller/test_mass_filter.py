@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from steer_by_wire.compiled.engine import BatchRun, run_batch
-from steer_by_wire.controller.estimator import VehicleGains
-from steer_by_wire.controller.law_interface import NO_LINK, History
+from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.interface.law import NO_LINK, History
 from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
-from steer_by_wire.controller.mass_filter import (
+from steer_by_wire.controller.prediction.estimator import VehicleGains
+from steer_by_wire.controller.prediction.identification import (
     AS_SET,
     MASS_RATIOS,
     NOISE_RAD2_S2,
@@ -22,7 +23,6 @@ from steer_by_wire.controller.mass_filter import (
     mass_to,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 
 SPEED_M_S = 60.0 / 3.6

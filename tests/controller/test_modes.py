@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.modes import (
+from steer_by_wire.controller.node.modes import (
     TRANSITIONS,
     Evidence,
     ModeState,

@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.nominal_model import (
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.controller.filters.nominal_model import (
     NominalVehicle,
     paper_eq19,
     steer_to_lateral_error,
     vehicle_model,
 )
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 
 PAPER = NominalVehicle(2000.0, 3728.0, 190e3, 500e3, 1.3008, 1.5453, 2.0, 5.0 / 3.6)
 OVERSTEERING = PAPER._replace(rear_cornering_stiffness_n_rad=50e3)

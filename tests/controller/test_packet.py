@@ -5,8 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.limits import SteerLimits
-from steer_by_wire.controller.plan import ROW_LENGTH, SPACING_MAX, VALUES, limit_plan, value_at
+from steer_by_wire.closed_loop.result import rms
+from steer_by_wire.closed_loop.virtual import VirtualPair, make_virtual_pair
+from steer_by_wire.controller.history.plan import (
+    ROW_LENGTH,
+    SPACING_MAX,
+    VALUES,
+    limit_plan,
+    value_at,
+)
+from steer_by_wire.controller.interface.limits import SteerLimits
 from steer_by_wire.controller.settings import ControllerSettings, on_bus
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -14,12 +22,10 @@ from steer_by_wire.dbc.messages import (
     SteeringPlan,
     decode,
 )
-from steer_by_wire.pair.trace import rms
-from steer_by_wire.pair.virtual import VirtualPair, make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.settings.settings import load_settings, read_preset
 
 RAMP = [0.0, 4.0, *(0.01 * index for index in range(VALUES))]
 

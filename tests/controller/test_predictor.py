@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from steer_by_wire.controller.estimator import (
+from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.laws.predictor import design_predictor
+from steer_by_wire.controller.prediction.estimator import (
     STARTS_ANEW_AFTER,
     EstimatorState,
     VehicleGains,
@@ -15,24 +19,20 @@ from steer_by_wire.controller.estimator import (
     model_step,
     start_estimate,
 )
-from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.laws.predictor import design_predictor
-from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.prediction import predict, steer_for
-from steer_by_wire.controller.predictor_design import (
+from steer_by_wire.controller.prediction.gains import (
     Feedback,
     design_schedule,
     sampled_vehicles,
     together,
 )
-from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
-from steer_by_wire.plant_emulator.propagation import augmented_matrix as emulator_matrix
-from steer_by_wire.plant_emulator.propagation import (
+from steer_by_wire.controller.prediction.prediction import predict, steer_for
+from steer_by_wire.plant_emulator.vehicle.propagation import augmented_matrix as emulator_matrix
+from steer_by_wire.plant_emulator.vehicle.propagation import (
     propagate,
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.vehicle import VehicleParams
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams
 from tests.support.predictor_law import SENT, controller, history
 
 MS = 1_000_000

@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.law_interface import LawInput, Link
+from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.interface.law import LawInput, Link
 from steer_by_wire.controller.laws import predictor as predictor_module
-from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.prediction import horizon_samples
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.prediction.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from tests.support.predictor_law import controller, history
 
 MS = 1_000_000

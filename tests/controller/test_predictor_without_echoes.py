@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.settings import plant_preset
 
 ONSET_S, END_S = 3.0, 9.0

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from steer_by_wire.controller.sections import (
+from steer_by_wire.controller.filters.sections import (
     IDENTITY,
     Section,
     cascade_2_at_rest,

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 
 import pytest
 
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
 from steer_by_wire.controller import program
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.sensor_rate import NO_RATE, RateState, rate_step
+from steer_by_wire.controller.history.sensor_rate import NO_RATE, RateState, rate_step
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 
 MS = 1_000_000

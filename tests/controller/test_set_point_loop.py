@@ -5,15 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.looking_back import Rig
 from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law, link_of
-from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.laws.design import design_law, link_of
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.loop_theory.uncertainty import paper_box
 from tests.support.straight_runs import decay_1_s, run_straight
 
 MS = 1_000_000

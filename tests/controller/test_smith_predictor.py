@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LINK, LawInput
+from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LINK, LawInput
+from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig
 from tests.support.own_vehicle import transition

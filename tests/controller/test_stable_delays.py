@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.growing_modes import GrowingModes
 from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import (
@@ -19,13 +19,13 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.design import design_law, required
-from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.laws.design import design_law, required
+from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.array_types import FloatArray
+from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
+from steer_by_wire.runtime.records import FloatArray
 from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000

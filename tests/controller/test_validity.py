@@ -5,18 +5,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.analysis.check_figures import check_figures
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
-from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.nominal_model import NominalVehicle
-from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.controller.validity import (
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle
+from steer_by_wire.controller.interface.validity import (
     ValiditySettings,
     request_of,
     share_of_demand,
     validity_of,
 )
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
     LateralError,
@@ -29,12 +30,11 @@ from steer_by_wire.dbc.messages import (
     Validity,
     VehicleState,
 )
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.rig_settings import CircleSettings, VehicleSettings
-from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
+from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings, VehicleSettings
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
 from tests.support.controller_link import Link
 from tests.support.one_mean import one_mean as one_mean
 

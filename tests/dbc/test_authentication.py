@@ -5,13 +5,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.authentication import Authentication, nearest
-from steer_by_wire.dbc.dbc_file import load_database
+from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.dbc.secured_dbc import secured_dbc
-from steer_by_wire.dbc.secured_frame import LAYOUTS, Refused
-from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.dbc.secoc.authentication import Authentication, nearest
+from steer_by_wire.dbc.secoc.frame import LAYOUTS, Refused
+from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
+from steer_by_wire.runtime.frame.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from tests.support.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,

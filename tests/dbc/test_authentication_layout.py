@@ -9,9 +9,7 @@ from cantools.autosar.secoc import apply_authenticator, verify_authenticator
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.authentication import SECOC_DEFINITIONS
-from steer_by_wire.dbc.dbc_file import load_database
-from steer_by_wire.dbc.key_file import cmac_maker
+from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -24,7 +22,8 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secured_frame import (
+from steer_by_wire.dbc.secoc.authentication import SECOC_DEFINITIONS
+from steer_by_wire.dbc.secoc.frame import (
     DATA,
     LAYOUTS,
     LONG,
@@ -34,8 +33,9 @@ from steer_by_wire.dbc.secured_frame import (
     is_secured,
     plain,
 )
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.dbc.secoc.key_file import cmac_maker
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from tests.support.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,

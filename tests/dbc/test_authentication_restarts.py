@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.challenges import KEPT
-from steer_by_wire.dbc.secured_frame import Refused, plain
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.dbc.secoc.authentication import Authentication
+from steer_by_wire.dbc.secoc.challenges import KEPT
+from steer_by_wire.dbc.secoc.frame import Refused, plain
+from steer_by_wire.runtime.frame.frame import Frame
 from tests.support.authenticated_ends import (
     COMMAND,
     CONTROLLER_STATUS,

@@ -5,14 +5,16 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 
 from cantools.database.can import Message as Definition
 
-from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
-from steer_by_wire.controller.received import SUPERVISED
+from steer_by_wire.closed_loop.virtual import BITRATE_BIT_S
+from steer_by_wire.controller.node.received import RECEIVED as CONTROLLER_RECEIVES
+from steer_by_wire.controller.node.received import SUPERVISED
 from steer_by_wire.controller.settings import (
     age_limits_of,
     controller_preset,
     counters_of,
 )
-from steer_by_wire.dbc.dbc_file import load_database
+from steer_by_wire.dbc.codec.protection import protect
+from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
@@ -41,13 +43,11 @@ from steer_by_wire.dbc.messages import (
     decode,
     frame_of,
 )
-from steer_by_wire.dbc.protection import protect
 from steer_by_wire.dbc.reception import cycle_ns
-from steer_by_wire.pair.virtual import BITRATE_BIT_S
-from steer_by_wire.plant_emulator.safety_settings import design_guard
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.plant_emulator.steering.settings import design_guard
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NS_PER_MS
 
 DATABASE = load_database()
 CONTROLLER = controller_preset("practical_pd")

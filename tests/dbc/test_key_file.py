@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import _obstacle, cmac_maker, open_authentication, read_key
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, encode
-from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT, Refused
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.dbc.secoc.authentication import Authentication
+from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused
+from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
+from steer_by_wire.runtime.settings.settings import SettingsError
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "geteuid"), reason="this platform does not report who may read a file"
@@ -174,5 +174,5 @@ def test_without_cryptography_one_line_says_what_to_install(
 def test_a_platform_that_cannot_report_who_may_read_is_refused(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("steer_by_wire.dbc.key_file.os", SimpleNamespace())
+    monkeypatch.setattr("steer_by_wire.dbc.secoc.key_file.os", SimpleNamespace())
     assert "does not report who may read" in refusal(file)

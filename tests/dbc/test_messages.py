@@ -10,7 +10,8 @@ from cantools.database.can.signal import Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.dbc_file import field_name, load_database
+from steer_by_wire.dbc.codec.protection import header_bits
+from steer_by_wire.dbc.contract.dbc_file import field_name, load_database
 from steer_by_wire.dbc.messages import (
     DATA_IDS,
     MESSAGE_TYPES,
@@ -48,7 +49,6 @@ from steer_by_wire.dbc.messages import (
     frame_of,
     limits,
 )
-from steer_by_wire.dbc.protection import header_bits
 
 DATABASE = load_database()
 NAMES = {message_type: name for name, message_type in MESSAGE_TYPES.items()}

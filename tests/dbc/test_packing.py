@@ -9,14 +9,14 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc import packing
-from steer_by_wire.dbc.codec import MessageCodec
-from steer_by_wire.dbc.dbc_file import load_database
-from steer_by_wire.dbc.generated_layout import LAYOUTS
+from steer_by_wire.dbc.codec import packing
+from steer_by_wire.dbc.codec.codec import MessageCodec
+from steer_by_wire.dbc.codec.packing import packing_of
+from steer_by_wire.dbc.codec.protection import id_mark, mark_in, protect
+from steer_by_wire.dbc.codec.signals import PackedSignal
+from steer_by_wire.dbc.contract.dbc_file import load_database
+from steer_by_wire.dbc.contract.generated_layout import LAYOUTS
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
-from steer_by_wire.dbc.packing import packing_of
-from steer_by_wire.dbc.protection import id_mark, mark_in, protect
-from steer_by_wire.dbc.signals import PackedSignal
 
 DATABASE = load_database()
 LAYOUT_OF = {layout.name: layout for layout in LAYOUTS}

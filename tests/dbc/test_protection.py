@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.protection import (
+from steer_by_wire.dbc.codec.protection import (
     PERIOD_NS_MIN,
     SequenceCheck,
     SequenceResult,

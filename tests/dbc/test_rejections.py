@@ -7,7 +7,8 @@ from cantools.database.can import Message as Definition
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.dbc_file import load_database
+from steer_by_wire.dbc.codec.protection import header_bits, protect
+from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -22,8 +23,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
     frame_of,
 )
-from steer_by_wire.dbc.protection import header_bits, protect
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 MESSAGES = load_database().messages
 LENGTH_MAX = max(message.length for message in MESSAGES)

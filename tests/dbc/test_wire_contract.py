@@ -11,8 +11,9 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.dbc.codec import MessageCodec
-from steer_by_wire.dbc.dbc_file import layouts_of, load_database
+from steer_by_wire.dbc.codec.codec import MessageCodec
+from steer_by_wire.dbc.codec.protection import header_bits, protect
+from steer_by_wire.dbc.contract.dbc_file import layouts_of, load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -32,9 +33,8 @@ from steer_by_wire.dbc.messages import (
     frame_of,
     limits,
 )
-from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 
 DATABASE = load_database()
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(encoding="utf-8")

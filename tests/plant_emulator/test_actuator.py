@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.actuator import (
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.actuator import (
     ActuatorParams,
     WheelPhase,
     at_rest,
@@ -13,15 +14,14 @@ from steer_by_wire.plant_emulator.actuator import (
     end_ramp,
     is_limited,
 )
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import motion_params
-from steer_by_wire.plant_emulator.propagation import propagate
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.propagation import propagate
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     ActuatorSettings,
     StraightSettings,
 )
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.node.node import NEVER_NS
 
 ACTUATORS = {
     "lag": ActuatorSettings(lag_s=0.05),

@@ -5,9 +5,9 @@ import math
 import pytest
 from scipy.optimize import minimize_scalar
 
-from steer_by_wire.plant_emulator.deviation import cg_deviation_m
-from steer_by_wire.plant_emulator.path import Path, pose, vehicle_pose
-from steer_by_wire.plant_emulator.path_shapes import (
+from steer_by_wire.plant_emulator.path.deviation import cg_deviation_m
+from steer_by_wire.plant_emulator.path.path import Path, pose, vehicle_pose
+from steer_by_wire.plant_emulator.path.shapes import (
     circle,
     double_lane_change,
     ellipse,

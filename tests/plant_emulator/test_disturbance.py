@@ -3,19 +3,19 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from steer_by_wire.plant_emulator.disturbance import disturbance_intervals
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import motion_params
-from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
-from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.own_parts import DisturbanceStep
+from steer_by_wire.plant_emulator.vehicle.propagation import TABLE_ROWS
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     CircleSettings,
     DisturbanceSettings,
     StraightSettings,
     VehicleSettings,
 )
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, on_friction, state_matrices
 
 VEHICLE = VehicleSettings(speed_m_s=72.0 / 3.6)
 PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.compiled.engine import FaultsNotCompiledError, run_batch
+from steer_by_wire.closed_loop.compiled.engine import FaultsNotCompiledError, run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -19,15 +20,14 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.fault_settings import MAGNITUDES, FaultKind, FaultSettings
-from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.faults.settings import MAGNITUDES, FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.runtime.view import View
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node.view import View
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

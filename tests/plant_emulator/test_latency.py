@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import LatencyModel
-from steer_by_wire.plant_emulator.latency import (
+from steer_by_wire.plant_emulator.network.latency import (
     QUANTILES,
     RESOLUTION_S,
     Distribution,

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator import latency_line
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_draw import LatencyDraw
-from steer_by_wire.plant_emulator.latency_line import LatencyLine
-from steer_by_wire.plant_emulator.latency_settings import LatencySettings
-from steer_by_wire.plant_emulator.streams import Channel, uniforms
-from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.plant_emulator.network import latency_line
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_draw import LatencyDraw
+from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
+from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
+from steer_by_wire.plant_emulator.network.settings import LatencySettings
+from steer_by_wire.runtime.node.node import NEVER_NS
 from tests.support.pushed_frames import JITTER, MS_NS, PERIOD_NS, Leaving, injected_ns, line, run
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.latency_profile import (
+from steer_by_wire.plant_emulator.network.latency_profile import (
     LATENCY_S_MAX,
     ProfilePoint,
     Shape,

@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import MotionParams, motion_params
-from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
-from steer_by_wire.plant_emulator.path import curvature
-from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from steer_by_wire.plant_emulator.vehicle.own_parts import DisturbanceStep
+from steer_by_wire.plant_emulator.vehicle.propagation import TABLE_ROWS
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     ActuatorSettings,
     CircleSettings,
     DisturbanceSettings,
@@ -22,8 +23,7 @@ from steer_by_wire.plant_emulator.rig_settings import (
     StraightSettings,
     VehicleSettings,
 )
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 
 BUSY = motion_params(
     PlantSettings(

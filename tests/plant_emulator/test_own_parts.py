@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from steer_by_wire import Run, SettingsError, run_study, simulate
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.running_program import running
 
 PARTS = "tests.support.own_parts"

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.special import ellipe, fresnel
 
-from steer_by_wire.plant_emulator.curve import CURVATURE_TOLERANCE
-from steer_by_wire.plant_emulator.path import (
+from steer_by_wire.plant_emulator.path.curve import CURVATURE_TOLERANCE
+from steer_by_wire.plant_emulator.path.path import (
     Path,
     Place,
     Pose,
@@ -22,7 +22,7 @@ from steer_by_wire.plant_emulator.path import (
     pose,
     vehicle_pose,
 )
-from steer_by_wire.plant_emulator.path_shapes import (
+from steer_by_wire.plant_emulator.path.shapes import (
     build_path,
     circle,
     double_lane_change,
@@ -30,7 +30,7 @@ from steer_by_wire.plant_emulator.path_shapes import (
     single_lane_change,
     straight,
 )
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
@@ -38,7 +38,7 @@ from steer_by_wire.plant_emulator.rig_settings import (
     StraightSettings,
     WaypointSettings,
 )
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.settings.settings import SettingsError
 
 AXES = [(78.2, 41.74), (60.0, 30.0), (50.0, 50.0), (30.0, 3.0)]
 
@@ -277,7 +277,7 @@ def test_settings_that_make_no_road_are_refused() -> None:
 
 def test_only_waypoints_import_scipy() -> None:
     code = (
-        "import sys, steer_by_wire.plant_emulator.path_shapes as shapes; shapes.ellipse(60, 30);"
+        "import sys, steer_by_wire.plant_emulator.path.shapes as shapes; shapes.ellipse(60, 30);"
         "print('scipy' in sys.modules)"
     )
     result = subprocess.run(

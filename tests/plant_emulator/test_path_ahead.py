@@ -3,8 +3,8 @@
 import pytest
 
 from steer_by_wire.dbc.messages import PathAhead, VehicleState
-from steer_by_wire.plant_emulator.path import curvature
-from steer_by_wire.plant_emulator.path_ahead import VALUES, spacing_m
+from steer_by_wire.plant_emulator.node.path_ahead import VALUES, spacing_m
+from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.fed_memory import PERIOD_NS as TICK_NS
 from tests.support.fed_memory import Wire

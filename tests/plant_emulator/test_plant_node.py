@@ -20,10 +20,10 @@ from steer_by_wire.dbc.messages import (
     encode,
     encode_not_available,
 )
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import motion_params
-from steer_by_wire.plant_emulator.sampling import VEHICLE_STATE_PERIOD_NS
+from steer_by_wire.plant_emulator.node.sampling import VEHICLE_STATE_PERIOD_NS
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
 from tests.support.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
 
 
@@ -255,7 +255,7 @@ def test_every_message_keeps_its_cycle_and_counts_its_frames() -> None:
 def test_echo_and_measurement_of_one_sample_share_their_counter_even_with_nothing_to_measure() -> (
     None
 ):
-    """The contract that `controller.link_history` pairs them by; here the vehicle has left."""
+    """The contract that `controller.history.history` pairs them by; here the vehicle has left."""
     tested = link(vehicle={"speed_m_s": 150 / 3.6}, start_on_first_command=False, duration_s=60)
     tested.command(START_NS + PERIOD_NS, 0.5)
     tested.tick_until(START_NS + 1200 * PERIOD_NS)

@@ -13,6 +13,7 @@ from typing import Any
 import can
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -23,12 +24,11 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secured_program import NOBODY
-from steer_by_wire.plant_emulator.plant_samples import PlacedSample, PlantSample
+from steer_by_wire.dbc.secoc.program import NOBODY
+from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
 from steer_by_wire.plant_emulator.program import main
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]

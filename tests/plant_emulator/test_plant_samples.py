@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.path_shapes import build_path
-from steer_by_wire.plant_emulator.plant_samples import (
+from steer_by_wire.plant_emulator.evaluation.run_record import (
     PlacedSample,
     PlantSample,
     RunningFigures,
     place,
     write_trace,
 )
-from steer_by_wire.plant_emulator.rig_settings import CircleSettings, StraightSettings
+from steer_by_wire.plant_emulator.path.shapes import build_path
+from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings, StraightSettings
 
 ROAD = build_path(StraightSettings())
 CIRCLE = build_path(CircleSettings(radius_m=50.0))

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_settings import LatencySettings, Order
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.settings import (
+from steer_by_wire.runtime.settings.settings import (
     Preset,
     SettingsError,
     load_settings,
     preset_names,
     read_preset,
 )
-from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.settings.toml_text import dump_toml
 
 
 def mistake(text: str, tmp_path: Path) -> str:

@@ -1,6 +1,6 @@
 """The summary of a run: what did not happen has no line, what is not known no figure."""
 
-from steer_by_wire.plant_emulator.summary import plant_summary
+from steer_by_wire.plant_emulator.evaluation.summary import plant_summary
 from tests.support.plant_link import START_NS, link, steered
 
 

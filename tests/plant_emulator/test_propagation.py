@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from steer_by_wire.plant_emulator.propagation import (
+from steer_by_wire.plant_emulator.vehicle.propagation import (
     DIGIT_VALUES,
     ENTRIES,
     TABLE_ROWS,
@@ -15,7 +15,7 @@ from steer_by_wire.plant_emulator.propagation import (
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.vehicle import VehicleParams
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams
 
 PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 M = augmented_matrix(PAPER, 0.0)

@@ -10,9 +10,9 @@ from bisect import bisect_right
 
 import pytest
 
-from steer_by_wire.plant_emulator import safety_limiter
-from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.steering import limiter as safety_limiter
+from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 from tests.support.mutation import fails_with, survivors
 
 tested = safety_limiter

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.sensors import Readings, with_noise
+from steer_by_wire.plant_emulator.node.sensors import Readings, with_noise
 
 NOTHING = Readings(0.0, 0.0, 0.0)
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import CAN_IDS, PlantStatus, SafetyState, SteeringStatus
-from steer_by_wire.plant_emulator.status_timing import INTERVAL_NS, PERIOD_NS, StatusTiming
+from steer_by_wire.plant_emulator.node.status_timing import INTERVAL_NS, PERIOD_NS, StatusTiming
 from tests.support.plant_link import MS_NS, START_NS, Link, link, steered
 from tests.support.plant_link import PERIOD_NS as SENSOR_NS
 

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from steer_by_wire.plant_emulator import safety_limiter, steering_guard
-from steer_by_wire.plant_emulator.safety_limiter import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering import guard as steering_guard
+from steer_by_wire.plant_emulator.steering import limiter as safety_limiter
+from steer_by_wire.plant_emulator.steering.limiter import LimiterParams, limit_rows
 from tests.support.driven_guard import INF, MODES, MS_NS, Guarded, steady
 
 tested = steering_guard

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from steer_by_wire.plant_emulator import steering_guard
+from steer_by_wire.plant_emulator.steering import guard as steering_guard
 from tests.support import driven_guard
 from tests.support.mutation import fails_with, survivors
 

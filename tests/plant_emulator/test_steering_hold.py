@@ -5,7 +5,7 @@ from itertools import product
 
 import pytest
 
-from steer_by_wire.plant_emulator import steering_guard
+from steer_by_wire.plant_emulator.steering import guard as steering_guard
 from tests.support.driven_guard import MS_NS, Guarded, steady
 
 tested = steering_guard

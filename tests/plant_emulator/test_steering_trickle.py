@@ -6,8 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.plan import plan_run
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Mode,
@@ -16,13 +17,12 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.faults import with_faults
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.safety_settings import design_guard
+from steer_by_wire.plant_emulator.faults.stage import with_faults
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.steering_guard import GuardMode
-from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.plant_emulator.steering.guard import GuardMode
+from steer_by_wire.plant_emulator.steering.settings import design_guard
+from steer_by_wire.runtime.settings.settings import load_settings
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.driven_guard import answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import run_batch
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     Direction,
@@ -22,11 +23,15 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.plant_samples import PlantSample
+from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
+from steer_by_wire.runtime.settings.settings import (
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
 from tests.support.driven_guard import Guarded, answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 

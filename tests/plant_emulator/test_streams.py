@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from steer_by_wire.plant_emulator.streams import BLOCK, SMALLEST, Channel, uniforms
+from steer_by_wire.plant_emulator.network.random_streams import BLOCK, SMALLEST, Channel, uniforms
 
 
 def drawn(seed: int, channel: Channel, count: int = 3 * BLOCK) -> list[float]:

@@ -8,9 +8,9 @@ from pydantic import TypeAdapter
 from scipy.integrate import solve_ivp
 from scipy.signal import ss2tf
 
-from steer_by_wire.plant_emulator.path import curvature
-from steer_by_wire.plant_emulator.path_shapes import ellipse
-from steer_by_wire.plant_emulator.propagation import (
+from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.shapes import ellipse
+from steer_by_wire.plant_emulator.vehicle.propagation import (
     BETA,
     LinearState,
     R,
@@ -19,8 +19,8 @@ from steer_by_wire.plant_emulator.propagation import (
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.rig_settings import PathSettings, VehicleSettings
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
+from steer_by_wire.plant_emulator.vehicle.rig_settings import PathSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, on_friction, state_matrices
 
 PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 FAST = PAPER._replace(speed_m_s=20.0)

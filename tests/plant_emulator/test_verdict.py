@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.plant_emulator.error_windows import WindowFigures, window_figures
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.plant_samples import RunningFigures
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.verdict import (
+from steer_by_wire.closed_loop.studies.figures import figures_of, latency_figures
+from steer_by_wire.closed_loop.studies.verdict import rules_of, verdicts
+from steer_by_wire.plant_emulator.evaluation.error_windows import WindowFigures, window_figures
+from steer_by_wire.plant_emulator.evaluation.run_record import RunningFigures
+from steer_by_wire.plant_emulator.evaluation.verdict import (
     JudgedRun,
     RunEnd,
     Verdict,
@@ -20,9 +20,9 @@ from steer_by_wire.plant_emulator.verdict import (
     judge,
     samples_judged,
 )
-from steer_by_wire.plant_emulator.verdict_text import verdict_text
-from steer_by_wire.studies.figures import figures_of, latency_figures
-from steer_by_wire.studies.verdict import rules_of, verdicts
+from steer_by_wire.plant_emulator.evaluation.verdict_text import verdict_text
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
 
 TIME_S = np.arange(6001) * 0.01
 

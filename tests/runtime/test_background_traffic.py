@@ -7,13 +7,13 @@ from contextlib import suppress
 
 import pytest
 
-from steer_by_wire.runtime.arbitration import arbitration_field
-from steer_by_wire.runtime.background_traffic import COUNTS, BackgroundTraffic, PeriodicMessage
-from steer_by_wire.runtime.bus_errors import BusErrors, ErrorEvent
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.bus_noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
+from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, PeriodicMessage
+from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
 from tests.support.errored_frames import Sequence
 
 BITRATE_BIT_S = 500_000

@@ -11,11 +11,17 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from steer_by_wire.runtime import bus as bus_module
-from steer_by_wire.runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.real_time import Received
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.port import python_can as bus_module
+from steer_by_wire.runtime.port.python_can import (
+    BusError,
+    BusPort,
+    OpenBus,
+    add_bus_arguments,
+    open_bus,
+)
 from tests.support.running_program import PATIENCE_S
 
 

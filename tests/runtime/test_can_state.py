@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.can_state import is_in_bus_off
+from steer_by_wire.runtime.port.can_state import is_in_bus_off
 
 LOOPBACK = "lo"
 """A network interface that every Linux has; the fake kernel gives it any state."""

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.candump import (
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.recording.candump import (
     CandumpLog,
     CandumpReader,
     LogEntry,
     format_entry,
     parse_entry,
 )
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from tests.support.any_text import ANY_CHARACTER
 from tests.support.running_program import PATIENCE_S
 

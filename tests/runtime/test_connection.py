@@ -4,14 +4,14 @@ from collections import deque
 
 import pytest
 
-from steer_by_wire.runtime import connection as connection_module
-from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.connection import REPORTED_OUTAGES_MAX, SETTLED_S, Connection
-from steer_by_wire.runtime.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.port import AF_CAN, PYTHON_CAN, OpenPort
-from steer_by_wire.runtime.real_time import Received
+from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.port import connection as connection_module
+from steer_by_wire.runtime.port.connection import REPORTED_OUTAGES_MAX, SETTLED_S, Connection
+from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort
+from steer_by_wire.runtime.port.python_can import BusError
 
 PATIENCE_S = 10.0
 DATA = Frame(0x201, b"data")

@@ -14,8 +14,8 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
@@ -25,7 +25,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     pack_filters,
     pack_frame,
 )
-from steer_by_wire.runtime.frame import EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.frame import EXTENDED, FD, REMOTE, Frame
 from tests.support.broker_program import client, message, receive
 from tests.support.broker_program import stack as stack
 from tests.support.running_program import PATIENCE_S

@@ -12,12 +12,13 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.runtime.bus_records import BusLoad
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.runtime.bus_model.bus_records import BusLoad
+from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, RESTARTED, error_causes
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.bus_off import SEQUENCE_BITS, SEQUENCES, Recovery
 from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     BUS_OFF_NS_MAX,
@@ -32,10 +33,9 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_request,
 )
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
-from steer_by_wire.runtime.error_frames import BUS_OFF, RESTARTED, error_causes
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
 
 BITRATE_BIT_S = 500_000
 BIT_NS = NS_PER_S // BITRATE_BIT_S

@@ -5,7 +5,7 @@ from struct import Struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     FD_RECORD,
@@ -17,7 +17,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_hello,
     unpack_request,
 )
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 
 
 @given(st.binary(min_size=CLASSIC_RECORD.size, max_size=CLASSIC_RECORD.size))

@@ -5,18 +5,18 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.dbc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.messages import PlantStatus, encode
-from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
-from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, Wrapper
-from steer_by_wire.runtime.view import View
-from steer_by_wire.tools.fault_campaign.node_faults import JumpingClock, NodeFault, Stricken
-from steer_by_wire.tools.fault_campaign.observation import Bounds, Watch
-from steer_by_wire.tools.fault_campaign.specification import PLANT, NodeFaultKind
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS, Node, ReportingNode, Wrapper
+from steer_by_wire.runtime.node.view import View
+from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
+from steer_by_wire.tools.faults.campaign.observation import Bounds, Watch
+from steer_by_wire.tools.faults.campaign.specification import PLANT, NodeFaultKind
 from tests.support.authenticated_ends import COMMAND, plant
 from tests.support.plant_link import START_NS
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.overruns import OverrunSettings, OverrunSupervision
-from steer_by_wire.runtime.periodic import PeriodicTimer
-from steer_by_wire.runtime.real_time import RealTimeExecutor, Received
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.overruns import OverrunSettings, OverrunSupervision
+from steer_by_wire.runtime.node.periodic import PeriodicTimer
+from steer_by_wire.runtime.node.real_time import RealTimeExecutor, Received
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

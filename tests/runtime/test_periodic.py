@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.periodic import PeriodicTimer
+from steer_by_wire.runtime.node.periodic import PeriodicTimer
 
 starts_ns = st.integers(-(2**62), 2**62)
 periods_ns = st.integers(1, 10**10)

@@ -9,11 +9,11 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.runtime import bus as bus_module
-from steer_by_wire.runtime import port as port_module
-from steer_by_wire.runtime.bus import BusError, add_bus_arguments
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.port import AF_CAN, PYTHON_CAN, OpenPort, open_port
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.port import port as port_module
+from steer_by_wire.runtime.port import python_can as bus_module
+from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort, open_port
+from steer_by_wire.runtime.port.python_can import BusError, add_bus_arguments
 
 IDS = [0x210, 0x201]
 FILTERS = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in sorted(IDS)]

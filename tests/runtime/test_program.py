@@ -12,13 +12,13 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.runtime import program
-from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.program_options import load_program_settings
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.program import program
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.program.program_options import load_program_settings
+from steer_by_wire.runtime.settings.settings import SettingsError
 from tests.support.running_program import ORDINARY
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel
@@ -128,7 +128,7 @@ def test_a_report_that_cannot_be_written_after_all_is_one_line(
 def printing_program(output: int) -> subprocess.CompletedProcess[str]:
     """A program that prints without ``say`` and leaves the text to be written at its end."""
     code = (
-        "import sys; from steer_by_wire.runtime.program import run_main;"
+        "import sys; from steer_by_wire.runtime.program.program import run_main;"
         "sys.exit(run_main('p', lambda: print('text') or 0))"
     )
     return subprocess.run(
@@ -159,9 +159,9 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
-        "from steer_by_wire.runtime.program import run_main;"
-        "from steer_by_wire.runtime.run_node import run_node;"
-        "from steer_by_wire.runtime.program_options import make_parser;"
+        "from steer_by_wire.runtime.program.program import run_main;"
+        "from steer_by_wire.runtime.program.run_node import run_node;"
+        "from steer_by_wire.runtime.program.program_options import make_parser;"
         "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
         "sys.exit(run_main(NAME, run))"

@@ -11,10 +11,10 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, handled, run_main
-from steer_by_wire.runtime.run_node import run_node
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, handled, run_main
+from steer_by_wire.runtime.program.run_node import run_node
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel
 from tests.support.some_program import options as options
@@ -145,8 +145,8 @@ def test_a_bus_that_fails_in_receiving_ends_the_run_likewise(
 def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
     options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("steer_by_wire.runtime.connection.RETRY_S", 0.001)
-    monkeypatch.setattr("steer_by_wire.runtime.connection.SETTLED_S", 0.0)
+    monkeypatch.setattr("steer_by_wire.runtime.port.connection.RETRY_S", 0.001)
+    monkeypatch.setattr("steer_by_wire.runtime.port.connection.SETTLED_S", 0.0)
     calls = []
 
     def refuse_once(*_arguments: object, **_options: object) -> tuple[None, bool]:
@@ -164,7 +164,7 @@ def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
         if "is back" in text:
             interrupt()
 
-    monkeypatch.setattr("steer_by_wire.runtime.screen.Screen.line", hear)
+    monkeypatch.setattr("steer_by_wire.runtime.program.screen.Screen.line", hear)
     assert run(options("--reconnect", "--report", str(file)), Sleeper()) == ExitStatus.OK
     begin = "cannot receive: the adapter is gone; waiting 60 s"
     assert any(text.startswith(begin) for text in heard)

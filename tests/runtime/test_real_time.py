@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.periodic import PeriodicTimer
-from steer_by_wire.runtime.real_time import (
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node.periodic import PeriodicTimer
+from steer_by_wire.runtime.node.real_time import (
     FRAMES_PER_WAKE_UP_MAX,
     TICKS_PER_WAKE_UP_MAX,
     WAIT_NS_MAX,
@@ -16,6 +15,7 @@ from steer_by_wire.runtime.real_time import (
     RealTimeExecutor,
     Received,
 )
+from steer_by_wire.runtime.port.python_can import BusError
 
 MS = 1_000_000
 ANSWER = Frame(0x200, b"answer")

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.recordings.log_file import LogError, open_log
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording import Recording
-from steer_by_wire.runtime.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
+from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.recording.recording import Recording
+from steer_by_wire.runtime.recording.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
 from tests.support.recorded_frames import FRAMES, messages_in
 from tests.support.running_program import wait_until
 
@@ -27,8 +27,8 @@ KILLED_FRAMES = 1000
 KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording import Recording
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.recording.recording import Recording
 
 recording = Recording(Path(sys.argv[1]), "vcan0")
 for index in range(1000):
@@ -130,8 +130,8 @@ def test_a_blf_whose_recorder_is_killed_has_all_but_the_last_moment_and_the_time
 BOTH_KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording import Recording
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.recording.recording import Recording
 
 path = Path(sys.argv[1])
 recording = Recording(path, "vcan0")

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.plant_emulator import program as plant_program
-from steer_by_wire.runtime import recording
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.message import frame_of
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.recording import SUFFIXES, recording_obstacle
-from steer_by_wire.vcan.guard import descendants
+from steer_by_wire.runtime.frame.message import frame_of
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording import recording
+from steer_by_wire.runtime.recording.recording import SUFFIXES, recording_obstacle
+from steer_by_wire.tools.vcan.guard import descendants
 from tests.support.recorded_frames import messages_in
 from tests.support.running_program import ORDINARY, PATIENCE_S, running, wait_until
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.real_time import LoopFigures
-from steer_by_wire.runtime.report import loop_report, write_json
-from steer_by_wire.runtime.statistics import DurationSummary, durations_report
+from steer_by_wire.runtime.node.real_time import LoopFigures
+from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
+from steer_by_wire.runtime.program.report import loop_report, write_json
 
 SUMMARY = DurationSummary(
     samples=2, mean_ns=1_500_000.0, p50_ns=1_000_000, p99_ns=2_000_000, max_ns=2_000_000

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field, PositiveFloat, ValidationError, field_validator, model_validator
 
-from steer_by_wire.runtime.settings import (
+from steer_by_wire.runtime.settings.settings import (
     Preset,
     Settings,
     SettingsError,
@@ -16,7 +16,7 @@ from steer_by_wire.runtime.settings import (
     preset_names,
     read_preset,
 )
-from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.any_text import ANY_CHARACTER
 
 

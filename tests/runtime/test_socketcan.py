@@ -10,12 +10,12 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.runtime import socketcan
-from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.message import frame_of, message_of
-from steer_by_wire.runtime.real_time import Received
-from steer_by_wire.runtime.socketcan import (
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.message import frame_of, message_of
+from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.port import socketcan
+from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.port.socketcan import (
     ArrivalClock,
     SocketCanPort,
     packed,
@@ -87,7 +87,7 @@ def sockets(monkeypatch: pytest.MonkeyPatch) -> list[FakeSocket]:
         made.append(FakeSocket(*arguments))
         return made[-1]
 
-    monkeypatch.setattr("steer_by_wire.runtime.socketcan.socket.socket", make)
+    monkeypatch.setattr("steer_by_wire.runtime.port.socketcan.socket.socket", make)
     return made
 
 
@@ -182,7 +182,7 @@ def test_a_port_asks_for_error_frames_time_stamps_and_what_is_to_be_received(
 def test_a_port_that_cannot_be_opened_leaves_no_socket(monkeypatch: pytest.MonkeyPatch) -> None:
     made = FakeSocket()
     made.fails = OSError(errno.ENODEV, "No such device")
-    monkeypatch.setattr("steer_by_wire.runtime.socketcan.socket.socket", lambda *_: made)
+    monkeypatch.setattr("steer_by_wire.runtime.port.socketcan.socket.socket", lambda *_: made)
     with pytest.raises(OSError, match="No such device"):
         SocketCanPort("can7", fd=True)
     assert made.is_closed

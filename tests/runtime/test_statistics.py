@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.statistics import DurationStatistics, DurationSummary
+from steer_by_wire.runtime.node.statistics import DurationStatistics, DurationSummary
 
 durations_ns = st.integers(0, 2**62)
 

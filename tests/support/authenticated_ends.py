@@ -1,7 +1,5 @@
 """The two ends of an authenticated link, with their key, and frames of both."""
 
-from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import cmac_maker
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
     LateralError,
@@ -14,8 +12,10 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
-from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.dbc.secoc.authentication import Authentication
+from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT
+from steer_by_wire.dbc.secoc.key_file import cmac_maker
+from steer_by_wire.runtime.frame.frame import Frame
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from steer_by_wire.controller.control_sample import ControlSample
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.controller.node.control_sample import ControlSample
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.controller.shared_settings import VehicleModelSettings
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.compiled_runs import plant_settings as rig
 

@@ -16,17 +16,17 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import Processes
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.processes import Processes
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.path_shapes import build_path
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_S
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.settings.settings import load_settings, read_preset
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
 from tests.support.browser import Browser, chromium, open_browser

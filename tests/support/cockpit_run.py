@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.path_shapes import build_path
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Sampler
 
 NS = 1_000_000_000

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -13,7 +13,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from steer_by_wire.plant_emulator import steering_guard
-from steer_by_wire.plant_emulator.safety_limiter import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering import guard as steering_guard
+from steer_by_wire.plant_emulator.steering.limiter import LimiterParams, limit_rows
 
 tested = steering_guard
 MS_NS = 1_000_000

@@ -1,9 +1,9 @@
 """The memory of the controller, fed with echoes and measurements as its node does."""
 
-from steer_by_wire.controller.freshness import AgeLimits
-from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.link_memory import LinkMemory
+from steer_by_wire.controller.history.freshness import AgeLimits
+from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.history.link_memory import LinkMemory
+from steer_by_wire.controller.interface.law import Link
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
 
 MS = 1_000_000

@@ -33,7 +33,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-from steer_by_wire.vcan.system_calls import adopt_orphans
+from steer_by_wire.tools.vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
 FORKED = ("steer_by_wire", "can", "cantools", "pytest")
@@ -44,9 +44,9 @@ PRELOADED = (
     "cantools.subparsers.plot",
     "steer_by_wire.controller.program",
     "steer_by_wire.plant_emulator.program",
-    "steer_by_wire.runtime.attached",
+    "steer_by_wire.closed_loop.attached",
     "steer_by_wire.runtime.emulated_bus.client",
-    "steer_by_wire.runtime.recording_file",
+    "steer_by_wire.runtime.recording.recording_file",
     "steer_by_wire.tools.bus.program",
 )
 REQUEST_BYTES_MAX = 1 << 17
@@ -54,7 +54,7 @@ DESCRIPTORS_MAX = 16
 AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "OMP_", "LD_", "MPL")
 """Variables of the environment that an interpreter and libraries only read when they start.
 
-numba's are not among them: it is imported by the program. To import ``steer_by_wire.compiled`` sets
+numba's are not among them: it is imported by the program. To import ``steer_by_wire.closed_loop.compiled`` sets
 one, after which nothing would be forked any more in a process that has collected all tests.
 """
 _USUAL = subprocess.Popen._execute_child  # type: ignore[attr-defined]

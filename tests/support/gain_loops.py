@@ -2,13 +2,13 @@
 
 import pytest
 
-from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.loop_theory.d_stability import paper_d_stability
-from steer_by_wire.loop_theory.gain_boundaries import Window
-from steer_by_wire.loop_theory.gain_loops import ContinuousGainLoop, SampledGainLoop
-from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.closed_loop.parameter_space.d_stability import paper_d_stability
+from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
+from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.runtime.node.node import NS_PER_MS
 
 PERIOD_NS = 10 * NS_PER_MS
 SPEC = paper_d_stability()

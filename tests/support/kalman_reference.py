@@ -1,4 +1,4 @@
-"""The Kalman filter of ``controller.estimator`` in its reference form, by filterpy.
+"""The Kalman filter of ``controller.prediction.estimator`` in its reference form, by filterpy.
 
     x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
     z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)
@@ -16,8 +16,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.predictor_design import PSI, Y, noise_covariances, sampled_vehicles
-from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.prediction.gains import PSI, Y, noise_covariances, sampled_vehicles
 
 Matrix = NDArray[np.float64]
 

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import can
 import pytest
 
+from steer_by_wire.closed_loop.live import PairResult
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.live import PairResult
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
-from steer_by_wire.runtime.message import message_of
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.tools.analyze_log.__main__ import main
+from steer_by_wire.runtime.frame.message import message_of
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
+from steer_by_wire.tools.analyze.__main__ import main
 
 DURATION_S = 12.0
 DOWNLINK_S, UPLINK_S = 0.08, 0.02

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
-from steer_by_wire.runtime.settings import Settings
+from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.runtime.settings.settings import Settings
 
 
 class Gain(NamedTuple):

@@ -15,8 +15,8 @@ from steer_by_wire import (
     path_of_curvature,
     path_through,
 )
-from steer_by_wire.plant_emulator.own_parts import VehicleInput
-from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.own_parts import VehicleInput
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 
 
 class Share(Settings):

@@ -14,10 +14,10 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.plant_samples import PlantSample
+from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.frame import Frame
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

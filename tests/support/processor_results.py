@@ -15,30 +15,30 @@ from typing import Any
 
 import numpy as np
 
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.closed_loop.studies.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
+from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.motion_design import design_motion_arrays
-from steer_by_wire.plant_emulator.path_shapes import build_path
-from steer_by_wire.plant_emulator.rig_settings import (
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.path.shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion_design import design_motion_arrays
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
     SingleLaneChangeSettings,
     WaypointSettings,
 )
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
-from steer_by_wire.studies.scenario import Scenarios
-from steer_by_wire.studies.store import Store
-from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.design_gains.evolution import evolve
-from steer_by_wire.tools.design_gains.search import find
-from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import make_study
-from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from steer_by_wire.tools.stress_latency.runner import Threads, run_study
+from steer_by_wire.runtime.settings.settings import load_settings, preset_names, read_preset
+from steer_by_wire.tools.design.evolution import evolve
+from steer_by_wire.tools.design.judgement import make_study
+from steer_by_wire.tools.design.search import find
+from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTROLLERS, PLANTS = "steer_by_wire.controller.presets", "steer_by_wire.plant_emulator.presets"
@@ -138,7 +138,7 @@ def runs(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def study(folder: Path) -> Iterator[tuple[str, str]]:
-    text = (ROOT / "steer_by_wire" / "studies" / "paper_box.toml").read_text(encoding="utf-8")
+    text = (ROOT / "closed_loop" / "studies" / "paper_box.toml").read_text(encoding="utf-8")
     for whole, part in (("count = 512", "count = 8"), ("duration_s = 60.0", "duration_s = 12.0")):
         assert whole in text
         text = text.replace(whole, part)
@@ -156,9 +156,7 @@ def search(folder: Path) -> Iterator[tuple[str, str]]:
     file = folder / "spec.toml"
     file.write_text(SPEC)
     spec = load_settings(Specification, None, file)
-    vehicle = load_settings(
-        VehicleFile, None, ROOT / "tools" / "design_gains" / "paper_vehicle.toml"
-    )
+    vehicle = load_settings(VehicleFile, None, ROOT / "tools" / "design" / "paper_vehicle.toml")
     coarse = make_study(spec, vehicle, fine=False)
     found = find(coarse, coarse, "pd", lambda *_: None)
     yield "designed gains", digest(found.candidate.values())

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire import worker_processes
+from steer_by_wire.closed_loop import worker_processes
 
 
 class _SameProcess(Executor):

@@ -14,13 +14,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from steer_by_wire.closed_loop.bus import virtual_bus
+from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.message_set import read_message_set
-from steer_by_wire.pair.shared_bus import virtual_bus
-from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.dbc.foreign_messages import read_message_set
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_settings import BusSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
 
 LOAD = 0.5
 

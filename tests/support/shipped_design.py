@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-SHIPPED = Path(__file__).resolve().parents[2] / "tools" / "design_gains"
+SHIPPED = Path(__file__).resolve().parents[2] / "tools" / "design"
 PAPER_VEHICLE, PRACTICAL = SHIPPED / "paper_vehicle.toml", SHIPPED / "practical.toml"
 
 

@@ -5,7 +5,7 @@
 
 writes so many random frames of eight kinds as a VCD file, has it decoded, compares what was read
 and prints the count. With a second word it writes frames and readings there. The readings in
-``tests/wire/sigrok_frames.txt`` are of sigrok-cli 0.7.2 with libsigrokdecode 0.5.3.
+``tests/tools/sigrok_frames.txt`` are of sigrok-cli 0.7.2 with libsigrokdecode 0.5.3.
 """
 # ruff: noqa: T201 it reports to whoever starts it
 
@@ -17,11 +17,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from steer_by_wire.runtime.candump import LogEntry, format_entry
-from steer_by_wire.runtime.frame import EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame_length import DATA_LENGTH_CODE
-from steer_by_wire.runtime.frame_on_wire import frame_on_wire
-from steer_by_wire.wire.vcd import BitRates, write_vcd
+from steer_by_wire.runtime.frame.bits import frame_on_wire
+from steer_by_wire.runtime.frame.frame import EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
+from steer_by_wire.tools.can.waveform import BitRates, write_vcd
 from tests.support.error_comparison import random_frame
 from tests.support.random_frames import FORMATS
 

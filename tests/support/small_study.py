@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from steer_by_wire.studies.scenario import Scenarios
-from steer_by_wire.studies.store import Store
-from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.stress_latency.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
+from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.study import load_study
 
 STUDY = """
 name = "small"

@@ -4,16 +4,16 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from steer_by_wire.bus_faults.babbling import BabbledBus
+from steer_by_wire.closed_loop.virtual import make_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import Mode
-from steer_by_wire.pair.virtual import make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NS_PER_MS
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.tools.faults.injection.babbling_node import BabbledBus
 
 
 class VirtualSoak(NamedTuple):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.compilation import compiled
+from steer_by_wire.closed_loop.compiled.compilation import compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 DISPATCHED = np.show_config(mode="dicts")["SIMD Extensions"]["found"]

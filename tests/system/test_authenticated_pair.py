@@ -5,11 +5,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.recordings.bus_listener import BusListener
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.authenticated_node import AuthenticatedNode
-from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import cmac_maker
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -26,21 +24,23 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT, Refused, plain
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_settings import (
+from steer_by_wire.dbc.secoc.authentication import Authentication
+from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused, plain
+from steer_by_wire.dbc.secoc.key_file import cmac_maker
+from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,
     LatencySettings,
     Order,
 )
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.recordings.bus_listener import BusListener
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.frame import FD, Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.frame.frame import FD, Frame
+from steer_by_wire.runtime.node.node import NEVER_NS, Node
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))
 MS_NS = 1_000_000

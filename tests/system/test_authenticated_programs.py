@@ -8,6 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.controller.program import main as controller_main
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -17,14 +18,13 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.dbc.secured_dbc import secured_dbc
-from steer_by_wire.dbc.secured_program import AUTHENTICATED, NOBODY
+from steer_by_wire.dbc.secoc.program import AUTHENTICATED, NOBODY
+from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.plant_emulator.program import main as plant_main
-from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.message import frame_of, message_of
-from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.frame.message import frame_of, message_of
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 
 pytestmark = pytest.mark.skipif(

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -28,22 +29,21 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_settings import (
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,
     LatencySettings,
     Order,
 )
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import motion_params
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.rig_settings import EllipseSettings, VehicleSettings
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, VehicleSettings
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS, Node
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 MS_NS = 1_000_000
 S_NS = 1_000_000_000

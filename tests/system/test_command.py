@@ -14,7 +14,7 @@ import pytest
 
 from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
-from steer_by_wire.command_line import DISTRIBUTION, installation
+from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
 from tests.support.running_program import PATIENCE_S
 from tests.support.unrendered import unrendered as unrendered
 

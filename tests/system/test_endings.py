@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.program import check_main
 from steer_by_wire.controller.program import main as controller_main
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
-from steer_by_wire.tools.closed_loop.__main__ import main as run_main
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.tools.analyze.__main__ import main as analyze_main
+from steer_by_wire.tools.run.__main__ import main as run_main
 from tests.support.one_mean import one_mean as one_mean
 from tests.support.running_program import ORDINARY, UNSUPERVISED
 from tests.support.unrendered import unrendered as unrendered

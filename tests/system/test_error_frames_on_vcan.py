@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.pair.shared_bus import SharedBus
-from steer_by_wire.runtime.bus_errors import ErrorEvent
-from steer_by_wire.runtime.bus_settings import BusSettings, StuckSettings, errors_of
-from steer_by_wire.runtime.error_frames import (
+from steer_by_wire.closed_loop.bus import SharedBus
+from steer_by_wire.runtime.bus_model.error_frames import (
     BUS_OFF_FRAME,
     RESTARTED_FRAME,
     error_frame,
     receiver_error_frame,
     state_frame,
 )
-from steer_by_wire.runtime.fault_confinement import ControllerState, ErrorCounters
-from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.socketcan import SocketCanPort
+from steer_by_wire.runtime.bus_model.errors import ErrorEvent
+from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
+from steer_by_wire.runtime.bus_model.settings import BusSettings, StuckSettings, errors_of
+from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.running_program import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.vcan

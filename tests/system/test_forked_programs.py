@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-import steer_by_wire.compiled.compilation  # noqa: F401 - it sets a variable of numba's
+import steer_by_wire.closed_loop.compiled.compilation  # noqa: F401 - it sets a variable of numba's
 from tests.support import forked_programs
 
 VERSION = [sys.executable, "-m", "steer_by_wire", "--version"]

@@ -129,10 +129,10 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
     socket, select and threading are loaded, but not by us: pydantic looks for plug-ins with
     importlib.metadata, which imports the standard library's mail reader, and that imports socket.
     """
-    nodes = "steer_by_wire.controller.node, steer_by_wire.plant_emulator.node"
+    nodes = "steer_by_wire.controller.node.node, steer_by_wire.plant_emulator.node.node"
     unwanted = (
         "can cantools argparse asyncio multiprocessing subprocess logging scipy numba matplotlib "
-        "rich steer_by_wire.runtime.bus steer_by_wire.runtime.program"
+        "rich steer_by_wire.runtime.port.python_can steer_by_wire.runtime.program.program"
     )
     assert loaded(nodes, unwanted) == []
 
@@ -144,5 +144,5 @@ def test_live_programs_import_nothing_heavy() -> None:
 
 
 def test_with_vcan_imports_little_and_no_backend_before_its_turn() -> None:
-    unwanted = "importlib.metadata steer_by_wire.vcan.namespace steer_by_wire.vcan.uml"
-    assert loaded("steer_by_wire.vcan.__main__", unwanted, "-S") == []
+    unwanted = "importlib.metadata steer_by_wire.tools.vcan.namespace steer_by_wire.tools.vcan.uml"
+    assert loaded("steer_by_wire.tools.vcan.__main__", unwanted, "-S") == []

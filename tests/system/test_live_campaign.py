@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.bus_faults.kinds import LiveKind, parse_fault
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -20,14 +19,21 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from steer_by_wire.plant_emulator.fault_settings import FaultKind
+from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import FD, Frame
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.fault_campaign import __main__ as fault_campaign
-from steer_by_wire.tools.fault_campaign.live.cases import CASES, CONTROLLER, PLANT, LiveCase
-from steer_by_wire.tools.fault_campaign.live.judgement import (
+from steer_by_wire.runtime.frame.frame import FD, Frame
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.faults import __main__ as fault_campaign
+from steer_by_wire.tools.faults.injection.kinds import LiveKind, parse_fault
+from steer_by_wire.tools.faults.live.campaign import (
+    live_finding,
+    live_section,
+    outcome_table,
+    record_of,
+)
+from steer_by_wire.tools.faults.live.cases import CASES, CONTROLLER, PLANT, LiveCase
+from steer_by_wire.tools.faults.live.judgement import (
     Outcome,
     Reaction,
     Vehicle,
@@ -37,13 +43,7 @@ from steer_by_wire.tools.fault_campaign.live.judgement import (
     mistakes_of,
     vehicle_of,
 )
-from steer_by_wire.tools.fault_campaign.live.program import (
-    live_finding,
-    live_section,
-    outcome_table,
-    record_of,
-)
-from steer_by_wire.tools.fault_campaign.live.trial import (
+from steer_by_wire.tools.faults.live.trial import (
     Trial,
     plant_settings,
     write_excerpt,

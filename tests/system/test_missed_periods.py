@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerFault, ControllerSafety, LateralError, encode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.overruns import MissedPeriods, OverrunSettings, OverrunSupervision
-from steer_by_wire.runtime.periodic import PeriodicTimer
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.overruns import MissedPeriods, OverrunSettings, OverrunSupervision
+from steer_by_wire.runtime.node.periodic import PeriodicTimer
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
 from tests.support.controller_link import START_NS as CONTROLLER_START_NS
 from tests.support.controller_link import Link as ControllerLink
 from tests.support.controller_link import controller_settings

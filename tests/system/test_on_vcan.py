@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from steer_by_wire.dbc.long_messages import PathAhead, SteeringPlan
+from steer_by_wire.closed_loop.processes import Processes
+from steer_by_wire.dbc.contract.long_messages import PathAhead, SteeringPlan
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -31,9 +32,8 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     decode,
 )
-from steer_by_wire.pair.processes import Processes
-from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.frame import FD, Frame
+from steer_by_wire.runtime.frame.frame import FD, Frame
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan

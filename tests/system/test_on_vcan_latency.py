@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from steer_by_wire.closed_loop.live import PairFiles, PairResult
+from steer_by_wire.closed_loop.processes import Processes
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.live import PairFiles, PairResult
-from steer_by_wire.pair.processes import Processes
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.vcan.request import program_path
+from steer_by_wire.tools.vcan.request import program_path
 from tests.support.running_program import ORDINARY, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan

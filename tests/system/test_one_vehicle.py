@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.controller import settings as controller
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.controller.shared_settings import VehicleModelSettings
 from steer_by_wire.plant_emulator import settings as plant
-from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-SHIPPED = Path(__file__).parents[2] / "tools" / "design_gains" / "highway_vehicle.toml"
+SHIPPED = Path(__file__).parents[2] / "tools" / "design" / "highway_vehicle.toml"
 PRESET = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode
-from steer_by_wire.pair.virtual import run_virtual_nodes
-from steer_by_wire.plant_emulator.faults import with_faults
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.faults.stage import with_faults
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.fed_memory import MS, PERIOD_NS, Wire, driven

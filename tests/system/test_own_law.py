@@ -11,24 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.compiled.law_code import LawNotCompiledError
-from steer_by_wire.compiled.steps import ForeignParamsError
-from steer_by_wire.controller import own_law, program
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
+from steer_by_wire.closed_loop.compiled.steps import ForeignParamsError
+from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.controller import program
 from steer_by_wire.controller.laws import LawInput
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.laws import plugin as own_law
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
-from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.verdict import RUN_ENDS, RunEnd
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.runtime.toml_text import dump_toml
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
-from steer_by_wire.studies.compute import Computer
-from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.compare_laws import __main__ as compare_laws
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.presentation import (
@@ -36,6 +36,7 @@ from steer_by_wire.tools.compare_laws.presentation import (
     markdown_lines,
     table_lines,
 )
+from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.small_study import make_scenarios, never
 

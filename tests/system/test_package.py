@@ -166,15 +166,13 @@ def test_what_is_installed_is_what_starts_and_what_it_starts(
         text=True,
         check=True,
     )
-    assert result.stdout.strip() == str(
-        installed / "steer_by_wire" / "runtime" / "emulated_bus" / "launch.py"
-    )
+    assert result.stdout.strip() == str(installed / "steer_by_wire" / "closed_loop" / "launch.py")
 
 
 CHANGE_A_STEP = """
 from pathlib import Path
 from steer_by_wire import controller
-from steer_by_wire.compiled.compilation import _cache_folder
+from steer_by_wire.closed_loop.compiled.compilation import _cache_folder
 print(_cache_folder())
 with (Path(controller.__file__).parent / "pd.py").open("a") as step:
     step.write("# changed")

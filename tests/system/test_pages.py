@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.command import main
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from tests.support.running_program import ORDINARY
 from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
 from tests.support.unrendered import unrendered as unrendered

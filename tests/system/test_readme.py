@@ -27,7 +27,7 @@ import sys
 from importlib.metadata import requires
 
 from steer_by_wire.command import PROGRAMS, main
-from steer_by_wire.command_line import DISTRIBUTION
+from steer_by_wire.runtime.command_line import DISTRIBUTION
 
 OPTIONAL = [re.match("[a-z0-9-]+", it)[0] for it in requires(DISTRIBUTION) if "extra ==" in it]
 

@@ -15,25 +15,25 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import BatchRun, run_batch
-from steer_by_wire.controller.design import design_law
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.limits import limit_step
-from steer_by_wire.controller.settings import ControllerSettings, LimitSettings, limits_of
-from steer_by_wire.controller.shared_settings import (
+from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
+from steer_by_wire.controller.filters.settings import (
     CdobSettings,
     DobSettings,
     PdSettings,
     VehicleModelSettings,
 )
-from steer_by_wire.plant_emulator.latency import Distribution
-from steer_by_wire.plant_emulator.latency_line import LatencyLine
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.motion_design import motion_params
-from steer_by_wire.plant_emulator.rig_settings import EllipseSettings, VehicleSettings
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.interface.limits import limit_step
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.settings import ControllerSettings, LimitSettings, limits_of
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
+from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.streams import Channel, uniforms
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, VehicleSettings
 
 PERIOD_NS = 10_000_000
 DURATION_S = 60

@@ -2,12 +2,12 @@
 
 import pytest
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, resync_ns_of
+from steer_by_wire.dbc.codec.protection import SequenceResult
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
-from steer_by_wire.dbc.protection import SequenceResult
-from steer_by_wire.plant_emulator.safety_settings import SafetySettings
-from steer_by_wire.plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
+from steer_by_wire.plant_emulator.steering.settings import SafetySettings
+from steer_by_wire.plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
 from tests.support.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
 from tests.support.counter_rules import checking
 from tests.support.plant_link import START_NS, link

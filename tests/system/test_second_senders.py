@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from steer_by_wire.closed_loop.virtual import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset, counters_of
+from steer_by_wire.dbc.codec.protection import SequenceRule
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -21,13 +23,11 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.protection import SequenceRule
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.pair.virtual import make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -25,19 +25,19 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.plant_emulator import program
-from steer_by_wire.plant_emulator.motion import LARGEST
-from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.self_supervision import (
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.node.self_supervision import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
     REPORTING_NS,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
-from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from steer_by_wire.plant_emulator.vehicle.motion import LARGEST
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 OVERSTEER = {
@@ -312,7 +312,7 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     push = "disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
     overrides = [*growing, push, "start_on_first_command=false"]
     monkeypatch.setattr(
-        "steer_by_wire.plant_emulator.motion.LARGEST", 1e9
+        "steer_by_wire.plant_emulator.vehicle.motion.LARGEST", 1e9
     )  # in half a second, not in seven
     options = [text for override in overrides for text in ("--set", override)]
     arguments = ["-i", "virtual", "-c", "self supervision", "--priority", "0", "--no-memory-lock"]
@@ -330,7 +330,7 @@ def test_a_run_of_both_nodes_says_so_too(
 ) -> None:
     growing = [f"--plant-set=vehicle.{key}={value}" for key, value in OVERSTEER.items()]
     push = "--plant-set=disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
-    monkeypatch.setattr("steer_by_wire.plant_emulator.motion.LARGEST", 1e9)
+    monkeypatch.setattr("steer_by_wire.plant_emulator.vehicle.motion.LARGEST", 1e9)
     assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
     out = capsys.readouterr().out
     assert re.search(rf"^safe state +plant emulator: {NOT_FINITE_VEHICLE}$", out, re.MULTILINE)

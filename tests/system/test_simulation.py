@@ -14,10 +14,10 @@ import pytest
 
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
-from steer_by_wire.controller.shared_settings import VehicleModelSettings
-from steer_by_wire.plant_emulator.rig_settings import CircleSettings
-from steer_by_wire.runtime.report import json_text
-from steer_by_wire.tools.closed_loop.__main__ import main as run_closed_loop
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings
+from steer_by_wire.runtime.program.report import json_text
+from steer_by_wire.tools.run.__main__ import main as run_closed_loop
 
 NETWORK = {
     "plant.latency.downlink": {"model": "gamma", "mean_s": 0.08, "spread_s": 0.03, "loss": 0.02},
@@ -127,7 +127,7 @@ def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
 
 
 def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
-    run = simulate(vehicle="tools/design_gains/highway_vehicle.toml", duration_s=0.1)
+    run = simulate(vehicle="tools/design/highway_vehicle.toml", duration_s=0.1)
     assert run.plant_settings.vehicle.speed_m_s == pytest.approx(45.0 / 3.6)
     model = run.controller_settings.nominal_model
     assert isinstance(model, VehicleModelSettings)
@@ -144,7 +144,7 @@ def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
         ({"plant": 3}, r"plant is of type int \(allowed: name of a preset, path of a settings"),
         ({"vehicle": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
         (
-            {"vehicle": "tools/design_gains/paper_vehicle.toml", "plant": PlantSettings()},
+            {"vehicle": "tools/design/paper_vehicle.toml", "plant": PlantSettings()},
             "vehicle and plant of type PlantSettings: give one of the two",
         ),
         ({"seed": -1}, r"overrides of plant: seed = -1 .* \(allowed: integer from 0, up to"),
@@ -205,7 +205,9 @@ def test_what_is_not_installed_is_named_in_one_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
     for module in ("run_drawing", "plot_style"):
-        monkeypatch.delitem(sys.modules, f"steer_by_wire.reports.{module}", raising=False)
+        monkeypatch.delitem(
+            sys.modules, f"steer_by_wire.closed_loop.reports.{module}", raising=False
+        )
     with pytest.raises(ValueError, match=line):
         getattr(run, method)()
 
@@ -243,9 +245,9 @@ def test_every_public_name_is_there_and_has_a_docstring() -> None:
     "name",
     [
         "steer_by_wire",
-        "steer_by_wire.simulation",
-        "steer_by_wire.plant_emulator.path_shapes",
-        "steer_by_wire.plant_emulator.waypoints",
+        "steer_by_wire.closed_loop.simulate",
+        "steer_by_wire.plant_emulator.path.shapes",
+        "steer_by_wire.plant_emulator.path.waypoints",
     ],
 )
 def test_the_examples_of_the_docstrings_run(name: str) -> None:

@@ -22,11 +22,11 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
-from steer_by_wire.runtime.error_frames import error_causes
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.socketcan import SocketCanPort
+from steer_by_wire.runtime.bus_model.error_frames import error_causes
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
+from steer_by_wire.runtime.port.socketcan import SocketCanPort
+from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.slcan_adapter import AdapterBus
 

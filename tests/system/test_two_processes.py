@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.live import Bus, LivePair, PairFiles, PairResult
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
@@ -27,14 +30,11 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     decode,
 )
-from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.overruns import OverrunSettings
+from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings
+from steer_by_wire.runtime.node.overruns import OverrunSettings
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import PATIENCE_S
 
 DURATION_S = 4.0

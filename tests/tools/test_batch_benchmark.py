@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import run_batch
-from steer_by_wire.compiled.plan import plan_run
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.schedule import plan_run
 from steer_by_wire.tools.benchmark_batch.c_pair import CPair, MissingCompilerError, compile_pair
 from steer_by_wire.tools.benchmark_batch.comparison import DELAY_S, NETWORKS, pair_settings
 from steer_by_wire.tools.benchmark_batch.other_tools import JitcddeLoop

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.benchmarking.measurement import Line
-from steer_by_wire.benchmarking.wake_ups import measurements
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.statistics import DurationSummary
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.tools.benchmark_bus import __main__ as benchmark_bus
 from steer_by_wire.tools.benchmark_bus.allocations import TickMemory, tick_memory
 from steer_by_wire.tools.benchmark_bus.lines import (
@@ -65,6 +63,8 @@ from steer_by_wire.tools.benchmark_bus.runs import (
     write_frames,
 )
 from steer_by_wire.tools.benchmark_bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
+from steer_by_wire.tools.benchmarking.measurement import Line
+from steer_by_wire.tools.benchmarking.wake_ups import measurements
 
 MS = 1_000_000
 RUNS_S = (0.2, 2.0, 20.0)  # the next where nobody has answered yet: a machine may be late

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.bus_settings import BusSettings
-from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.tools.bus_study import __main__ as program
 from steer_by_wire.tools.bus_study.__main__ import main
 from steer_by_wire.tools.bus_study.runs import BusRun, Point, runs_of

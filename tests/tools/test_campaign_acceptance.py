@@ -4,23 +4,23 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.law_runner import LawRunner
-from steer_by_wire.controller.received import Received
+from steer_by_wire.controller.node.law_runner import LawRunner
+from steer_by_wire.controller.node.received import Received
+from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
 from steer_by_wire.dbc.messages import Rejection
-from steer_by_wire.dbc.protection import SequenceCheck, SequenceResult
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.plant_emulator import steering_unit
-from steer_by_wire.plant_emulator.faults import FaultyNode
-from steer_by_wire.plant_emulator.steering_guard import GuardMode, guard_command
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.fault_campaign import pair as pair_module
-from steer_by_wire.tools.fault_campaign.__main__ import _status
-from steer_by_wire.tools.fault_campaign.acceptance import Finding, findings_of
-from steer_by_wire.tools.fault_campaign.grouping import group
-from steer_by_wire.tools.fault_campaign.presentation import finding_lines, table_lines
-from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of, scenarios_of
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
-from steer_by_wire.tools.fault_campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode
+from steer_by_wire.plant_emulator.steering import unit as steering_unit
+from steer_by_wire.plant_emulator.steering.guard import GuardMode, guard_command
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.faults.__main__ import _status
+from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
+from steer_by_wire.tools.faults.campaign.acceptance import Finding, findings_of
+from steer_by_wire.tools.faults.campaign.grouping import group
+from steer_by_wire.tools.faults.campaign.presentation import finding_lines, table_lines
+from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
 
 BASE = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1", 'laws=["practical_pd"]')
 DETECTED, LEFT, REFUSED, EFFECT, RECOVERED, SMOOTH, GOLDEN, VALID, PROTECTED, QUEUES, UNRECEIVED = (

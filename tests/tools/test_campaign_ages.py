@@ -2,10 +2,10 @@
 
 import pytest
 
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.fault_campaign.scenario import scenarios_of
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
-from steer_by_wire.tools.fault_campaign.trial import Result, Verdict, run_trial
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import Result, Verdict, run_trial
 
 SPECIFICATION = """
 motion_s = 3.0

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.tools.fault_campaign.__main__ import main
-from steer_by_wire.tools.fault_campaign.execution import (
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.tools.faults.__main__ import main
+from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
     read_stored,
     write_result,
 )
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
-from steer_by_wire.tools.fault_campaign.trial import Result
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import Result
 from steer_by_wire.tools.fuzz.campaign_targets import whole_result
 
 TINY = """
@@ -195,8 +195,8 @@ def test_a_line_that_was_cut_is_reported_and_its_run_made_again(
 
 def test_the_state_of_the_programs_is_found_from_any_folder(tmp_path: Path) -> None:
     code = (
-        "from steer_by_wire.tools.fault_campaign.execution import specification_hash\n"
-        "from steer_by_wire.tools.fault_campaign.specification import CampaignSettings\n"
+        "from steer_by_wire.tools.faults.campaign.execution import specification_hash\n"
+        "from steer_by_wire.tools.faults.campaign.specification import CampaignSettings\n"
         "print(specification_hash(CampaignSettings()))"
     )
     run = subprocess.run(

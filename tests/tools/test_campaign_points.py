@@ -5,19 +5,19 @@ from importlib.resources import files
 import pytest
 
 from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
-from steer_by_wire.plant_emulator.fault_effects import with_value
-from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings
-from steer_by_wire.tools.fault_campaign.detectability import Mechanism, no_effect_chance
-from steer_by_wire.tools.fault_campaign.pair import make_pair, run_pair
-from steer_by_wire.tools.fault_campaign.scenario import (
+from steer_by_wire.plant_emulator.faults.effects import with_value
+from steer_by_wire.runtime.settings.settings import Preset, SettingsError, load_settings
+from steer_by_wire.tools.faults.campaign.detectability import Mechanism, no_effect_chance
+from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,
     golden_case,
     laws_of,
     scenario_sight,
     scenarios_of,
 )
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
-from steer_by_wire.tools.fault_campaign.trial import Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.watched_pair import make_pair, run_pair
 
 SHORT = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1")
 DROPS = 'cases=[{kind="drop", messages=["LATERAL_ERROR", "STEERING_COMMAND"], magnitudes=[1]}]'
@@ -29,11 +29,7 @@ def spec_of(*overrides: str) -> CampaignSettings:
 
 
 def shipped(*overrides: str) -> CampaignSettings:
-    text = (
-        files("steer_by_wire.tools.fault_campaign")
-        .joinpath("default.toml")
-        .read_text(encoding="utf-8")
-    )
+    text = files("steer_by_wire.tools.faults").joinpath("default.toml").read_text(encoding="utf-8")
     return load_settings(CampaignSettings, Preset("default", text), None, overrides)
 
 

@@ -2,15 +2,15 @@
 
 import pytest
 
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.fault_campaign.detectability import (
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.faults.campaign.detectability import (
     Mechanism,
     no_effect_chance,
     period_s_of,
 )
-from steer_by_wire.tools.fault_campaign.scenario import Scenario, scenario_sight, scenarios_of
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
-from steer_by_wire.tools.fault_campaign.trial import Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.scenario import Scenario, scenario_sight, scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import Verdict, run_trial
 
 FAST = "paper_pd"
 """At 1 kHz, on sensors at 100 Hz."""

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from steer_by_wire.tools.fault_campaign.acceptance import (
+from steer_by_wire.tools.faults.campaign.acceptance import (
     Residual,
     exceeds,
     falls_short,

@@ -12,12 +12,12 @@ from pathlib import Path
 import can
 import pytest
 
+from steer_by_wire.closed_loop.result import Trace
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
-from steer_by_wire.pair.trace import Trace
-from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import CandumpReader
+from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.running_program import PATIENCE_S
 
 LATENCY = ["--plant-set", "latency.downlink.mean_s=0.08"]
@@ -102,7 +102,7 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "steer_by_wire.tools.closed_loop",
+        "steer_by_wire.tools.run",
         "--duration",
         "1e6",
         "--out",

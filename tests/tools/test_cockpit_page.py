@@ -10,6 +10,8 @@ from pathlib import Path
 import can
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
@@ -18,9 +20,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.message import frame_of, message_of
+from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
 from tests.support.browser import Browser, chromium, open_browser
 from tests.support.cockpit_run import recorded_run

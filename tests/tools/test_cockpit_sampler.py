@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.lights import Known, Light, lights_of
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -25,12 +27,10 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
-from steer_by_wire.plant_emulator.path import pose
-from steer_by_wire.plant_emulator.path_shapes import build_path, path_of_curvature
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.tools.cockpit.lights import Known, Light, lights_of
+from steer_by_wire.plant_emulator.path.path import pose
+from steer_by_wire.plant_emulator.path.shapes import build_path, path_of_curvature
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
 from tests.support.cockpit_run import NS, PLANT, fed, recorded_run

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.runtime.program import ExitStatus, StopRequest
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest
+from steer_by_wire.runtime.settings.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.__main__ import (
     PREDICTORS,
@@ -28,13 +28,13 @@ from steer_by_wire.tools.compare_laws.presentation import (
     table_lines,
 )
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
-from steer_by_wire.tools.design_gains.predictor import describe_predictor
-from steer_by_wire.tools.design_gains.predictor_runs import Task
-from steer_by_wire.tools.design_gains.preset_text import predictor_figures
-from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.tools.design.predictor import describe_predictor
+from steer_by_wire.tools.design.predictor_runs import Task
+from steer_by_wire.tools.design.report import predictor_figures
+from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-GAIN_DESIGN = Path(__file__).parents[2] / "tools" / "design_gains"
+GAIN_DESIGN = Path(__file__).parents[2] / "tools" / "design"
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,12 @@ import can
 import numpy as np
 import pytest
 
-from steer_by_wire.pair.channels import open_channels
-from steer_by_wire.pair.live import PairResult, _Recorder
-from steer_by_wire.pair.trace import Trace
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.verdict import Verdict
-from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.closed_loop.channels import open_channels
+from steer_by_wire.closed_loop.live import PairResult, _Recorder
+from steer_by_wire.closed_loop.result import Trace
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.evaluation.verdict import Verdict
+from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
 from steer_by_wire.tools.demo.pictures import nice_factor
 from steer_by_wire.tools.demo.story import (

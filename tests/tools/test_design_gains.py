@@ -6,37 +6,37 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law, required
-from steer_by_wire.controller.nominal_model import steer_to_lateral_error
+from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
+from steer_by_wire.controller.laws.design import design_law, required
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.design_gains import __main__ as design_gains
-from steer_by_wire.tools.design_gains.__main__ import ProgressLines
-from steer_by_wire.tools.design_gains.candidate import (
+from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.design import __main__ as design_gains
+from steer_by_wire.tools.design.__main__ import ProgressLines
+from steer_by_wire.tools.design.candidate import (
     Candidate,
     controller_settings,
     lattice_place,
     why_no_gains,
 )
-from steer_by_wire.tools.design_gains.design import (
+from steer_by_wire.tools.design.design import (
     Design,
     NoDesignError,
     design,
     split_boxes,
 )
-from steer_by_wire.tools.design_gains.explanation import failed
-from steer_by_wire.tools.design_gains.preset_text import preset_text
-from steer_by_wire.tools.design_gains.search import neighbours
-from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import (
+from steer_by_wire.tools.design.explanation import failed
+from steer_by_wire.tools.design.judgement import (
     Demand,
     Judgement,
     judge_candidate,
     make_study,
 )
-from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.tools.design.report import preset_text
+from steer_by_wire.tools.design.search import neighbours
+from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.same_process import same_process as same_process
 from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
 

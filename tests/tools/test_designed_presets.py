@@ -6,32 +6,32 @@ from functools import cache
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.laws import PAPER_LAWS
-from steer_by_wire.controller.nominal_model import steer_to_lateral_error
+from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.loop_theory.tracking import rms_m, tracking_grid
-from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.design_gains.candidate import (
+from steer_by_wire.runtime.settings.settings import load_settings, read_preset
+from steer_by_wire.tools.design.candidate import (
     KEYS,
     SETTINGS_KEYS,
     Candidate,
     lattice_place,
 )
-from steer_by_wire.tools.design_gains.design import describe
-from steer_by_wire.tools.design_gains.preset_text import preset_text
-from steer_by_wire.tools.design_gains.search import Found, confirm
-from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import (
+from steer_by_wire.tools.design.design import describe
+from steer_by_wire.tools.design.judgement import (
     Study,
     judge_candidate,
     make_study,
     unsteered_runs_m,
 )
-from steer_by_wire.tools.design_gains.virtual_check import (
+from steer_by_wire.tools.design.report import preset_text
+from steer_by_wire.tools.design.search import Found, confirm
+from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.tracking import rms_m, tracking_grid
+from steer_by_wire.tools.design.virtual_check import (
     constant,
     drive,
     drives,

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from steer_by_wire.compiled.engine import run_batch
-from steer_by_wire.compiled.plan import plan_run
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.schedule import plan_run
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.latency import QUANTILES, Distribution
-from steer_by_wire.plant_emulator.latency_settings import LatencySettings
+from steer_by_wire.plant_emulator.network.latency import QUANTILES, Distribution
+from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.stress_report.expected_cost import Rounding, expected_cost, latency_cdf
-from steer_by_wire.tools.stress_report.monte_carlo import monte_carlo_costs, on_grid, seeds
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.study.expected_cost import Rounding, expected_cost, latency_cdf
+from steer_by_wire.tools.study.monte_carlo import monte_carlo_costs, on_grid, seeds
 
 GAMMA = "latency.downlink={model='gamma',mean_s=0.08,spread_s=0.03}"
 STRAIGHT = "path={kind='straight'}"

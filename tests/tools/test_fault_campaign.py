@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.dbc.protection import SequenceCheck, SequenceResult
-from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
-from steer_by_wire.plant_emulator.faults import FaultStage
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.fault_campaign import pair
-from steer_by_wire.tools.fault_campaign.__main__ import FAILED, main
-from steer_by_wire.tools.fault_campaign.acceptance import findings_of, memory_finding
-from steer_by_wire.tools.fault_campaign.detectability import (
+from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.stage import FaultStage
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.tools.faults.__main__ import FAILED, main
+from steer_by_wire.tools.faults.campaign import watched_pair as pair
+from steer_by_wire.tools.faults.campaign.acceptance import findings_of, memory_finding
+from steer_by_wire.tools.faults.campaign.detectability import (
     MECHANISM_OF,
     UNRECEIVED,
     Mechanism,
@@ -24,17 +24,17 @@ from steer_by_wire.tools.fault_campaign.detectability import (
     expect_fault,
     expect_node_fault,
 )
-from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_stored, specification_hash
-from steer_by_wire.tools.fault_campaign.grouping import compare, group
-from steer_by_wire.tools.fault_campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
-from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
-from steer_by_wire.tools.fault_campaign.scenario import (
+from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
+from steer_by_wire.tools.faults.campaign.grouping import compare, group
+from steer_by_wire.tools.faults.campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,
     controller_settings_of,
     scenarios_of,
 )
-from steer_by_wire.tools.fault_campaign.specification import CampaignSettings, NodeFaultKind
-from steer_by_wire.tools.fault_campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
+from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
 from tests.support.counter_rules import rule
 
 SIGHT = Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100))
@@ -157,7 +157,7 @@ def test_a_run_that_is_not_the_golden_one_is_disturbed(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fault of the command, as if nobody listened to it."""
-    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.scenario.Case.is_unreceived", True)
+    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.scenario.Case.is_unreceived", True)
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     result = run_trial(scenario)
     assert (result.verdict, result.as_golden) == (Verdict.DISTURBED, False)
@@ -189,7 +189,7 @@ def test_every_scenario_has_a_name_of_its_own(spec: CampaignSettings) -> None:
 
 
 def test_the_campaign_that_is_shipped_has_more_than_a_thousand_runs() -> None:
-    text = Path("tools/fault_campaign/default.toml")
+    text = Path("tools/faults/default.toml")
     spec = load_settings(CampaignSettings, None, Path(__file__).parents[2] / text, [])
     scenarios = list(scenarios_of(spec))
     assert len({scenario.name for scenario in scenarios}) == len(scenarios) > 1000
@@ -358,7 +358,7 @@ def test_results_of_programs_that_have_changed_are_none_of_these(
 ) -> None:
     (tmp_path / "step.py").write_text("GAIN = 1.0")
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.execution.files", lambda _package: tmp_path
+        "steer_by_wire.tools.faults.campaign.execution.files", lambda _package: tmp_path
     )
     before = specification_hash(spec)
     assert specification_hash(spec) == before

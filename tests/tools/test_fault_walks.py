@@ -10,18 +10,18 @@ from types import MappingProxyType
 
 import pytest
 
-from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
-from steer_by_wire.tools.fault_campaign.__main__ import FAILED, main
-from steer_by_wire.tools.fault_campaign.detectability import MECHANISM_OF, Mechanism
-from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
-from steer_by_wire.tools.fault_campaign.specification import (
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.tools.faults.__main__ import FAILED, main
+from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.specification import (
     CampaignSettings,
     CaseSettings,
     NodeCaseSettings,
     NodeFaultKind,
     PointSettings,
 )
-from steer_by_wire.tools.fault_campaign.walks import (
+from steer_by_wire.tools.faults.campaign.walks import (
     WALK_FAULTS_MAX,
     Walk,
     draw_walk,
@@ -57,7 +57,7 @@ def strict_acceptance(monkeypatch: pytest.MonkeyPatch) -> None:
     strict: Mapping[str, Mechanism] = MappingProxyType(
         {cause: by for cause, by in MECHANISM_OF.items() if by is not Mechanism.E2E}
     )
-    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walk_judgement.MECHANISM_OF", strict)
+    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.walk_judgement.MECHANISM_OF", strict)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_the_command_that_is_printed_runs_the_same_walk_again(
 ) -> None:
     file = tmp_path / "a spec.toml"
     file.write_text('[[node_cases]]\nkind = "killed"\nnodes = ["plant"]\n')
-    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walks.failure_of", lambda *_: "always")
+    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.walks.failure_of", lambda *_: "always")
     point = "points=[{name=\"a 'b'\", speed_m_s=1.1}]"
     first = [str(file), "--set", "seed=40", "--set", point, "--random-walks", "3"]
     assert main([*first, "--processes", "1"]) == FAILED
@@ -216,7 +216,7 @@ def test_failures_end_with_status_one_and_ctrl_c_keeps_what_was_found(
             os.kill(os.getpid(), signal.SIGINT)
         return found._replace(seed=seed)
 
-    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walks.one_walk", work)
+    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.walks.one_walk", work)
     assert main(["--random-walks", "2", "--processes", "1"]) == FAILED
     assert capsys.readouterr().out.startswith("2 walks of 0 faults in all: 2 failed\n")
     assert main(["--random-walks", "9", "--processes", "1"]) == 130

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.frame_bits.__main__ import main
+from steer_by_wire.tools.can.bits import main
 
 
 def test_a_frame_is_shown_field_by_field(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,24 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.discretization import q_order_2
-from steer_by_wire.controller.nominal_model import paper_eq19
-from steer_by_wire.tools.reproduce_paper.corners import CORNERS, published_law
-from steer_by_wire.tools.reproduce_paper.frequency_figures import (
+from steer_by_wire.controller.filters.discretization import q_order_2
+from steer_by_wire.controller.filters.nominal_model import paper_eq19
+from steer_by_wire.tools.paper.corners import CORNERS, published_law
+from steer_by_wire.tools.paper.frequency_figures import (
     SPREAD_AT_RAD_S,
     corner_spreads,
     figure_10,
     figure_11,
     help_ends_rad_s,
 )
-from steer_by_wire.tools.reproduce_paper.network_figure import (
+from steer_by_wire.tools.paper.network_figure import (
     DELAY_S,
     figure_12,
     first_intersection_rad_s,
     network_verdict,
 )
-from steer_by_wire.tools.reproduce_paper.result import Reproduction, Verdict
-from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs, figure_2, figure_9
+from steer_by_wire.tools.paper.result import Reproduction, Verdict
+from steer_by_wire.tools.paper.uncertainty_figure import exact_cutoffs, figure_2, figure_9
 
 
 def decibels(ratio: float) -> float:

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.codec import ContractError, codecs_of
-from steer_by_wire.dbc.dbc_file import layouts_of, parse_database
+from steer_by_wire.dbc.codec.codec import ContractError, codecs_of
+from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
+from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.waypoints import waypoint_path
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
-from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
 from steer_by_wire.tools.fuzz.__main__ import main as fuzz_main
 
 ROOT = Path(__file__).resolve().parents[2]

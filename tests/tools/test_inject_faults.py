@@ -7,14 +7,6 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.bus_faults.kinds import (
-    FRAME_KINDS,
-    MAGNITUDES,
-    LiveFault,
-    LiveKind,
-    list_lines,
-    parse_fault,
-)
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -25,15 +17,23 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
-from steer_by_wire.tools.inject_faults import __main__ as inject_faults
-from steer_by_wire.tools.inject_faults.frames import (
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_S
+from steer_by_wire.tools.faults.injection import program as inject_faults
+from steer_by_wire.tools.faults.injection.frames import (
     FRAMES_AT_ONCE,
     FrameSource,
     frame_source,
     recording_of,
+)
+from steer_by_wire.tools.faults.injection.kinds import (
+    FRAME_KINDS,
+    MAGNITUDES,
+    LiveFault,
+    LiveKind,
+    list_lines,
+    parse_fault,
 )
 
 BITRATE_BIT_S = 500_000

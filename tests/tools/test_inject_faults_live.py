@@ -13,23 +13,23 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.bus_faults.kinds import parse_fault
-from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
-from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus import BusPort
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.message import frame_of
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
-from steer_by_wire.tools.fault_campaign.node_faults import NodeFault, with_node_faults
-from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
-from steer_by_wire.tools.fault_campaign.specification import NodeFaultKind
-from steer_by_wire.tools.inject_faults import __main__ as inject_faults
-from steer_by_wire.tools.inject_faults.processes import BusOffFault
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.frame.message import frame_of
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.port.python_can import BusPort
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
+from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of
+from steer_by_wire.tools.faults.campaign.specification import NodeFaultKind
+from steer_by_wire.tools.faults.injection import program as inject_faults
+from steer_by_wire.tools.faults.injection.kinds import parse_fault
+from steer_by_wire.tools.faults.injection.processes import BusOffFault
 from tests.support.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000
@@ -58,7 +58,7 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
 ) -> None:
     words = ["pause,duration_s=1000", "--pid", str(sleeper.pid)]
     with subprocess.Popen(
-        [sys.executable, "-m", "steer_by_wire.tools.inject_faults", *words],
+        [sys.executable, "-m", "steer_by_wire.tools.faults.injection.program", *words],
         stdout=subprocess.PIPE,
         text=True,
     ) as injector:
@@ -126,7 +126,13 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
             off = "bus_off,onset_s=1.5,duration_s=0.2,of=plant"
             words = ["spoof,duration_s=0.5", pause, off]
             report = tmp_path / "injector.json"
-            injector = [sys.executable, "-m", "steer_by_wire.tools.inject_faults", *words, *bus]
+            injector = [
+                sys.executable,
+                "-m",
+                "steer_by_wire.tools.faults.injection.program",
+                *words,
+                *bus,
+            ]
             done = subprocess.run(
                 [*injector, "--report", str(report)], capture_output=True, text=True, check=True
             )

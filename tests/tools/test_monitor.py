@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.text import Text
 
-from steer_by_wire.bus_view.recent import SPAN_S, STRIP_LENGTH, strip_of
-from steer_by_wire.bus_view.watch import BusWatch, View
+from steer_by_wire.closed_loop.recordings.live_view import BusWatch, View
+from steer_by_wire.closed_loop.recordings.recent import SPAN_S, STRIP_LENGTH, strip_of
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -28,11 +29,10 @@ from steer_by_wire.dbc.messages import (
     encode,
     limits,
 )
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.candump import CandumpReader, LogEntry
-from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
 from steer_by_wire.tools.monitor.keys import LatencyChoice, keys_in, pressed
 from steer_by_wire.tools.monitor.screen import (
     one_line,

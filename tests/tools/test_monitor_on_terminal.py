@@ -13,9 +13,9 @@ from pathlib import Path
 import can
 import pytest
 
+from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.dbc.messages import Decoded, decode
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.message import frame_of
+from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.tools.monitor.keys import LatencyChoice
 from tests.support.running_program import PATIENCE_S
 

@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
-from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.closed_loop.result import rms
+from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.pair.trace import rms
-from steer_by_wire.tools.reproduce_paper import published
-from steer_by_wire.tools.reproduce_paper.both_rows_attempts import CURVATURE, error_answers
-from steer_by_wire.tools.reproduce_paper.continuous_runs import (
+from steer_by_wire.tools.paper import published
+from steer_by_wire.tools.paper.both_rows_attempts import CURVATURE, error_answers
+from steer_by_wire.tools.paper.continuous_runs import (
     PATH,
     DrivenEllipse,
     Observer,
@@ -21,8 +21,8 @@ from steer_by_wire.tools.reproduce_paper.continuous_runs import (
     order_2,
     table_2_row,
 )
-from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
-from steer_by_wire.tools.reproduce_paper.delay_runs import (
+from steer_by_wire.tools.paper.continuous_runs import PD as NO_OBSERVER
+from steer_by_wire.tools.paper.delay_runs import (
     CDOB,
     DDOB,
     FILTER,
@@ -35,9 +35,9 @@ from steer_by_wire.tools.reproduce_paper.delay_runs import (
     mean_before,
     peak,
 )
-from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s, reference_step
-from steer_by_wire.tools.reproduce_paper.simulation import thinned
-from steer_by_wire.tools.reproduce_paper.table_2 import CORRECTED, PRINTED, corner_run
+from steer_by_wire.tools.paper.delay_steps import largest_filter_rad_s, reference_step
+from steer_by_wire.tools.paper.simulation import thinned
+from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, corner_run
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)

@@ -11,18 +11,18 @@ from typing import Any
 import pytest
 
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.host import HostAnswer, StealClock
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.statistics import DurationSummary
-from steer_by_wire.tools.probe_host.__main__ import (
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node.statistics import DurationSummary
+from steer_by_wire.runtime.program.host import HostAnswer, StealClock
+from steer_by_wire.tools.doctor.measure import (
     is_kept,
     judged,
     rate_kept_hz,
     record_of,
     sentences,
 )
-from steer_by_wire.tools.probe_host.probe import (
+from steer_by_wire.tools.doctor.probe import (
     ECHO_ID,
     ORDINARY,
     PERIOD_NS,
@@ -35,7 +35,7 @@ from steer_by_wire.tools.probe_host.probe import (
     RequestNode,
     RoundTrip,
 )
-from steer_by_wire.tools.probe_host.wake_ups import (
+from steer_by_wire.tools.doctor.wake_ups import (
     PRESET,
     SLICE_NS,
     Figures,
@@ -48,7 +48,7 @@ from steer_by_wire.tools.probe_host.wake_ups import (
 from tests.support.running_program import PATIENCE_S
 
 ORDINARILY = ("--priority", "0", "--no-memory-lock")
-PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.probe_host")
+PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.doctor.measure")
 
 
 class Clock:

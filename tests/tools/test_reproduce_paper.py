@@ -11,9 +11,9 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.reproduce_paper import __main__ as reproduce_paper
-from steer_by_wire.tools.reproduce_paper.__main__ import (
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.paper import __main__ as reproduce_paper
+from steer_by_wire.tools.paper.__main__ import (
     ENTRIES,
     NOT_COMPUTED,
     Entry,
@@ -21,8 +21,8 @@ from steer_by_wire.tools.reproduce_paper.__main__ import (
     function_of,
     numbers_of,
 )
-from steer_by_wire.tools.reproduce_paper.index_page import agreement, heading, index_page
-from steer_by_wire.tools.reproduce_paper.result import (
+from steer_by_wire.tools.paper.index_page import agreement, heading, index_page
+from steer_by_wire.tools.paper.result import (
     Comparison,
     Picture,
     Reproduction,

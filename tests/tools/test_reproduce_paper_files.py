@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.reproduce_paper.result import (
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.paper.result import (
     Comparison,
     Reproduction,
     Verdict,

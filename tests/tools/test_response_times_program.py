@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.response_times.__main__ import main
+from steer_by_wire.tools.can.response_times import main
 
 OURS = str(Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc")
 

@@ -7,9 +7,9 @@ import pytest
 
 from steer_by_wire.controller.analysis.stable_delays import DELAY_NS_MAX, DelayInterval
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.tools.reproduce_paper import robustness_table as table
-from steer_by_wire.tools.reproduce_paper.corners import corner_plants
-from steer_by_wire.tools.reproduce_paper.result import Verdict
+from steer_by_wire.tools.paper import robustness_table as table
+from steer_by_wire.tools.paper.corners import corner_plants
+from steer_by_wire.tools.paper.result import Verdict
 
 MS_NS = 1_000_000
 PUBLISHED_1_KHZ, PUBLISHED_100_HZ, FILTERED, PRACTICAL = table.VARIANTS

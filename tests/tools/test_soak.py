@@ -6,27 +6,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.bus_faults.babbling import (
+from steer_by_wire.closed_loop.processes import children_of
+from steer_by_wire.controller.settings import controller_preset, supervision_of
+from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
+from steer_by_wire.tools.faults.injection.babbling_node import (
     GAPS,
     HIGHEST_PRIORITY_IDS,
     LOWEST_PRIORITY_IDS,
     BabbledBus,
     babble,
 )
-from steer_by_wire.controller.settings import controller_preset, supervision_of
-from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
-from steer_by_wire.pair.processes import children_of
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
-from steer_by_wire.runtime.background_traffic import COUNTS, PeriodicMessage
-from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.candump import LogEntry, format_entry
-from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.tools.soak.live import GROWTH_KIB_MAX, figures_of, resident_kib
-from steer_by_wire.tools.soak.verdict import delay_bounds_ns, longest_frame_ns
+from steer_by_wire.tools.faults.live.census import count_messages, gaps, read_bus_log
+from steer_by_wire.tools.faults.live.pair_on_bus import GROWTH_KIB_MAX, figures_of, resident_kib
+from steer_by_wire.tools.faults.live.verdict import delay_bounds_ns, longest_frame_ns
 from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000

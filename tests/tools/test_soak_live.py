@@ -5,17 +5,17 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.bus_faults.babbling import GAPS, LOWEST_PRIORITY_IDS
-from steer_by_wire.runtime.bus_settings import BusSettings
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.tools.soak.__main__ import (
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.tools.faults.injection.babbling_node import GAPS, LOWEST_PRIORITY_IDS
+from steer_by_wire.tools.faults.live.pair_on_bus import LiveSoak, Plan, figures_of, run_live_soak
+from steer_by_wire.tools.faults.live.soak import (
     findings_table,
     memory_table,
     messages_table,
     record_of,
 )
-from steer_by_wire.tools.soak.live import LiveSoak, Plan, figures_of, run_live_soak
-from steer_by_wire.tools.soak.verdict import (
+from steer_by_wire.tools.faults.live.verdict import (
     Finding,
     between_findings,
     bounds_ns,

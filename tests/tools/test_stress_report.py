@@ -10,15 +10,22 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from steer_by_wire.plant_emulator.verdict import Verdict
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.studies.scenario import Scenarios
-from steer_by_wire.studies.store import Store
-from steer_by_wire.studies.study import load_study
-from steer_by_wire.tools.stress_latency.runner import Threads, run_study
-from steer_by_wire.tools.stress_report import __main__
-from steer_by_wire.tools.stress_report.axes import LEVELS_MAX, study_axes
-from steer_by_wire.tools.stress_report.break_points import (
+from steer_by_wire.closed_loop.studies.results import (
+    VERDICTS,
+    Rows,
+    StudyRecord,
+    read_rows,
+    read_study,
+)
+from steer_by_wire.closed_loop.studies.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
+from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.plant_emulator.evaluation.verdict import Verdict
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.study import stress_report as __main__
+from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
+from steer_by_wire.tools.study.break_points import (
     HELD_SHARE,
     STEP_NS,
     break_points,
@@ -26,17 +33,10 @@ from steer_by_wire.tools.stress_report.break_points import (
     largest_held,
     median_interval,
 )
-from steer_by_wire.tools.stress_report.comparison import comparisons
-from steer_by_wire.tools.stress_report.heat_maps import heat_maps
-from steer_by_wire.tools.stress_report.report import PAGE, write
-from steer_by_wire.tools.stress_report.results import (
-    VERDICTS,
-    Rows,
-    StudyRecord,
-    read_rows,
-    read_study,
-)
-from steer_by_wire.tools.stress_report.worst_runs import worst_runs
+from steer_by_wire.tools.study.comparison import comparisons
+from steer_by_wire.tools.study.heat_maps import heat_maps
+from steer_by_wire.tools.study.report import PAGE, write
+from steer_by_wire.tools.study.worst_runs import worst_runs
 from tests.support.unrendered import unrendered as unrendered
 
 STUDY = """

@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
-from steer_by_wire.plant_emulator.faults import FaultStage
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.stage import FaultStage
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.recordings.file_analysis import analyse_files
-from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
-from steer_by_wire.tools.fault_campaign.detectability import UNRECEIVED
-from steer_by_wire.tools.fault_campaign.specification import direction_of
+from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
+from steer_by_wire.tools.faults.campaign.detectability import UNRECEIVED
+from steer_by_wire.tools.faults.campaign.specification import direction_of
 
 FIRST_S, LAST_S = 0.95, 1.55
 """Six frames of each of these messages, which come every 100 ms, or some more."""

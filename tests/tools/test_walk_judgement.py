@@ -5,20 +5,20 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.tools.fault_campaign.detectability import Sight
-from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
-from steer_by_wire.tools.fault_campaign.recovery import way_of
-from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
-from steer_by_wire.tools.fault_campaign.specification import (
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.tools.faults.campaign.detectability import Sight
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.recovery import way_of
+from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of
+from steer_by_wire.tools.faults.campaign.specification import (
     CampaignSettings,
     NodeFaultKind,
     PointSettings,
 )
-from steer_by_wire.tools.fault_campaign.walk_judgement import RECOVERY_S, judge_walk
-from steer_by_wire.tools.fault_campaign.walks import Walk, WalkFault, failure_of
+from steer_by_wire.tools.faults.campaign.walk_judgement import RECOVERY_S, judge_walk
+from steer_by_wire.tools.faults.campaign.walks import Walk, WalkFault, failure_of
 from tests.support.counter_rules import rule
 
 POINT = PointSettings(name="nominal")
@@ -193,6 +193,6 @@ def test_a_run_that_raises_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walks.run_pair", fail)
+    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.walks.run_pair", fail)
     walk = Walk(1, POINT, "practical_pd", (FLIPS,))
     assert failure_of(SPEC, walk, walk.faults) == "raised ZeroDivisionError: by zero"

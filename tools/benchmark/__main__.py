@@ -26,28 +26,28 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from steer_by_wire.benchmarking.measurement import (
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.live import Bus
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.program.host import StealClock
+from steer_by_wire.runtime.program.option_types import add_json_argument
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.benchmark.loop import (
+    controller_node_line,
+    frame_lines,
+    law_lines,
+    virtual_time_lines,
+)
+from steer_by_wire.tools.benchmarking.measurement import (
     Line,
     Target,
     calibration,
     line_record,
     lines_table,
     steal_text,
-)
-from steer_by_wire.command_line import command_parser
-from steer_by_wire.pair.live import Bus
-from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import add_json_argument
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.benchmark.loop import (
-    controller_node_line,
-    frame_lines,
-    law_lines,
-    virtual_time_lines,
 )
 
 NAME = "steer-by-wire benchmark"

@@ -5,20 +5,20 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from ...benchmarking.measurement import Line, Target, timed
-from ...controller.design import LawDesign, design_law
-from ...controller.law_interface import LawInput
+from ...closed_loop.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
+from ...controller.interface.law import LawInput
 from ...controller.laws import LAWS
-from ...controller.node import ControllerNode
+from ...controller.laws.design import LawDesign, design_law
+from ...controller.node.node import ControllerNode
 from ...controller.settings import PRESETS, controller_preset
 from ...dbc import messages
+from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import decode, encode
-from ...dbc.protection import COUNTERS
-from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.frame import Frame
-from ...runtime.quiet_bus import QuietBus
-from ...runtime.settings import preset_names
+from ...runtime.bus_model.quiet_bus import QuietBus
+from ...runtime.frame.frame import Frame
+from ...runtime.settings.settings import preset_names
+from ..benchmarking.measurement import Line, Target, timed
 
 STEPS = 10_000
 JUDGED_LAW = "pd_ddob"

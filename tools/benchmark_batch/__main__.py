@@ -19,23 +19,23 @@ from typing import Any
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from steer_by_wire.benchmarking.measurement import (
-    Line,
-    Target,
-    line_record,
-    lines_table,
-    steal_text,
-)
-from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import add_json_argument, output_file
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.program.host import StealClock
+from steer_by_wire.runtime.program.option_types import add_json_argument, output_file
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.benchmark_batch.comparison import (
     line_of_threads,
     lines_beside_c,
     lines_beside_others,
     seconds_of_runs,
+)
+from steer_by_wire.tools.benchmarking.measurement import (
+    Line,
+    Target,
+    line_record,
+    lines_table,
+    steal_text,
 )
 
 NAME = "steer-by-wire benchmark-batch"
@@ -43,7 +43,7 @@ COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
 _FIRST_RESULT = """
-from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 run_batch(plant_preset("paper_corner_d"), controller_preset("practical_pd_ddob"))

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled.motion import compiled_motion
-from ...compiled.plan import Plan
+from ...closed_loop.compiled.motion import compiled_motion
+from ...closed_loop.compiled.schedule import Plan
 from ...controller.analysis.linear_system import floats_of
-from ...controller.design import design_law
+from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings, limits_of
 from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
-from ...plant_emulator.safety_settings import design_guard
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
-from ...runtime.bus import BusError
-from ...runtime.node import NS_PER_S
+from ...plant_emulator.steering.settings import design_guard
+from ...runtime.node.node import NS_PER_S
+from ...runtime.port.python_can import BusError
+from ...runtime.records import FloatArray
 
 SOURCE = Path(__file__).with_name("pd_ddob_pair.c")
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")

@@ -13,12 +13,12 @@ from pathlib import Path
 import control
 import numpy as np
 
-from ...benchmarking.measurement import REPETITIONS, Line, Target
-from ...compiled.engine import BatchRun, run_batch
-from ...compiled.plan import plan_run
+from ...closed_loop.compiled.engine import BatchRun, run_batch
+from ...closed_loop.compiled.schedule import plan_run
+from ...closed_loop.virtual import run_virtual_pair
 from ...controller.settings import ControllerSettings, controller_preset
-from ...pair.virtual import run_virtual_pair
 from ...plant_emulator.settings import PlantSettings, plant_preset
+from ..benchmarking.measurement import REPETITIONS, Line, Target
 from .c_pair import CPair, CResult, compile_pair
 from .other_tools import SAME_WITHIN, JitcddeLoop, python_control_loop
 

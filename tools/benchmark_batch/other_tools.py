@@ -22,15 +22,15 @@ from typing import Any
 import control
 import numpy as np
 
+from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...controller.analysis.linear_system import polynomials
-from ...controller.discretization import q_order_2, q_type_2, washout
-from ...controller.nominal_model import steer_to_lateral_error, vehicle_model
+from ...controller.filters.discretization import q_order_2, q_type_2, washout
+from ...controller.filters.nominal_model import steer_to_lateral_error, vehicle_model
+from ...controller.filters.transfer_function import TransferFunction
 from ...controller.settings import ControllerSettings
-from ...controller.transfer_function import TransferFunction
-from ...loop_theory.uncertainty import paper_box
-from ...plant_emulator.rig_settings import EllipseSettings
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
+from ...plant_emulator.vehicle.rig_settings import EllipseSettings
+from ...runtime.records import FloatArray
 
 PADE_ORDER = 4
 

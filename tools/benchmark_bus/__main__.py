@@ -22,14 +22,13 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.benchmarking.measurement import Line, line_record, lines_table, steal_text
-from steer_by_wire.command_line import command_parser, seconds, whole_number
-from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
-from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import add_json_argument
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.report import write_json
+from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.runtime.command_line import command_parser, seconds, whole_number
+from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
+from steer_by_wire.runtime.program.host import StealClock
+from steer_by_wire.runtime.program.option_types import add_json_argument
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
 from steer_by_wire.tools.benchmark_bus.lines import (
     answer_lines,
@@ -58,6 +57,7 @@ from steer_by_wire.tools.benchmark_bus.runs import (
     tick_run,
     write_frames,
 )
+from steer_by_wire.tools.benchmarking.measurement import Line, line_record, lines_table, steal_text
 
 NAME = "steer-by-wire benchmark-bus"
 CHANNEL = "benchmark_bus"

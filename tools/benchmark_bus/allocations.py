@@ -1,6 +1,6 @@
 """Memory that the interpreter allocates in a tick of the controller, without a bus.
 
-In a live run the garbage collector is off (``runtime.host``). Here it is left on with Python's
+In a live run the garbage collector is off (``runtime.program.host``). Here it is left on with Python's
 usual thresholds, and its collections are counted.
 """
 
@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from statistics import median
 from typing import NamedTuple
 
-from ...benchmarking.wake_ups import measurements
-from ...controller.node import ControllerNode
+from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, controller_preset
+from ..benchmarking.wake_ups import measurements
 
 WARM_UP_TICKS = 300
 

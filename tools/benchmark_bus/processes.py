@@ -18,8 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from ...pair.processes import ProcessError
-from ...runtime.bus import BusError
+from ...closed_loop.processes import ProcessError
+from ...runtime.port.python_can import BusError
 
 SOURCES = Path(__file__).parent
 FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
@@ -121,7 +121,7 @@ def interrupt(role: Role, process: subprocess.Popen[bytes], folder: Path) -> Non
 
 def python(module: str, *options: str) -> list[str]:
     """Return the command that runs a module that ends with this process, however that ends."""
-    return [sys.executable, "-P", "-m", "steer_by_wire.runtime.attached", module, *options]
+    return [sys.executable, "-P", "-m", "steer_by_wire.closed_loop.attached", module, *options]
 
 
 def _wait_until_ready(role: Role, process: subprocess.Popen[bytes], folder: Path) -> None:

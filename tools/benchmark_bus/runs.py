@@ -7,10 +7,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...benchmarking.wake_ups import measurements
 from ...dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from ...runtime.node import NS_PER_S
-from ...runtime.socketcan import packed
+from ...runtime.node.node import NS_PER_S
+from ...runtime.port.socketcan import packed
+from ..benchmarking.wake_ups import measurements
 from .processes import ABOVE, BELOW, CPrograms, Role, finish, go, interrupt, python, started
 from .records import Answers, Tick, answers, between, read_passages, read_ticks
 

@@ -22,16 +22,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...benchmarking.wake_ups import measurements
-from ...controller.node import RECEIVED, ControllerNode
+from ...controller.node.node import RECEIVED, ControllerNode
 from ...controller.settings import PRESETS, ControllerSettings
 from ...dbc.messages import CAN_IDS, LateralError
-from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, Wrapper
-from ...runtime.option_types import output_file
-from ...runtime.program import run_main
-from ...runtime.program_options import load_program_settings, make_parser
-from ...runtime.run_node import run_node
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NEVER_NS, Wrapper
+from ...runtime.program.option_types import output_file
+from ...runtime.program.program import run_main
+from ...runtime.program.program_options import load_program_settings, make_parser
+from ...runtime.program.run_node import run_node
+from ..benchmarking.wake_ups import measurements
 
 NAME = "watched-controller"
 WARM_UP_TICKS = 100

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-from steer_by_wire.command_line import start_program
+from steer_by_wire.runtime.command_line import start_program
 
 NAME = "emulated-can-bus"
 

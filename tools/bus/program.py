@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 
-from ...command_line import command_parser, whole_number
-from ...runtime.bus_options import add_error_arguments, add_traffic_arguments, bus_settings
+from ...runtime.command_line import command_parser, whole_number
 from ...runtime.emulated_bus.address import (
     Address,
     AddressError,
@@ -31,9 +30,10 @@ from ...runtime.emulated_bus.beside import Beside, client_number
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.journal import Journal
 from ...runtime.emulated_bus.report import broker_report, summary_line
-from ...runtime.host import RealTimeRequest, real_time
-from ...runtime.option_types import bit_rate, data_bit_rate, output_file, priority
-from ...runtime.settings import SettingsError
+from ...runtime.program.host import RealTimeRequest, real_time
+from ...runtime.program.option_types import bit_rate, data_bit_rate, output_file, priority
+from ...runtime.program.options import add_error_arguments, add_traffic_arguments, bus_settings
+from ...runtime.settings.settings import SettingsError
 
 NAME = "emulated-can-bus"
 _WRONG_SETTINGS = 2
@@ -82,7 +82,7 @@ def _beside(options: argparse.Namespace) -> Beside:
     if not settings.has_traffic:
         return Beside(settings, (), options.seed)
     # Not at the top: it imports cantools, which takes longer than all the rest.
-    from ...pair.shared_bus import traffic_of
+    from ...closed_loop.bus import traffic_of
 
     return Beside(settings, traffic_of(settings, options.seed), options.seed)
 
@@ -119,7 +119,7 @@ def _serve(
     _print_line(name, summary_line(report))
     if options.report is not None:
         # Not at the top: it imports python-can, which the broker does not need.
-        from ...runtime.report import write_json
+        from ...runtime.program.report import write_json
 
         write_json(options.report, report)
 

@@ -20,14 +20,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from steer_by_wire.command_line import command_parser, number, whole_number
-from steer_by_wire.reports.plot_style import COLOURS, plot_style, png_of
-from steer_by_wire.runtime.bus_settings import BusSettings
-from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.runtime.report import write_file
-from steer_by_wire.runtime.settings import COMMAND_LINE, with_values
-from steer_by_wire.terminal import counting_bars, plain_table
+from steer_by_wire.closed_loop.reports.plot_style import COLOURS, plot_style, png_of
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_table
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.command_line import command_parser, number, whole_number
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.program.report import write_file
+from steer_by_wire.runtime.settings.settings import COMMAND_LINE, with_values
 from steer_by_wire.tools.bus_study.runs import BusRun, Point, runs_of
 
 NAME = "steer-by-wire bus-study"

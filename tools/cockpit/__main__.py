@@ -22,24 +22,24 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.command_line import command_parser
-from steer_by_wire.pair.channels import BUSES
-from steer_by_wire.pair.shared_bus import traffic_of
-from steer_by_wire.runtime.bus import add_bus_arguments
-from steer_by_wire.runtime.bus_options import (
+from steer_by_wire.closed_loop.bus import traffic_of
+from steer_by_wire.closed_loop.channels import BUSES
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.port.port import open_port
+from steer_by_wire.runtime.port.python_can import add_bus_arguments
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.port import open_port
-from steer_by_wire.runtime.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.settings.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk
 from steer_by_wire.tools.cockpit.lane import Lane
+from steer_by_wire.tools.cockpit.lanes import Rig
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
-from steer_by_wire.tools.cockpit.rig import Rig
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
 from steer_by_wire.tools.cockpit.server import HOST, Server, serve
 

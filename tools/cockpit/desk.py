@@ -15,10 +15,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
-from ...runtime.bus import BusError
-from ...runtime.settings import Settings, SettingsError
+from ...runtime.port.python_can import BusError
+from ...runtime.settings.settings import Settings, SettingsError
 from .lane import Lane
-from .rig import Action, Program, Rig, lane_facts
+from .lanes import Action, Program, Rig, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 

@@ -12,12 +12,12 @@ from pathlib import Path as FilePath
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from ...plant_emulator.path import Path
-from ...runtime.bus import BusError
-from ...runtime.candump import CandumpLog
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S
-from ...runtime.port import ClosablePort
+from ...plant_emulator.path.path import Path
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_S
+from ...runtime.port.port import ClosablePort
+from ...runtime.port.python_can import BusError
+from ...runtime.recording.candump import CandumpLog
 from .sampler import Sampler
 from .signals import ROW_PERIOD_S, packed_row
 

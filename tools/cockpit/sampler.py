@@ -16,15 +16,15 @@ from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from ...bus_view.watch import BusWatch
+from ...closed_loop.recordings.bus_listener import command_at
+from ...closed_loop.recordings.lights import Known, Light, lights_of
+from ...closed_loop.recordings.live_view import BusWatch
 from ...dbc import messages
-from ...dbc.generated_layout import LAYOUTS
-from ...dbc.layout import SignalLayout
-from ...plant_emulator.path import Path, Pose, along_clothoid, pose
-from ...recordings.bus_listener import command_at
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S
-from .lights import Known, Light, lights_of
+from ...dbc.codec.layout import SignalLayout
+from ...dbc.contract.generated_layout import LAYOUTS
+from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_S
 from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)

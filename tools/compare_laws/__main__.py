@@ -18,15 +18,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple, TypeVar
 
-from steer_by_wire.command_line import (
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
+from steer_by_wire.runtime.command_line import (
     add_out_argument,
     add_overrides_argument,
     command_parser,
     whole_number,
 )
-from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.terminal import counting_bars, plain_console
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.tools.compare_laws.at_speed import DELAYS_S, compare_at_speed, markdown_at_speed
 from steer_by_wire.tools.compare_laws.at_speed import Cell as CellAtSpeed
 from steer_by_wire.tools.compare_laws.presentation import (

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled.engine import Outcome, run_batch
+from ...closed_loop.compiled.engine import Outcome, run_batch
+from ...closed_loop.result import rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...pair.trace import rms
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from .runs import OFF_PATH_M, SETTLED_S, THREADS, constant, finished, jittery
 

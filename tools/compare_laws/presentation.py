@@ -5,7 +5,7 @@ from itertools import chain, cycle
 
 from matplotlib.figure import Figure
 
-from ...reports.plot_style import plot_style
+from ...closed_loop.reports.plot_style import plot_style
 from .runs import (
     BROKEN_M,
     CONTESTANTS,

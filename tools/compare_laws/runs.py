@@ -18,11 +18,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ...compiled.engine import Outcome, run_batch
+from ...closed_loop.compiled.engine import Outcome, run_batch
+from ...closed_loop.result import rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...pair.trace import rms
-from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings, plant_preset
+from ...plant_emulator.steering.settings import UNGUARDED
 
 CORNERS = ("a", "b", "c", "d")
 PATH = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'

@@ -19,9 +19,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from steer_by_wire.command_line import add_out_argument, command_parser
-from steer_by_wire.reports.plot_style import COLOURS, plot_style
-from steer_by_wire.runtime.program import run_main
+from steer_by_wire.closed_loop.reports.plot_style import COLOURS, plot_style
+from steer_by_wire.closed_loop.worker_processes import worker_pool
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser
+from steer_by_wire.runtime.program.program import run_main
 from steer_by_wire.tools.delay_estimation_study.runs import (
     CORNERS,
     DISTURBANCES,
@@ -38,7 +39,6 @@ from steer_by_wire.tools.delay_estimation_study.runs import (
     cases,
     run_case,
 )
-from steer_by_wire.worker_processes import worker_pool
 
 PROCESSES = 2
 NAME = "steer-by-wire delay-study"

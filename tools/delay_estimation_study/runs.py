@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...closed_loop.virtual import make_virtual_pair
 from ...controller.settings import controller_preset
 from ...dbc import messages
-from ...dbc.protection import COUNTERS
-from ...pair.virtual import make_virtual_pair
+from ...dbc.codec.protection import COUNTERS
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S
-from ...runtime.virtual_time import VirtualTimeExecutor
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_S
+from ...runtime.node.virtual_time import VirtualTimeExecutor
+from ...runtime.records import FloatArray
 
 DURATION_S = 60.0
 SEED = 7

@@ -19,23 +19,24 @@ from functools import partial
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import add_out_argument, command_parser, number
+from steer_by_wire.closed_loop.channels import BUSES, Channels, open_channels
+from steer_by_wire.closed_loop.live import LivePair, PairFiles, PairResult
+from steer_by_wire.closed_loop.processes import ProcessError
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.channels import BUSES, Channels, open_channels
-from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
-from steer_by_wire.pair.processes import ProcessError
-from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_options import (
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
+from steer_by_wire.runtime.program.options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.bus_settings import BusSettings
-from steer_by_wire.runtime.program import fail_status, run_main
-from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import read_preset
-from steer_by_wire.runtime.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.program.program import fail_status, run_main
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.settings.settings import read_preset
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.story import (
     LAWS,
@@ -50,7 +51,6 @@ from steer_by_wire.tools.demo.story import (
     verdict_line,
     what_to_see,
 )
-from steer_by_wire.worker_processes import worker_pool
 
 NAME = "steer-by-wire demo"
 VIRTUAL_WORKERS = 2

@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...pair.trace import Trace
-from ...reports.plot_style import COLOURS, plot_style
-from ...runtime.array_types import FloatArray
+from ...closed_loop.reports.plot_style import COLOURS, plot_style
+from ...closed_loop.result import Trace
+from ...runtime.records import FloatArray
 from .story import LawResult, Phase
 
 RUNNING_S = 1.0

@@ -12,14 +12,14 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from ...closed_loop.live import PairResult
+from ...closed_loop.result import Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...pair.live import PairResult
-from ...pair.trace import Trace, rms
-from ...plant_emulator.latency_settings import SchedulePoint
+from ...plant_emulator.evaluation.verdict import Verdict, judge
+from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.verdict import Verdict, judge
-from ...runtime.settings import load_settings, read_preset
-from ...runtime.thresholds import Quantity
+from ...runtime.program.thresholds import Quantity
+from ...runtime.settings.settings import load_settings, read_preset
 
 UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")
 """A busy machine shows in the lateness; it does not end the demo."""

@@ -19,14 +19,19 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.bus import BusError, add_bus_arguments, check_openable, choose_bus
-from steer_by_wire.runtime.host import RealTimeRequest, real_time
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.report import DISTRIBUTION
-from steer_by_wire.vcan import xstate
-from steer_by_wire.vcan.__main__ import backends
-from steer_by_wire.vcan.request import Request, missing_programs
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.port.python_can import (
+    BusError,
+    add_bus_arguments,
+    check_openable,
+    choose_bus,
+)
+from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.program.report import DISTRIBUTION
+from steer_by_wire.tools.vcan import xstate
+from steer_by_wire.tools.vcan.__main__ import backends
+from steer_by_wire.tools.vcan.request import Request, missing_programs
 
 NAME = "steer-by-wire doctor"
 DETECTION_TIMEOUT_S = 20.0
@@ -193,7 +198,7 @@ def _ways_to_vcan() -> list[Finding]:
 
 def find_uml_library() -> Finding:
     """Check whether User Mode Linux needs its library here, and has it."""
-    from ...vcan import uml
+    from ..vcan import uml
 
     name = "uml's library"
     if not xstate.is_needed(uml.cpuinfo()):

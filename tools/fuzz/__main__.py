@@ -17,7 +17,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from steer_by_wire.command_line import add_out_argument, command_parser, installation, whole_number
+from steer_by_wire.runtime.command_line import (
+    add_out_argument,
+    command_parser,
+    installation,
+    whole_number,
+)
 
 NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",

@@ -14,27 +14,27 @@ from types import MappingProxyType
 from typing import Any
 
 from ...dbc.messages import MESSAGE_TYPES
-from ...plant_emulator.fault_settings import FaultKind
-from ...runtime.settings import Settings, load_settings
-from ..fault_campaign.acceptance import findings_of
-from ..fault_campaign.execution import RESULTS, keep_only, read_stored
-from ..fault_campaign.grouping import compare, group
-from ..fault_campaign.presentation import (
+from ...plant_emulator.faults.settings import FaultKind
+from ...runtime.settings.settings import Settings, load_settings
+from ..faults.campaign.acceptance import findings_of
+from ..faults.campaign.execution import RESULTS, keep_only, read_stored
+from ..faults.campaign.grouping import compare, group
+from ..faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
     finding_lines,
     table_lines,
     write_csv,
 )
-from ..fault_campaign.scenario import scenarios_of
-from ..fault_campaign.specification import (
+from ..faults.campaign.scenario import scenarios_of
+from ..faults.campaign.specification import (
     CampaignSettings,
     CaseSettings,
     NodeCaseSettings,
     NodeFaultKind,
     PointSettings,
 )
-from ..fault_campaign.trial import Result, Verdict, run_trial
+from ..faults.campaign.trial import Result, Verdict, run_trial
 from .settings_targets import begin_campaign, settled, toml_value
 from .traffic import Choices, promise
 

@@ -27,33 +27,33 @@ from .traffic import Choices, promise
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {
     "controller.program": (
-        "runtime.run_node.open_port", ".check_figures", ".check_text", ".found_in",
+        "runtime.program.run_node.open_port", ".check_figures", ".check_text", ".found_in",
     ),
-    "plant_emulator.program": ("runtime.run_node.open_port",),
+    "plant_emulator.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
-    "tools.analyze_log.__main__": ("tools.analyze_log.pictures.draw_pictures",),
+    "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.benchmark.__main__": ("._benchmark",),
     "tools.benchmark_batch.__main__": ("._benchmark",),
     "tools.benchmark_bus.__main__": (".compile_all",),
-    "tools.closed_loop.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
+    "tools.run.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
     "tools.compare_laws.__main__": (".compare",),
     "tools.delay_estimation_study.__main__": (".worker_pool",),
     "tools.demo.__main__": (".open_channels",),
-    "tools.design_gains.__main__": (".worker_pool",),
+    "tools.design.__main__": (".worker_pool",),
     "tools.doctor.__main__": (".examine",),
-    "tools.fault_campaign.__main__": (
+    "tools.faults.__main__": (
         ".execute", ".run_live_campaign", ".measure_residual", ".walk_all",
     ),
     "tools.fuzz.__main__": ("._fuzz",),
-    "tools.inject_faults.__main__": (".open_port", ".ProcessFault", ".BusOffFault"),
+    "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),
-    "tools.probe_host.__main__": (".probe",),
-    "tools.reproduce_paper.__main__": (".reproduce_all",),
-    "tools.soak.__main__": (".run_live_soak",),
-    "tools.soak.vandals": (".measure",),
-    "tools.stress_latency.__main__": ("studies.store.Store.open", "._print_estimate"),
-    "tools.stress_report.__main__": (),
-    "vcan.__main__": (".choose",),
+    "tools.doctor.measure": (".probe",),
+    "tools.paper.__main__": (".reproduce_all",),
+    "tools.faults.live.soak": (".run_live_soak",),
+    "tools.faults.live.vandals": (".measure",),
+    "tools.study.__main__": ("closed_loop.studies.store.Store.open", "._print_estimate"),
+    "tools.study.stress_report": (),
+    "tools.vcan.__main__": (".choose",),
 }  # fmt: skip
 """Every program that takes arguments, and where it is stopped; a dot stands for its own module."""
 PROGRAMS: Mapping[str, tuple[str, ...]] = {

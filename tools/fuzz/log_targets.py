@@ -22,8 +22,11 @@ from typing import Any
 
 import can
 
-from ...dbc.codec import FILE, ContractError, EncodeError, MessageCodec, Rejection, codecs_of
-from ...dbc.dbc_file import layouts_of, parse_database
+from ...closed_loop.recordings.file_analysis import analyse_files
+from ...closed_loop.recordings.log_file import LogError
+from ...dbc.codec.codec import FILE, ContractError, EncodeError, MessageCodec, Rejection, codecs_of
+from ...dbc.codec.protection import protect
+from ...dbc.contract.dbc_file import layouts_of, parse_database
 from ...dbc.messages import (
     MESSAGE_TYPES,
     LateralError,
@@ -34,12 +37,9 @@ from ...dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from ...dbc.protection import protect
-from ...recordings.file_analysis import analyse_files
-from ...recordings.log_file import LogError
-from ...runtime.candump import format_entry, parse_entry
-from ...runtime.message import message_of
-from ..analyze_log.html_report import report_html
+from ...runtime.frame.message import message_of
+from ...runtime.recording.candump import format_entry, parse_entry
+from ..analyze.report import report_html
 from .traffic import Choices, Sender, promise
 
 _PIECES = (b"9" * 12, b"-", b".", b"0", b"1", b"7", b'"', b"\n", b"e9", b"@0+", b"(0,0)", b"|")

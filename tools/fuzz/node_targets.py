@@ -21,12 +21,11 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
-from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
-from ...controller.node import SENT as CONTROLLER_SENDS
-from ...controller.node import ControllerNode
+from ...controller.node.node import RECEIVED as CONTROLLER_RECEIVES
+from ...controller.node.node import SENT as CONTROLLER_SENDS
+from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, controller_preset
-from ...dbc.authenticated_node import AuthenticatedNode
-from ...dbc.authentication import Authentication
+from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -43,16 +42,17 @@ from ...dbc.messages import (
     decode,
     resolutions,
 )
-from ...dbc.protection import COUNTERS
-from ...dbc.secured_frame import CONTROLLER, PLANT, is_secured
-from ...plant_emulator.motion_design import MotionParams, motion_params
-from ...plant_emulator.node import PlantNode
-from ...plant_emulator.plant_messages import RECEIVED as PLANT_RECEIVES
-from ...plant_emulator.plant_messages import SENT as PLANT_SENDS
+from ...dbc.secoc.authentication import Authentication
+from ...dbc.secoc.frame import CONTROLLER, PLANT, is_secured
+from ...dbc.secoc.node import AuthenticatedNode
+from ...plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
+from ...plant_emulator.node.messages import SENT as PLANT_SENDS
+from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S, Node, ReportingNode
-from ...runtime.settings import load_settings
+from ...plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_S, Node, ReportingNode
+from ...runtime.settings.settings import load_settings
 from .traffic import DATA_IDS, Choices, Sender, promise, wake_ups
 
 TICKS_MAX = 10

@@ -13,25 +13,31 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ...controller.node import ControllerNode
+from ...closed_loop.studies.study_file import StudySettings
+from ...controller.node.node import ControllerNode
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, Message, Mode, SteeringCommand, encode
-from ...plant_emulator.latency_profile import read_trace
-from ...plant_emulator.node import PlantNode
+from ...plant_emulator.network.latency_profile import read_trace
+from ...plant_emulator.node.node import PlantNode
+from ...plant_emulator.path.waypoints import waypoint_path
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.waypoints import waypoint_path
-from ...runtime.node import NS_PER_MS, Node, ReportingNode
-from ...runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
-from ...runtime.virtual_time import VirtualTimeExecutor
-from ...studies.study_file import StudySettings
-from ..design_gains.specification import Specification
-from ..design_gains.vehicle_file import VehicleFile
-from ..fault_campaign.pair import make_pair
-from ..fault_campaign.scenario import Scenario, controller_settings_of, scenarios_of
-from ..fault_campaign.specification import CampaignSettings
-from ..fault_campaign.walks import WALK_FAULTS_MAX, draw_walk
+from ...runtime.node.node import NS_PER_MS, Node, ReportingNode
+from ...runtime.node.virtual_time import VirtualTimeExecutor
+from ...runtime.settings.settings import (
+    Settings,
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+from ..design.specification import Specification
+from ..design.vehicle_file import VehicleFile
+from ..faults.campaign.scenario import Scenario, controller_settings_of, scenarios_of
+from ..faults.campaign.specification import CampaignSettings
+from ..faults.campaign.walks import WALK_FAULTS_MAX, draw_walk
+from ..faults.campaign.watched_pair import make_pair
 from .node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
 from .traffic import Choices, promise
 
@@ -132,7 +138,7 @@ def subjects() -> Sequence[Subject]:
         Subject(StudySettings, None, lambda _settings: None),
         Subject(VehicleFile, None, lambda settings: settings.box),
         Subject(Specification, None, lambda _settings: None),
-        Subject(CampaignSettings, "steer_by_wire.tools.fault_campaign", begin_campaign),
+        Subject(CampaignSettings, "steer_by_wire.tools.faults", begin_campaign),
     )
 
 

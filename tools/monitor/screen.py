@@ -4,8 +4,8 @@ import math
 
 from rich.text import Text
 
-from ...bus_view.recent import Spread, Strip
-from ...bus_view.watch import MessageView, View
+from ...closed_loop.recordings.live_view import MessageView, View
+from ...closed_loop.recordings.recent import Spread, Strip
 from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness, SecondSender
 from .keys import LatencyChoice
 

@@ -1,0 +1,258 @@
+"""The pair's bus as it is in a vehicle: with other people's traffic, and with noise.
+
+Every periodic message of some databases is sent beside the pair's, by the node that the database
+names. Each has its cycle time, a phase of its own and a payload whose first byte counts to 15; the
+other bytes and the phases are drawn from the seed. Messages without a cycle time are not sent, nor
+are those whose identifier the pair uses. Where no message has a cycle time, as in most databases
+that were found out by listening, all share the given load and are sent equally often. Long messages
+of J1939 are sent in segments, at a pace that the load does not change.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from random import Random
+
+from ..dbc.foreign_messages import ListedMessage, read_message_set
+from ..dbc.messages import CAN_IDS
+from ..dbc.transport_protocol import GAP_NS, segments, source_address
+from ..runtime.bus_model.bus_model import BusModel
+from ..runtime.bus_model.bus_records import Delivery
+from ..runtime.bus_model.error_frames import error_frame
+from ..runtime.bus_model.errors import BusErrors
+from ..runtime.bus_model.quiet_bus import QuietBus
+from ..runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
+from ..runtime.bus_model.settings import BusSettings, errors_of
+from ..runtime.bus_model.transmit_queue import BusOverflowError
+from ..runtime.frame.frame import EXTENDED, Frame
+from ..runtime.frame.length import INTERMISSION_BITS, frame_bits
+from ..runtime.node.drifting_clock import DriftingClock
+from ..runtime.node.node import NS_PER_MS, NS_PER_S, Node
+from ..runtime.settings.settings import SettingsError
+from .ear import Ear
+
+NODES = ("plant", "controller")
+"""Names of the nodes, in the order of their numbers on the bus."""
+_EXAMPLE_PERIODS_MS = (*[10] * 4, *[20] * 4, *[50] * 3, *[100] * 4, 200, 500, 1000)
+_EQUAL_CYCLE_MS = 100
+"""Before the load scales it, of messages without any cycle time."""
+
+
+def example_messages() -> tuple[ListedMessage, ...]:
+    """Return a made message set: eighteen messages of 8 bytes, the urgent ones most often."""
+    return tuple(
+        ListedMessage(f"M{index}", 0x50 + 0x58 * index, 0, 8, period_ms, (f"ECU{index % 6}",))
+        for index, period_ms in enumerate(_EXAMPLE_PERIODS_MS)
+    )
+
+
+def traffic_of(settings: BusSettings, seed: int) -> list[PeriodicMessage]:
+    """Return the other messages on a bus; raises SettingsError for a database without any."""
+    if not settings.has_traffic:
+        return []
+    try:
+        listed = _listed(settings.rest_bus) if settings.rest_bus else example_messages()
+        return rest_of(listed, seed, settings.bitrate_bit_s, settings.load)
+    except OSError as error:
+        raise SettingsError(f"rest_bus: {error.filename}: {error.strerror}") from error
+    except ValueError as error:
+        raise SettingsError(f"rest_bus: {error}") from error
+
+
+@lru_cache(maxsize=8)
+def _listed(files: tuple[str, ...]) -> tuple[ListedMessage, ...]:
+    """Read databases, once for all runs of a study."""
+    return tuple(message for file in files for message in read_message_set(Path(file)))
+
+
+def rest_of(
+    messages: Sequence[ListedMessage], seed: int, bitrate_bit_s: int, load: float | None = None
+) -> list[PeriodicMessage]:
+    """Return what is sent; with ``load``, as often as gives this share of the bus, 0 to 1.
+
+    Raises ValueError for no messages, for no cycle times and no load, and where two messages have
+    the same identifier.
+    """
+    others = _others(messages, has_load=load is not None)
+    draw = Random(seed)  # noqa: S311 - reproducible, not secret
+    nodes: dict[str, int] = {}
+    sent: list[PeriodicMessage] = []
+    by_source: dict[int, list[list[PeriodicMessage]]] = {}
+    for message in others:
+        rest = draw.randbytes(max(0, message.length - 1))
+        payloads = [(bytes([count]) + rest)[: message.length] for count in range(COUNTS)]
+        node = nodes.setdefault((message.senders or (message.name,))[0], -1 - len(nodes))
+        period_ns = (message.cycle_ms or 0) * NS_PER_MS
+        if message.is_segmented:
+            turns = zip(*(segments(message.can_id, payload) for payload in payloads), strict=True)
+            by_source.setdefault(source_address(message.can_id), []).append(
+                [PeriodicMessage(message.name, node, frames, period_ns) for frames in turns]
+            )
+        else:
+            frames = tuple(Frame(message.can_id, payload, message.flags) for payload in payloads)
+            sent.append(PeriodicMessage(message.name, node, frames, period_ns))
+    segmented = [
+        one for of_source in by_source.values() for one in _taking_turns(of_source, draw.random())
+    ]
+    if load is not None:
+        sent = _scaled(sent, load - load_of(segmented, bitrate_bit_s), bitrate_bit_s)
+    return sent + segmented
+
+
+def _others(messages: Sequence[ListedMessage], *, has_load: bool) -> list[ListedMessage]:
+    """Return what is sent of some databases, each with a cycle time; raises as ``rest_of``."""
+    own = set(CAN_IDS.values())
+    known = [m for m in messages if m.flags & EXTENDED or m.can_id not in own]
+    others = [m for m in known if m.cycle_ms]
+    if not known:
+        raise ValueError("no messages beside the pair's")
+    if not others and not has_load:
+        raise ValueError("no message has a cycle time; with a load all are sent equally often")
+    others = others or [m._replace(cycle_ms=_EQUAL_CYCLE_MS) for m in known]
+    named: dict[tuple[int, int], ListedMessage] = {}
+    for one in others:
+        first = named.setdefault((one.can_id, one.flags & EXTENDED), one)
+        if first is not one:
+            raise ValueError(
+                f"{first.name} and {one.name} have the same identifier 0x{one.can_id:X}; "
+                "each needs its own on one bus"
+            )
+    return others
+
+
+def _taking_turns(
+    messages: Sequence[Sequence[PeriodicMessage]], phase: float
+) -> list[PeriodicMessage]:
+    """Give the segments of one source's messages their times: one message after the other.
+
+    A round is the shortest of their cycle times, or what all of them take if that is longer. Each
+    message comes in every round, or in every second, third, ... as its own cycle time says.
+
+    ``phase``  of the round, 0 to 1
+    """
+    least_ns = GAP_NS * sum(map(len, messages))
+    round_ns = max(least_ns, min(one[0].period_ns for one in messages))
+    at_ns = round(phase * round_ns)
+    timed = []
+    for one in chain.from_iterable(messages):
+        period_ns = max(1, round(one.period_ns / round_ns)) * round_ns
+        timed.append(one._replace(period_ns=period_ns, phase_ns=at_ns))
+        at_ns += GAP_NS
+    return timed
+
+
+def _scaled(
+    messages: Sequence[PeriodicMessage], load: float, bitrate_bit_s: int
+) -> list[PeriodicMessage]:
+    """Return them as often as gives this share of the bus."""
+    if load <= 0.0 or not messages:
+        raise ValueError(
+            "J1939 messages of more than 8 bytes alone leave nothing for a load to set"
+        )
+    faster = load_of(messages, bitrate_bit_s) / load
+    return [one._replace(period_ns=max(1, round(one.period_ns * faster))) for one in messages]
+
+
+def load_of(messages: Sequence[PeriodicMessage], bitrate_bit_s: int) -> float:
+    """Share of the bus that the messages take, with intermissions, at the nominal rate."""
+    return sum(
+        (sum(frame_bits(message.frames[0])) + INTERMISSION_BITS)
+        * NS_PER_S
+        / (bitrate_bit_s * message.period_ns)
+        for message in messages
+    )
+
+
+class SharedBus:
+    """A bus with other traffic on it, as the wire of a virtual-time executor.
+
+    ``messages``  what is sent beside the nodes' frames
+    ``seed``      of their phases
+    ``errors``    of the bus, if it has any
+
+    ``next_event_ns``  when the next frame may be complete [ns]
+    ``refused``        frames of the nodes that found their transmit buffer full and are lost
+
+    The nodes do not get the others' frames: their receive filters keep them away.
+    """
+
+    def __init__(
+        self,
+        bitrate_bit_s: int,
+        messages: Sequence[PeriodicMessage] = (),
+        seed: int = 0,
+        errors: BusErrors | None = None,
+    ) -> None:
+        self.traffic = BackgroundTraffic(messages, seed) if messages else None
+        self.errors = errors
+        self.model = BusModel(bitrate_bit_s, errors=errors, traffic=self.traffic)
+        self.next_event_ns = self.model.next_event_ns
+        self.refused = 0
+
+    def ear(self, node: Node, index: int) -> Node:
+        """Return a node that does not get what its receiver alone saw wrong, nor in bus-off."""
+        return Ear(node, index, self.model)
+
+    def watch(self, on_wire: OnWire) -> None:
+        """Have every frame that the nodes do not get reported, error frames among them."""
+        if self.traffic is not None:
+            self.traffic.on_wire = on_wire
+        if self.errors is not None:
+            self.errors.on_error = lambda event: on_wire(
+                event.time_ns, event.sender, error_frame(event)
+            )
+
+    @property
+    def busy_share(self) -> float:
+        """Share of the time so far that the bus was busy, 0 to 1."""
+        return self.model.load.busy_ns / max(self.model.load_until_ns, 1)
+
+    def advance(self, now_ns: int) -> Sequence[Delivery]:
+        """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
+        completed = self.model.advance(now_ns)
+        self.next_event_ns = self.model.next_event_ns
+        return completed
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Take a frame of a node, if there is room."""
+        try:
+            self.model.submit(frame, sender, now_ns)
+        except BusOverflowError:
+            self.refused += 1
+        self.next_event_ns = self.model.next_event_ns
+
+
+def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
+    """Return the bus of plant and controller in virtual time; raises SettingsError."""
+    messages = traffic_of(settings, seed)
+
+    def is_acknowledged(sender: int) -> bool:
+        others = {*range(len(NODES)), *(message.sender for message in messages)} - {sender}
+        return errors is None or not all(map(errors.is_off, others))
+
+    errors = errors_of(settings, seed, _number_of, is_acknowledged)
+    return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
+
+
+def virtual_wire(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
+    """Return the same, with nothing but the lengths of frames where that is enough."""
+    return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else virtual_bus(settings, seed)
+
+
+def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:
+    """Return both nodes by the clocks that the settings give them; raises SettingsError."""
+    nodes = [plant, controller]
+    for name, clock in settings.clock.items():
+        try:
+            index = _number_of(name)
+        except ValueError as error:
+            raise SettingsError(f"clock.{name}: {error}") from error
+        nodes[index] = DriftingClock(nodes[index], clock.ppm, clock.drift_ppm_s)
+    return nodes[0], nodes[1]
+
+
+def _number_of(name: str) -> int:
+    if name not in NODES:
+        raise ValueError(f"is no node of this bus ({' or '.join(NODES)})")
+    return NODES.index(name)

@@ -1,0 +1,167 @@
+"""How the batch functions are compiled: without the interpreter's lock, and cached on disk.
+
+numba takes a cached function for valid while the function's own file is unchanged; it misses a
+change in one of the step functions that it calls. So everything compiled is kept in a folder named
+after the content of all files that any of it may come from. Every copy of them shares it: what one
+clone or environment has compiled, the next one takes from disk.
+
+Processes that need the same function at the same time compile it once: the first one compiles it,
+and the others wait until it is on disk.
+"""
+
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+# LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
+# many small functions on tuples of floats run no slower; the predictor's takes half the time. It
+# must be set before numba is imported.
+os.environ.setdefault("NUMBA_OPT", "1")
+
+import numba
+from numba.core.caching import UserProvidedCacheLocator
+from numba.core.compiler_lock import global_compiler_lock
+
+from ...runtime.program.host import no_collections
+
+if sys.platform != "win32":
+    import fcntl
+
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "compiled")
+_FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
+"""Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
+finite ends a run, and an infinite limit is no limit."""
+_VERSIONS_KEPT = 4
+"""Versions of the sources whose code stays on disk: several megabytes each."""
+_UNUSED_S = 3600.0
+"""Code of other versions stays for as long: a process that started with them may compile yet."""
+_PACKAGE = Path(__file__).resolve().parents[1]
+_OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
+"""Without the entry for callers in C, which is slow to compile."""
+
+
+class CacheLocator(UserProvidedCacheLocator):
+    """Finds a function on disk by the name of its file, and not by the place of that.
+
+    Of two files with one name the content tells which is meant: numba compares that.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the folder for the functions of a file."""
+        return Path(py_file).parent.name
+
+
+_LOCATOR = f"{__name__}.{CacheLocator.__name__}"
+
+
+def compiled(function: Any) -> Any:
+    """Compile a function at its first call, or take it from disk.
+
+    Without a writable folder it is compiled anew in every process. Compiled code keeps the order of
+    operations: no fast-math, no fused multiply-add.
+    """
+    return _compiled(function, _OPTIONS)
+
+
+def compiled_unchecked(function: Any) -> Any:
+    """Compile a function whose divisors are never zero, without a test of each."""
+    return _compiled(function, {**_OPTIONS, "error_model": "numpy"})
+
+
+def compiled_inside(function: Any) -> Any:
+    """Compile a function that only compiled functions call; it has no entry from Python."""
+    return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True})
+
+
+def compiled_inline(function: Any) -> Any:
+    """Compile a function inline into its callers: for the innermost part of a loop."""
+    return _compiled(function, {**_OPTIONS, "inline": "always"})
+
+
+def compiled_fastmath(made: Any) -> Any:
+    """Compile a result of the above once more, with the steps it calls: operations may change
+    order and fuse, so results differ in their last digits, and from processor to processor.
+    """
+    return _compiled(made.py_func, {**made.targetoptions, "fastmath": _FASTMATH})
+
+
+def compiled_anew(made: Any) -> Any:
+    """Compile a result of the above once more, for this process alone.
+
+    For steps from files whose content is not part of the folder's name.
+    """
+    return numba.jit(**made.targetoptions)(made.py_func)
+
+
+def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
+    folder = _cache_folder()
+    if folder is not None and "fastmath" in options:  # The cache would confuse the two kinds.
+        folder /= "fastmath"
+    config: Any = numba.config  # read by the next line but one
+    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
+    made: Any = numba.jit(cache=folder is not None, **options)(function)
+    config.CACHE_LOCATOR_CLASSES = ""
+    if folder is not None and sys.platform != "win32":
+        name = f"{function.__module__}.{function.__qualname__}"
+        made.compile = _in_one_process(made.compile, name, folder)
+    return made
+
+
+def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) -> Callable[..., Any]:
+    """Let ``compile_one`` wait while another process compiles the same for the same arguments."""
+
+    def compile_or_wait(arguments: Any) -> Any:
+        key = hashlib.sha256(f"{name} {arguments}".encode()).hexdigest()[:16]
+        folder.mkdir(parents=True, exist_ok=True)  # newer sources may have had it removed
+        # Lock the threads of this process first: one that waits for the file's lock could block the
+        # one that has to release it.
+        with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock, no_collections():
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compile_one(arguments)
+
+    return compile_or_wait
+
+
+def sources() -> list[Path]:
+    """Return the files that compiled code may come from; their content names its folder."""
+    folders = ((_PACKAGE / name).resolve() for name in _SOURCES)
+    return [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+
+
+@cache
+def _cache_folder() -> Path | None:
+    """Return the folder for code compiled from the present sources."""
+    made_by = f"{sys.version} {numba.__version__} {os.environ['NUMBA_OPT']}"
+    digest = hashlib.sha256(made_by.encode())
+    for source in sources():
+        digest.update(source.read_bytes())
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = base / "steer-by-wire-emulator" / digest.hexdigest()[:16]
+    try:
+        is_new = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        if is_new:
+            _forget_unused(folder.parent)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def _forget_unused(base: Path) -> None:
+    """Remove code of versions that no process has begun with lately, except the newest few."""
+    used_s = {}
+    for folder in base.iterdir():
+        with suppress(FileNotFoundError):  # another process removes it too
+            used_s[folder] = folder.stat().st_mtime
+    newest = sorted(used_s, key=used_s.__getitem__, reverse=True)
+    for folder in newest[_VERSIONS_KEPT:]:
+        if used_s[folder] < used_s[newest[0]] - _UNUSED_S:
+            shutil.rmtree(folder, ignore_errors=True)

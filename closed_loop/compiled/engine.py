@@ -1,0 +1,282 @@
+"""Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
+
+Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
+the two programs, and the arithmetic is theirs (``closed_loop.compiled.steps``). A run ends early on an error
+that LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome`` reports
+which. In virtual time the nodes would go on.
+"""
+
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...controller.interface.validity import share_of_demand
+from ...controller.settings import ControllerSettings, counters_of, limits_of
+from ...dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
+from ...dbc.messages import Law as LawNumber
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.steering.settings import design_guard
+from ...plant_emulator.vehicle.motion_design import MotionParams
+from ...runtime.node.node import NEVER_NS, NS_PER_S
+from ...runtime.records import FloatArray, IntArray
+from ...runtime.settings.settings import SettingsError
+from .compilation import compiled_fastmath
+from .law_code import CompiledLaw, LawCode, compiled_law
+from .law_input import Uplink, Wire, on_wire
+from .loop import COMPLETE, LAW_FAILED, run_segment
+from .loop_records import Constants, Records, Schedule, Segment, empty_records
+from .memory import KEPT_BYTES, memory_of, unpacked
+from .motion import cg_deviations_m, compiled_motion
+from .schedule import Plan, arrivals_of, plan_run
+from .wire_plan import plan_wire, speed_on_wire
+
+_guard = lru_cache(maxsize=256)(design_guard)
+"""Kept for the next run with the same rig."""
+
+
+class FaultsNotCompiledError(SettingsError):
+    """The settings have faults, which act on raw frames; the compiled loop has no frames."""
+
+
+class OwnVehicleNotCompiledError(SettingsError):
+    """The vehicle's equations come from another package; only the nodes integrate those."""
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETE = "complete"
+    LEFT_RANGE = "left the range of the lateral error"
+    LAW_FAILED = "the law gave no finite command"
+
+
+_OUTCOMES = tuple(Outcome)
+"""By the codes of ``closed_loop.compiled.loop``."""
+_FASTMATH = compiled_fastmath(run_segment)
+
+
+class BatchRun(NamedTuple):
+    """One run: the plant's samples since the motion's start, and the controller's ticks.
+
+    Arrays of shape (samples,), as ``plant_emulator.evaluation.run_record.PlantSample``. Of shape (ticks,)
+    or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in the order
+    of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in effect, -1
+    before the first. ``played_rad`` is what a plan of the law lets act from a sample on, NaN
+    where none does; None for a law that does not plan.
+    """
+
+    outcome: Outcome
+    time_s: FloatArray
+    lateral_error_m: FloatArray
+    heading_error_rad: FloatArray
+    yaw_rate_rad_s: FloatArray
+    wheel_angle_rad: FloatArray
+    curvature_1_m: FloatArray
+    command: IntArray
+    tick_s: FloatArray
+    sent_rad: FloatArray
+    law_output: FloatArray
+    played_rad: FloatArray | None
+    plan: Plan
+    motion: MotionParams
+
+    @property
+    def arc_length_m(self) -> FloatArray:
+        """Where on the path each sample was taken."""
+        first = len(self.plan.motion_ns) - len(self.plan.time_s)
+        motion_ns = self.plan.motion_ns[first : first + len(self.time_s)]
+        return np.asarray(self.motion.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
+
+    @property
+    def cg_deviation_m(self) -> FloatArray:
+        """Deviation of the centre of gravity from the path; computed anew at each call."""
+        return self.cg_deviation_at_every_m(1)
+
+    def cg_deviation_at_every_m(self, stride: int) -> FloatArray:
+        """Return the same at every ``stride``-th sample: it takes as long as the run itself."""
+        columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
+        chosen = (np.ascontiguousarray(column[::stride]) for column in columns)
+        deviations_m: FloatArray = cg_deviations_m(
+            self.motion.path, *chosen, self.motion.preview_distance_m
+        )
+        return deviations_m
+
+    @property
+    def command_rad(self) -> FloatArray:
+        """The command in effect at each sample, as on the wire; NaN before the first."""
+        resolution_rad = resolutions(SteeringCommand)["steer_rad"]
+        sent_at = self.plan.command_tick[self.command[self.command >= 0]]
+        on_wire_rad = np.full(len(self.command), np.nan)
+        raw = np.rint(self.sent_rad[sent_at] / resolution_rad)
+        on_wire_rad[self.command >= 0] = raw * resolution_rad
+        if self.played_rad is not None:
+            # The last value played stays in effect until another command does.
+            is_played = np.isfinite(self.played_rad)
+            last = np.maximum.accumulate(np.where(is_played, np.arange(len(is_played)), 0))
+            is_planned = is_played[last] & (self.command[last] == self.command)
+            on_wire_rad[is_planned] = self.played_rad[last][is_planned]
+        return on_wire_rad
+
+    @property
+    def downlink_latency_s(self) -> FloatArray:
+        """Latency of that command; NaN before the first."""
+        latency_s = np.full(len(self.command), np.nan)
+        in_effect = self.command[self.command >= 0]
+        latency_s[self.command >= 0] = self.plan.command_latency_ns[in_effect] * 1e-9
+        return latency_s
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """Root mean square of the lateral error, as the plant's report has it."""
+        squares = np.cumsum(self.lateral_error_m * self.lateral_error_m)
+        return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
+
+
+def run_batch(
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    plan: Plan | None = None,
+    *,
+    fastmath: bool = False,
+) -> BatchRun:
+    """Run one pair to its end, on a wire that takes no time.
+
+    ``plan``      made from the same settings; runs that differ in law, vehicle or path only may
+                  share it
+    ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
+                  the nodes, not the same
+
+    Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
+    of another package, LawNotCompiledError for a law of another package that does not compile, and
+    NothingArrivesError where no measurement would ever reach the controller.
+    """
+    if plant.faults:
+        raise FaultsNotCompiledError(
+            f"faults: {len(plant.faults)} given, but compiled runs have none; leave [[faults]] out,"
+            " or run the nodes: steer-by-wire run"
+        )
+    if plant.vehicle.model is not None:
+        raise OwnVehicleNotCompiledError(
+            f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the rig's own equations"
+            " of motion alone; leave it out, or run the nodes: steer-by-wire run"
+        )
+    law = compiled_law(controller, fastmath=fastmath)
+    design = law.design
+    plan = plan_run(plant, controller) if plan is None else plan
+    motion = compiled_motion(plant)
+    wire = plan_wire(plant, controller, plan, motion) if design.looks_back else None
+    records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
+    schedule = Schedule(*plan[:6])
+    world = (motion, _constants(plant, controller, plan), schedule, records, wire)
+    run = _FASTMATH if fastmath else run_segment
+    samples, ticks, code = _run(
+        run, law, world, plan, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
+    )
+    played_rad = None if wire is None or design.plan is None else wire.played_rad
+    return _collected(plan, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
+
+
+def _run(
+    run: Any,
+    law: CompiledLaw,
+    world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
+    plan: Plan,
+    plant: PlantSettings,
+    *,
+    is_own: bool,
+) -> tuple[int, int, int]:
+    """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
+    motion, constants, _, records, _ = world
+    design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
+    # Named until the end, because the loop has their addresses alone.
+    speed_m_s = 0.0 if design.params_at is None else speed_on_wire(motion.speed_m_s)
+    params, memory = law.params_at(speed_m_s), memory_of(law.memory)
+    state, state_at = memory.array["state"], memory.address + KEPT_BYTES
+    code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
+    segments = plan.segments if len(plan.tick_ns) else ()
+    before, is_start = Mode.WAITING, True
+    if not plant.start_on_first_command:
+        segments = (Segment(int(Mode.WAITING), 0, 0, False), *segments)
+    for segment in segments:
+        if segment.mode == Mode.ACTIVE:
+            sample = plan.tick_sample[segment.first_tick]
+            if is_start:  # A vehicle that stands on its path; the sensor reads noise alone.
+                error_m = on_wire(plan.noise_m[sample], constants.lateral_error_resolution_m)
+            else:
+                error_m = float(records.measured_m[sample])
+            if before is Mode.HOLDING and design.recovered_state is not None:
+                before_m = unpacked(state.item(), law.start)
+                state[...] = design.recovered_state(before_m, error_m)
+            else:
+                state[...] = design.initial_state(error_m)
+        before = Mode(segment.mode)
+        try:
+            samples, ticks, outcome = run(code, *world, segment, is_start, plan.end_ns)
+        except Exception:
+            if not is_own:
+                raise
+            # As an output without numbers: the run ends at that tick.
+            return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
+        if outcome != COMPLETE:
+            break
+        is_start = False
+    return samples, ticks, outcome
+
+
+def _filled(column: FloatArray) -> int:
+    """Return how many entries of a record, all NaN at first, have been filled."""
+    return int(np.count_nonzero(np.isfinite(column)))
+
+
+def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
+    table = None if controller.law_record.schedules_demand else controller.validity
+    share = share_of_demand(table, speed_on_wire(plant.vehicle.speed_m_s))
+    return Constants(
+        guard=_guard(plant.safety, plant.vehicle, plant.actuator),
+        limits=limits_of(controller),
+        ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
+        lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
+        lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
+        steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
+        motion_start_ns=plan.motion_start_ns,
+        share=share,
+        share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, plan),
+    )
+
+
+def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> int:
+    rule = counters_of(controller)
+    samples, start_ns = len(plan.sample_ns), plan.motion_start_ns
+    arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns
+    return int(arrivals.min(initial=NEVER_NS))
+
+
+def _collected(
+    plan: Plan,
+    motion: MotionParams,
+    r: Records,
+    played_rad: FloatArray | None,
+    samples: int,
+    ticks: int,
+    outcome: Outcome,
+) -> BatchRun:
+    first = len(plan.sample_ns) - len(plan.time_s)
+    window = slice(first, samples)
+    return BatchRun(
+        outcome=outcome,
+        time_s=plan.time_s[: samples - first],
+        lateral_error_m=r.lateral_error_m[window],
+        heading_error_rad=r.heading_error_rad[window],
+        yaw_rate_rad_s=r.yaw_rate_rad_s[window],
+        wheel_angle_rad=r.wheel_angle_rad[window],
+        curvature_1_m=r.curvature_1_m[window],
+        command=r.command[window],
+        tick_s=plan.tick_s[:ticks],
+        sent_rad=r.sent_rad[:ticks],
+        law_output=r.law_output[:ticks],
+        played_rad=None if played_rad is None else played_rad[window],
+        plan=plan,
+        motion=motion,
+    )

@@ -1,0 +1,165 @@
+"""A law as the loop calls it: by address, so that the loop is compiled once for all laws."""
+
+from collections.abc import Callable
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
+
+from ...controller.history.history import history_of
+from ...controller.interface.law import NO_HISTORY, LawInput, LawOutput
+from ...controller.interface.law_record import LawStep
+from ...controller.laws.design import LawDesign, design_law
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import Law as LawNumber
+from ...runtime.settings.settings import SettingsError
+from .compilation import compiled_anew, compiled_fastmath, compiled_inside
+from .law_input import NOW_UNKNOWN
+from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
+from .steps import law_plan, law_step, register_law, register_steps
+from .wire_plan import empty_rings
+
+_numba: Any = numba
+"""Untyped, as numba has no types for some of it."""
+
+NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
+
+_FAILED = "Failed in nopython mode pipeline"
+_NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
+"""What numba raises for Python that it does not know; only the first of them is a NumbaError."""
+_LAWS_KEPT = 256
+"""Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
+
+
+_SPEEDS_KEPT = 32
+"""Params of a law kept at the speeds of the newest runs."""
+
+
+class LawNotCompiledError(SettingsError):
+    """numba cannot compile the law."""
+
+
+class LawCode(NamedTuple):
+    """Addresses of what the loop needs of a law.
+
+    ``step``, ``plan``   functions; 0 for a law that does not plan
+    ``params``, ``state``  of the law
+    ``kept``             where the loop keeps the rest from segment to segment
+    """
+
+    step: int
+    plan: int
+    params: int
+    state: int
+    kept: int
+
+
+class CompiledLaw(NamedTuple):
+    """A law, and what the loop needs of it.
+
+    ``step``, ``plan``  as in ``LawCode``
+    ``params_at``       memory with the params at a speed [m/s]
+    ``start``           some state of the law
+    ``memory``          layout of ``kept``, what the loop keeps, and ``state`` behind it
+    """
+
+    design: LawDesign
+    step: int
+    plan: int
+    params_at: Callable[[float], Memory]
+    start: Any
+    memory: np.dtype[Any]
+
+
+@compiled_inside
+def step_at(
+    params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
+) -> Any:
+    """Advance the law whose params and state the pointers are for."""
+    vehicle, link = read(now)
+    seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
+    after, output = law_step(read(params), read(state), seen)
+    write(state, after)
+    return output
+
+
+@compiled_inside
+def plan_at(
+    params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
+) -> int:
+    """Let the law write its plan."""
+    vehicle, link = read(now)
+    seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
+    return law_plan(read(params), read(state), seen)
+
+
+@lru_cache(maxsize=_LAWS_KEPT)
+def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledLaw:
+    """Return the law of the settings, compiled. Raises LawNotCompiledError.
+
+    A law of another package is compiled anew in every process, because it is unknown what its file
+    depends on.
+    """
+    register_steps()
+    design, record = design_law(controller), controller.law_record
+    register_law(controller.law, record, design.params)
+    start = design.initial_state(0.0)
+    own = record.step if record.number is LawNumber.CUSTOM else None
+    try:
+        like, _ = with_tables(design.params)
+        params, state = layout_of(like), layout_of(start)
+        kinds = _argument_kinds(design, like, start)
+        step = _address(_variant(step_at, own, fastmath), kinds, NO_OUTPUT)
+        plan = _address(_variant(plan_at, own, fastmath), kinds, -1) if design.plan else 0
+    except _NOT_COMPILED as error:
+        raise LawNotCompiledError(
+            f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run it"
+            " as it is: steer-by-wire run"
+        ) from None  # numba's own hundred lines say nothing more
+
+    @lru_cache(maxsize=_SPEEDS_KEPT)
+    def params_at(speed_m_s: float) -> Memory:
+        memory, at = memory_of(params), design.params_at
+        values, tables = with_tables(design.params if at is None else at(speed_m_s))
+        memory.array[...] = values
+        return memory._replace(tables=tables)
+
+    memory = np.dtype([("kept", f"V{KEPT_BYTES}"), ("state", state)], align=True)
+    return CompiledLaw(design, step, plan, params_at, start, memory)
+
+
+def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ...]:
+    history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
+    there = (params, start, history, NOW_UNKNOWN)
+    pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]
+    return (*pointers, _numba.types.float64, _numba.types.float64)
+
+
+@cache
+def _variant(function: Any, own: LawStep | None, fastmath: bool) -> Any:
+    """Return ``step_at`` or ``plan_at`` for a kind of arithmetic, and for a law of another package.
+
+    Kept for the whole process, because the loop has the addresses alone.
+    """
+    if fastmath:
+        function = compiled_fastmath(function)
+    return function if own is None else compiled_anew(function)
+
+
+def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
+    """Compile a function that takes these types and returns that of ``like``; its address."""
+    function.compile(_numba.typeof(like)(*kinds))
+    made = function.overloads[kinds]
+    address: int = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    return address
+
+
+def _cause(error: Exception) -> str:
+    """Return the innermost reason that numba gives, and where in the law it is, in one line."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    innermost = max((at for at, line in enumerate(lines) if _FAILED in line), default=-1) + 1
+    reason, *after = lines[innermost:] or ["it does not say why"]
+    place = next((line.rstrip(":") for line in after if line.startswith('File "')), None)
+    return reason if place is None else f"{reason} ({place})"

@@ -1,0 +1,216 @@
+"""The compiled loop of one run: plant events and control ticks in the order of virtual time.
+
+At one instant (``runtime.node.virtual_time`` with the nodes plant, controller and no time on the wire):
+
+1. commands that were sent earlier and are due now reach the actuator
+2. the sensors sample
+3. the controller decides on the newest measurement that has arrived, and sends
+4. that command reaches the actuator, if its latency is zero
+
+Which measurement is in use at which tick, which command comes through and when, and which mode the
+controller is in follow from the latencies alone and are computed beforehand (``closed_loop.compiled.schedule``).
+
+The functions here are compiled at their first call, after ``closed_loop.compiled.steps.register_steps``.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...controller.interface.limits import limit_step, ramp_step
+from ...dbc.messages import Mode
+from ...plant_emulator.steering.guard import guard_command, guard_timer, guard_wheel, start_guard
+from ...plant_emulator.vehicle.motion_steps import advance_motion, command_motion, start_motion
+from .compilation import compiled_inline, compiled_unchecked
+from .law_code import NO_OUTPUT, LawCode
+from .law_input import (
+    NOW_UNKNOWN,
+    carries_plan,
+    note_now,
+    nothing_known,
+    on_wire,
+    play,
+    record_played,
+    record_wire,
+    take_arrivals,
+    take_command,
+    wire_history,
+    write_plan,
+)
+from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
+from .memory import at, borrowed, called, placed, read, write
+
+COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
+"""How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
+is not finite."""
+
+_ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+
+
+@compiled_inline
+def _plant_until(
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    x: Progress,
+    ticks_done: int,
+    to_ns: int,
+) -> tuple[Progress, int]:
+    """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
+    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played = x
+    while True:
+        command_ns = sample_ns = to_ns + 1
+        # An unsigned index needs no test for negative values, which would cost a twentieth.
+        of, at = np.uintp(command), np.uintp(sample)
+        if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
+            command_ns = s.command_due_ns[of]
+        if sample < len(s.sample_ns):
+            sample_ns = s.sample_ns[at]
+        guard_ns = c.motion_start_ns + guard.deadline_ns
+        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
+            buffered = plan, is_new, played
+            return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), COMPLETE
+        arrives = command_ns <= sample_ns and command_ns <= guard_ns
+        plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
+        has_moved, is_sample, steers = True, False, False
+        # The test for a wire is decided when compiling, and removes the branch where there is none.
+        if arrives or (wire is not None and plays):
+            if arrives:
+                at_ns, by, has_come = command_ns, command, True
+                command += 1
+                tick = s.command_tick[of]
+                plan, is_new = -1, False
+                if carries_plan(wire, tick):
+                    plan, is_new = by, True
+                    continue
+                on_wire_rad = on_wire(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
+            else:
+                at_ns, by, has_come = sample_ns, plan, is_new
+                is_new, played = False, sample
+                on_wire_rad = play(wire, sample)
+                if not math.isfinite(on_wire_rad):
+                    plan = -1
+                    continue
+            motion_ns = max(at_ns - c.motion_start_ns, 0)
+            guard, steers = guard_command(c.guard, guard, on_wire_rad, motion_ns, has_come)
+            if steers:
+                in_effect = by
+                if not arrives:
+                    record_played(wire, sample, on_wire_rad)
+        elif guard_ns <= sample_ns:
+            motion_ns = guard.deadline_ns
+            guard, steers = guard_timer(c.guard, guard, motion_ns)
+            has_moved = steers
+        else:
+            motion_ns = max(sample_ns - c.motion_start_ns, 0)
+            is_sample = True
+        # One call for all of the three: it is compiled inline wherever it stands.
+        if has_moved:
+            z = advance_motion(p, z, motion_ns)
+        if steers:
+            z = command_motion(p, z, guard.limiter.steer_rad)
+        if is_sample:
+            _, linear, _ = z
+            _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
+            guard, followed_ns = guard_wheel(c.guard, guard, followed_ns, wheel_rad, motion_ns)
+            r.lateral_error_m[at] = error_m
+            r.heading_error_rad[at] = heading_rad
+            r.yaw_rate_rad_s[at] = yaw_rate_rad_s
+            r.wheel_angle_rad[at] = wheel_rad
+            r.curvature_1_m[at] = curvature_1_m
+            r.command[at] = in_effect
+            reading_m = error_m + s.noise_m[at]
+            record_wire(wire, sample, linear, guard)
+            sample += 1
+            if not abs(reading_m) <= c.lateral_error_m_max:
+                buffered = plan, is_new, played
+                x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
+                return x, LEFT_RANGE
+            r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
+
+
+@compiled_unchecked
+def run_segment(
+    law: LawCode,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    is_start: bool,
+    end_ns: int,
+) -> Any:
+    """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
+
+    ``is_start``  whether the plant is at its start, and not where the segment before left it
+    ``end_ns``    until when to run the plant after the very last tick
+
+    Returns the samples taken and the ticks done so far, and how it ended.
+    """
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1)
+    kept = Kept(x, 0.0, 0.0, nothing_known(wire))
+    place = at(law.kept, kept)
+    if not is_start:
+        kept = read(place)
+    kept, ticks, outcome = _run_ticks(law, p, c, s, r, wire, segment, kept, end_ns)
+    write(place, kept)
+    return kept.plant.sample, ticks, outcome
+
+
+@compiled_inline
+def _run_ticks(
+    law: LawCode,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    kept: Kept,
+    end_ns: int,
+) -> tuple[Kept, int, int]:
+    mode, first_tick, last_tick, is_recovery = segment
+    x, sent_rad, fade_rad, known = kept
+    history, now_known = placed(wire_history(wire)), placed(NOW_UNKNOWN)
+    for tick in range(first_tick, last_tick + 1):
+        now = np.uintp(tick)
+        to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
+        x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
+        if outcome != COMPLETE or tick == last_tick:
+            return Kept(x, sent_rad, fade_rad, known), tick, outcome
+        known = take_arrivals(wire, known, s, r, to_ns)
+        wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
+        if mode == _ACTIVE:
+            error_m = r.measured_m[np.uintp(s.tick_sample[now])]
+            note_now(wire, now_known, known, tick, to_ns)
+            seen = (law.params, law.state, history, now_known, error_m, sent_rad)
+            output = called(law.step, NO_OUTPUT, seen)
+            asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
+            if not math.isfinite(asked_rad):
+                return Kept(x, sent_rad, fade_rad, known), tick, LAW_FAILED
+            if is_recovery and tick == first_tick:
+                fade_rad = sent_rad - asked_rad
+            else:
+                fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
+            if law.plan != 0 and fade_rad == 0.0:
+                acting = called(law.plan, acting, seen)
+            wanted_rad = asked_rad + fade_rad
+            r.law_output[now, 0] = output.steer_rad
+            r.law_output[now, 1] = output.disturbance_rad
+            r.law_output[now, 2] = output.network_disturbance_rad
+            r.law_output[now, 3] = output.compensated_lateral_error_m
+        else:
+            for column in range(4):
+                r.law_output[now, column] = r.law_output[tick - 1, column]
+            if mode == _SAFE_STOP:
+                wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
+        sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
+        r.sent_rad[now] = sent_rad
+        write_plan(wire, c.limits, acting, tick, before_rad)
+        known = take_command(wire, known, tick, sent_rad, acting >= 0)
+    return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

@@ -1,0 +1,129 @@
+"""What a compiled run reads, keeps and leaves: the records of ``closed_loop.compiled.loop``."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.interface.limits import SteerLimits
+from ...plant_emulator.steering.guard import GuardParams, GuardState
+from ...plant_emulator.vehicle.motion_steps import MotionState
+from ...runtime.records import FloatArray, IntArray
+from .law_input import Known
+
+
+class Constants(NamedTuple):
+    """Numbers of a run.
+
+    ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
+    ``*_resolution_*``    of the signals on the wire (DBC)
+    ``motion_start_ns``   when the vehicle starts to move
+    ``share``             of its steer that the law may ask for at this speed
+    ``share_from_ns``     when the controller first knows the speed
+    """
+
+    guard: GuardParams
+    limits: SteerLimits
+    ramp_step_rad: float
+    lateral_error_resolution_m: float
+    lateral_error_m_max: float
+    steer_resolution_rad: float
+    motion_start_ns: int
+    share: float
+    share_from_ns: int
+
+
+class Schedule(NamedTuple):
+    """When everything happens, in ns; independent of how the vehicle moves.
+
+    ``tick_ns``         control ticks from the first command on
+    ``tick_sample``     the sample whose measurement is in use at each tick
+    ``command_due_ns``  when each command that comes through reaches the actuator, in order
+    ``command_tick``    which tick it was sent at
+    ``sample_ns``       when the sensors sample
+    ``noise_m``         the sensor noise of each sample's lateral error
+    """
+
+    tick_ns: IntArray
+    tick_sample: IntArray
+    command_due_ns: IntArray
+    command_tick: IntArray
+    sample_ns: IntArray
+    noise_m: FloatArray
+
+
+class Records(NamedTuple):
+    """The records of a run: the first seven per sample, the last two per control tick.
+
+    ``command``     index into the schedule's commands of the one in effect, -1 before the first
+    ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    """
+
+    lateral_error_m: FloatArray
+    heading_error_rad: FloatArray
+    yaw_rate_rad_s: FloatArray
+    wheel_angle_rad: FloatArray
+    curvature_1_m: FloatArray
+    measured_m: FloatArray
+    command: IntArray
+    sent_rad: FloatArray
+    law_output: FloatArray
+
+
+def empty_records(samples: int, ticks: int) -> Records:
+    """Return empty records: errors and commands are NaN at first, the others uninitialised."""
+    return Records(
+        np.full(samples, np.nan),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples, dtype=np.int64),
+        np.full(ticks, np.nan),
+        np.empty((ticks, 4)),
+    )
+
+
+class Progress(NamedTuple):
+    """State of the plant: its motion, the steering's guard, the next sample to take, the next
+    command to arrive, and the one in effect.
+
+    ``followed_ns``  when the wheel was last seen within its tolerance
+    ``plan``         the command that has brought the plan in the buffer, -1 for none
+    ``is_new``       whether no value of it has been played yet
+    ``played``       the newest sample for which a value was played
+    """
+
+    motion: MotionState
+    guard: GuardState
+    followed_ns: int
+    sample: int
+    command: int
+    in_effect: int
+    plan: int
+    is_new: bool
+    played: int
+
+
+class Kept(NamedTuple):
+    """What stays from segment to segment, besides the law's state: the plant, the command last
+    sent, the rest of the fade [rad], and what the controller knows of the wire; None for a law that
+    does not look back.
+    """
+
+    plant: Progress
+    sent_rad: float
+    fade_rad: float
+    known: Known | None
+
+
+class Segment(NamedTuple):
+    """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
+
+    ``is_recovery``  whether the law has just restarted while a command was being held
+    """
+
+    mode: int
+    first_tick: int
+    last_tick: int
+    is_recovery: bool

@@ -1,0 +1,178 @@
+"""Records in memory whose address is known, and functions called by address.
+
+The loop is compiled without knowing the law: the law's params and state have the law's own types,
+but their addresses are plain numbers, and so are those of the law's functions.
+
+Arrays without reference counts, for the inside of a compiled loop.
+
+Passing a NamedTuple of arrays to a function raises and lowers every array's reference count,
+atomically, which here costs more than the arithmetic. A borrowed array points to the same memory
+and has no count, so its owner must outlive it: borrow in the function that Python calls, which
+holds the owners as its arguments.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba import types
+from numba.core import cgutils, errors
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from ...controller.prediction.estimator import VehicleGains
+
+
+def _uncounted(_typing: Any, kind: Any) -> Any:
+    """Type the call and define its code; numba's ``carray`` takes longer to compile."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return without_counts(context, builder, kind, arguments[0])
+
+    return kind(kind), generate
+
+
+def without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return code for a value of a kind, with all arrays in it uncounted."""
+    if isinstance(kind, types.Array):
+        view = context.make_helper(builder, kind, value=value)
+        view.meminfo = view.meminfo.type(None)
+        view.parent = view.parent.type(None)
+        return view._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        inner: Any = kind
+        for place, each in enumerate(inner):
+            part = builder.extract_value(value, place)
+            part = without_counts(context, builder, each, part)
+            value = builder.insert_value(value, part, place)
+    return value
+
+
+borrowed: Any = intrinsic(_uncounted)
+"""For compiled code: returns an array, or a record with all its arrays and records of arrays, in
+the same memory but without reference counts; anything else unchanged."""
+
+
+_types: Any = numba.types
+_cgutils: Any = cgutils
+"""Untyped, as numba has no types for them."""
+
+KEPT_BYTES = 2048
+"""Size of the memory that ``at`` may be given."""
+
+
+class Memory(NamedTuple):
+    """Memory and its address, which is valid as long as the memory is named.
+
+    ``tables``  that a record in it has the addresses of
+    """
+
+    array: NDArray[Any]
+    address: int
+    tables: Sequence[NDArray[Any]] = ()
+
+
+def layout_of(value: Any) -> np.dtype[Any]:
+    """Return how compiled code lays out nested tuples of numbers. Raises TypingError."""
+    if isinstance(value, tuple):
+        fields = [(f"f{place}", layout_of(each)) for place, each in enumerate(value)]
+        return np.dtype(fields, align=True)
+    if not isinstance(value, int | float | np.generic):
+        raise errors.TypingError(f"{value!r} among its params or in its state is not a number")
+    return np.asarray(value).dtype
+
+
+def memory_of(layout: np.dtype[Any]) -> Memory:
+    """Return memory with room for what has this layout."""
+    array = np.empty((), layout)
+    return Memory(array, array.ctypes.data)
+
+
+def with_tables(value: Any) -> tuple[Any, list[NDArray[Any]]]:
+    """Return nested tuples with the address of each list of gains in its place, and the lists."""
+    if isinstance(value, list) and isinstance(value[0], VehicleGains):
+        table = np.array(value, layout_of(value[0]))
+        return table.ctypes.data, [table]
+    if not isinstance(value, tuple):
+        return value, []
+    fields, tables = zip(*map(with_tables, value), strict=True) if value else ((), ())
+    return unpacked(fields, value), [table for each in tables for table in each]
+
+
+def unpacked(values: Any, like: Any) -> Any:
+    """Return nested tuples in the types of another record of their kind."""
+    if not isinstance(like, tuple):
+        return values
+    fields = map(unpacked, values, like)
+    return type(like)(*fields) if hasattr(like, "_fields") else tuple(fields)
+
+
+def _at(_typing: Any, address: Any, like: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointee = context.get_data_type(signature.return_type.dtype)
+        if context.get_abi_sizeof(pointee) > KEPT_BYTES:
+            raise errors.LoweringError(f"{like} takes more than {KEPT_BYTES} bytes")
+        return builder.inttoptr(arguments[0], pointee.as_pointer())
+
+    return _types.CPointer(_types.unliteral(like))(address, like), generate
+
+
+def _placed(_typing: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = signature.return_type.dtype
+        place = _cgutils.alloca_once(builder, context.get_data_type(kind))
+        context.pack_value(builder, kind, arguments[0], place)
+        return place
+
+    return _types.CPointer(value)(value), generate
+
+
+def _read(_typing: Any, pointer: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = signature.return_type
+        value = context.unpack_value(builder, kind, arguments[0])
+        return without_counts(context, builder, kind, value)
+
+    return pointer.dtype(pointer), generate
+
+
+def _write(typing: Any, pointer: Any, value: Any) -> Any:
+    is_same = typing.unify_types(pointer.dtype, value) == pointer.dtype
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not is_same:
+            raise errors.LoweringError(f"{pointer.dtype} at first, but later {value}")
+        kind = signature.args[0].dtype
+        stored = context.cast(builder, arguments[1], signature.args[1], kind)
+        context.pack_value(builder, kind, stored, arguments[0])
+        return context.get_dummy_value()
+
+    return _types.void(pointer, value), generate
+
+
+def _called(_typing: Any, address: Any, like: Any, given: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        convention, result, kinds = context.call_conv, signature.return_type, tuple(given)
+        kind = convention.get_function_type(result, kinds)
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        parts = _cgutils.unpack_tuple(builder, arguments[2])
+        status, answer = convention.call_function(builder, function, result, kinds, parts)
+        with _cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return answer
+
+    return _types.unliteral(like)(address, like, given), generate
+
+
+at: Any = intrinsic(_at)
+"""(address, like): for compiled code: returns a pointer to a record of the same type."""
+placed: Any = intrinsic(_placed)
+"""(value): returns a pointer to a copy, which lasts as long as the function runs."""
+read: Any = intrinsic(_read)
+"""(pointer): returns the record there, its arrays borrowed."""
+write: Any = intrinsic(_write)
+"""(pointer, value): writes a record, of the type that the pointer is for."""
+called: Any = intrinsic(_called)
+"""(address, like, arguments): calls a compiled function that takes these arguments and returns
+something of the type of ``like``; passes its exceptions on."""

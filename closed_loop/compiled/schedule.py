@@ -1,0 +1,206 @@
+"""The effect of the network on a run, computed beforehand: which frame arrives when.
+
+It depends on the settings and the seed alone, not on where the vehicle is, because latencies and
+losses are drawn from streams of their own. Whether the controller accepts a measurement, and which
+mode it is in, also follow from the arrivals alone; the controller's own classes decide both.
+
+The two status messages are left out, because control does not depend on them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.node.modes import Supervisor
+from ...controller.settings import ControllerSettings, counters_of, supervision_of
+from ...dbc.codec.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
+from ...dbc.messages import LateralError, Message, Mode, PathAhead, SteeringStatus, VehicleState
+from ...dbc.reception import cycle_ns
+from ...plant_emulator.network.random_streams import Channel, first_uniforms
+from ...plant_emulator.node.sampling import samples_per_vehicle_state
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.node.node import NEVER_NS
+from ...runtime.records import BoolArray, FloatArray, IntArray
+from .law_input import Uplink
+from .loop_records import Segment
+from .network import Frames, normal_scores, passages
+from .steps import register_steps
+
+_MESSAGES: dict[Uplink, type[Message]] = {
+    Uplink.LATERAL_ERROR: LateralError,
+    Uplink.STEERING_STATUS: SteeringStatus,
+    Uplink.VEHICLE_STATE: VehicleState,
+    Uplink.PATH_AHEAD: PathAhead,
+}
+SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
+"""A network that delivers none of this many samples counts as one that loses every frame."""
+
+
+class Plan(NamedTuple):
+    """The instants of a run; ``loop_records.Schedule`` describes the first arrays.
+
+    ``motion_ns``  time of motion at each sample, 0 before it
+    ``time_s``     the same since the motion's start, shape (samples since then,)
+    ``tick_s``     of each tick, from the start of the run
+    ``segments``   the controller's modes, in order
+    ``end_ns``     when the last sample is taken
+    """
+
+    tick_ns: IntArray
+    tick_sample: IntArray
+    command_due_ns: IntArray
+    command_tick: IntArray
+    sample_ns: IntArray
+    noise_m: FloatArray
+    command_latency_ns: IntArray
+    motion_ns: IntArray
+    time_s: FloatArray
+    tick_s: FloatArray
+    segments: tuple[Segment, ...]
+    motion_start_ns: int
+    end_ns: int
+
+
+class Arrivals(NamedTuple):
+    """Frames of one message that the controller accepts: when each arrives, of which sample."""
+
+    arrival_ns: IntArray
+    sample: IntArray
+
+
+class NothingArrivesError(ValueError):
+    """No measurement reaches the controller, so that it never steers and the run never ends."""
+
+
+def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
+    """Plan a run. Raises NothingArrivesError."""
+    register_steps()
+    first_tick_ns = _first_tick_ns(plant, controller)
+    motion_start_ns = first_tick_ns if plant.start_on_first_command else 0
+    sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
+    samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
+    end_ns = (samples - 1) * sensor_ns
+    rule = counters_of(controller)
+    arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, motion_start_ns)
+    tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
+    in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
+    commands = Frames(
+        tick_ns, np.maximum(tick_ns - motion_start_ns, 0), np.ones(len(tick_ns), dtype=np.bool_)
+    )
+    down = passages(
+        plant.latency.downlink, plant.seed, Channel.DOWNLINK, Channel.DOWNLINK_DUPLICATES, commands
+    )
+    through = down.due_ns <= end_ns
+    sample_ns = np.arange(samples) * sensor_ns
+    # The sample at the instant of the first command is taken before that command.
+    is_moving = sample_ns >= motion_start_ns + int(plant.start_on_first_command)
+    motion_ns = np.maximum(sample_ns - motion_start_ns, 0)
+    return Plan(
+        tick_ns=tick_ns,
+        tick_sample=arrivals.sample[in_use],
+        command_due_ns=down.due_ns[through],
+        command_tick=down.frame[through],
+        sample_ns=sample_ns,
+        noise_m=sensor_noise(plant, samples, slice(1))[0],
+        command_latency_ns=down.latency_ns[through],
+        motion_ns=motion_ns,
+        time_s=np.multiply(motion_ns[is_moving], 1e-9),
+        tick_s=np.multiply(tick_ns, 1e-9),
+        segments=_segments(controller, arrivals.arrival_ns, in_use, tick_ns),
+        motion_start_ns=motion_start_ns,
+        end_ns=end_ns,
+    )
+
+
+def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
+    """Return the tick at which the controller stops waiting."""
+    timeout_ns = supervision_of(controller).measurement_timeout_ns
+    period_ns, samples = controller.period_ns, 1
+    rule = counters_of(controller)
+    while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
+        # Frames after the start have another time of motion, but none of them is the first.
+        start_ns = NEVER_NS if plant.start_on_first_command else 0
+        arrival_ns = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, start_ns).arrival_ns
+        tick_ns = -(-arrival_ns // period_ns) * period_ns
+        known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
+        fresh = (tick_ns - arrival_ns <= timeout_ns) & (tick_ns <= known_ns)
+        if fresh.any():
+            return int(tick_ns[np.argmax(fresh)])
+        samples *= 4
+    raise NothingArrivesError(
+        f"no measurement arrived in {SAMPLES_WITHOUT_ARRIVAL_MAX} samples: the uplink loses them"
+    )
+
+
+def arrivals_of(
+    message: Uplink, plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
+) -> Arrivals:
+    """Return the arrivals of one message of the first samples."""
+    every = samples_per_vehicle_state(plant.sensor_period_ns)
+    # LATERAL_ERROR and STEERING_STATUS of every sample, others of some: all draw.
+    messages = np.full(samples, 2)
+    messages[::every] = 3 if plant.path_ahead is None else 4
+    sample = np.repeat(np.arange(samples), messages)
+    came_ns = sample * plant.sensor_period_ns
+    is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
+    frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
+    up = passages(
+        plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
+    )
+    number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
+    period_ns = cycle_ns(_MESSAGES[message])
+    believed = _believed(rule, period_ns, number, up.due_ns)
+    return Arrivals(up.due_ns[believed], sample[up.frame][believed])
+
+
+def _believed(
+    rule: SequenceRule, period_ns: int, number: IntArray, arrival_ns: IntArray
+) -> BoolArray:
+    """Return which frames of a message the check of their counters accepts, as they arrive."""
+    steps = np.diff(number)
+    # As ``SequenceRule.step_max`` of the longest period that the check may measure.
+    explained = 1 + (rule.lead_ns + np.diff(arrival_ns)) // period_ns
+    if ((steps >= 1) & (steps <= np.minimum(explained, HALF - 1))).all():
+        return np.ones(len(number), dtype=np.bool_)
+    check = SequenceCheck(rule, period_ns)
+    arrivals = zip(number.tolist(), arrival_ns.tolist(), strict=True)
+    # A sample's number identifies the frame, as its payload does in a node.
+    results = [check.check(sample % COUNTERS, now_ns, sample) for sample, now_ns in arrivals]
+    return np.array([result is SequenceResult.ACCEPTED for result in results])
+
+
+def _segments(
+    controller: ControllerSettings, arrival_ns: IntArray, in_use: IntArray, tick_ns: IntArray
+) -> tuple[Segment, ...]:
+    """Return the modes of the ticks; the first tick ends the wait."""
+    supervision = supervision_of(controller)
+    if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
+        return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
+    supervisor, arrived = Supervisor(supervision, 0), 0
+    before_ns: int | None = None
+    entered: list[tuple[Mode, int]] = []
+    for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
+        while arrived <= newest:
+            arrived_ns = int(arrival_ns[arrived])
+            supervisor.on_measurement(before_ns, arrived_ns)
+            before_ns = arrived_ns
+            arrived += 1
+        mode = supervisor.move_on(before_ns, now_ns)
+        if mode is not None:
+            entered.append((mode, tick))
+    ends = [first for _, first in entered[1:]] + [len(tick_ns)]
+    return tuple(
+        Segment(int(mode), first, end, index > 0)
+        for index, ((mode, first), end) in enumerate(zip(entered, ends, strict=True))
+    )
+
+
+def sensor_noise(plant: PlantSettings, samples: int, columns: slice) -> list[FloatArray]:
+    """Return the noise of each sample, of some of lateral error, heading error and yaw rate."""
+    noise = plant.sensor_noise
+    deviations = [noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s][columns]
+    if not any(deviations):
+        return [np.zeros(samples) for _ in deviations]
+    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
+    scores = map(normal_scores, uniforms[columns])
+    return [deviation * each for deviation, each in zip(deviations, scores, strict=True)]

@@ -1,0 +1,273 @@
+"""The step functions that compiled loops may call: the same objects that run live.
+
+``register_jitable`` leaves a function as it is and lets numba compile it where a compiled function
+calls it. No arithmetic is written twice, so a compiled run gives the same bits. Functions that the
+steps call are found and registered too.
+
+``new_record`` in compiled code: a tuple becomes a NamedTuple without any work.
+
+``runtime.record.new_record`` is ``tuple.__new__``, which numba does not know.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numba
+from numba import types
+from numba.extending import lower_builtin, overload, register_jitable, type_callable
+
+from ...controller.history.history import (
+    command_step,
+    echo_step,
+    error_step,
+    history_of,
+    link_at,
+    path_step,
+)
+from ...controller.history.plan import limit_plan
+from ...controller.interface.law import LawInput
+from ...controller.interface.law_record import Law
+from ...controller.interface.limits import limit_step, ramp_step
+from ...controller.laws import LAWS
+from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
+from ...controller.laws.followed_point import (
+    FollowedPointParams,
+    followed_point_plan,
+    followed_point_step,
+)
+from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
+from ...controller.laws.plugin import numbers_or_none
+from ...controller.prediction.estimator import VehicleGains, row_of
+from ...dbc.messages import Law as LawNumber
+from ...plant_emulator.network.loss import loss_step
+from ...plant_emulator.path.deviation import deviation_behind_m
+from ...plant_emulator.steering.guard import guard_command, guard_timer, guard_wheel, start_guard
+from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
+from ...plant_emulator.steering.unit import status_of
+from ...plant_emulator.vehicle.motion_steps import advance_motion, command_motion, start_motion
+from ...runtime.record import new_record
+from ...runtime.settings.settings import SettingsError
+from .memory import at, layout_of, read
+
+_CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
+    limit_step,
+    limit_plan,
+    has_run_out,
+    planned_rad,
+    ramp_step,
+    history_of,
+    error_step,
+    echo_step,
+    command_step,
+    path_step,
+    link_at,
+    loss_step,
+    start_motion,
+    advance_motion,
+    command_motion,
+    start_guard,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    status_of,
+    deviation_behind_m,
+)
+_AROUND: dict[type, Callable[..., Any]] = {
+    FeedForwardParams: feed_forward_step,
+    FollowedPointParams: followed_point_step,
+    KalmanParams: kalman_step,
+}
+"""Steps that wrap a law's step, which is their argument; by the type of their params."""
+_COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
+
+_INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+"""The entries for callers in C and in Python are not needed and take long to compile."""
+_SOME_GAINS = VehicleGains(*[0.0] * len(VehicleGains._fields))
+_GAINS_BYTES = layout_of(_SOME_GAINS).itemsize
+_laws: dict[type, Law] = {}
+"""Registered laws, by the type of their params."""
+
+
+class ForeignParamsError(SettingsError):
+    """The type of a law's params does not identify the law."""
+
+
+def step_functions() -> tuple[Callable[..., Any], ...]:
+    """Return what ``register_steps`` registers."""
+    laws = (law.step for law in LAWS.values())
+    plans = (law.plan for law in LAWS.values() if law.plan is not None)
+    around = (*_AROUND.values(), followed_point_plan)
+    return tuple(_reached((*_CALLED_BY_LOOPS, *around, *laws, *plans)))
+
+
+@cache
+def register_steps() -> None:
+    """Let compiled functions call the step functions."""
+    register_records()
+    for function in step_functions():
+        _register(function)
+
+
+def register(function: Callable[..., Any]) -> None:
+    """Let compiled functions call a function, and what it calls."""
+    for one in _reached((function,)):
+        _register(one)
+
+
+@cache
+def _register(function: Callable[..., Any]) -> None:
+    register_jitable(**_INLINE)(function)
+
+
+def register_law(name: str, law: Law, params: Any) -> None:
+    """Make ``law_step`` call a law's step for its params, whatever wraps them.
+
+    Raises ForeignParamsError for params of a type that is not the law's own.
+    """
+    while type(params) in _AROUND:
+        params = params.law
+    kind = type(params)
+    if not hasattr(kind, "_fields") or _laws.get(kind, law).step is not law.step:
+        raise ForeignParamsError(
+            f"law = {name!r}: a compiled run needs params of a NamedTuple that no other law has,"
+            f" not {kind.__name__}"
+        )
+    for function in (law.step, numbers_or_none):
+        register(function)
+    _laws[kind] = law
+
+
+def law_step(params: Any, state: Any, seen: LawInput) -> Any:
+    """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
+    if type(params) in _AROUND:
+        return _AROUND[type(params)](law_step, params, state, seen)
+    return _laws[type(params)].step(params, state, seen)
+
+
+@overload(law_step, jit_options=_INLINE)
+def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+    """Choose the step by type, at compile time."""
+    kind = params.instance_class
+    if kind in _AROUND:
+        around = _AROUND[kind]
+
+        def around_law(params: Any, state: Any, seen: Any) -> Any:
+            return around(law_step, params, state, seen)
+
+        return around_law
+    step = _laws[kind].step
+
+    def of_type(params: Any, state: Any, seen: Any) -> Any:
+        return step(params, state, seen)
+
+    def of_another_package(params: Any, state: Any, seen: Any) -> Any:
+        after, output = step(params, state, seen)
+        return after, numbers_or_none(output)
+
+    return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
+
+
+@overload(row_of, jit_options=_INLINE)
+def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
+    """Read one row of a table of gains, which compiled code knows by its address."""
+
+    def at_address(table: Any, index: Any) -> Any:
+        return read(at(table + index * _GAINS_BYTES, _SOME_GAINS))
+
+    return at_address if isinstance(table, types.Integer) else None
+
+
+def law_plan(params: Any, state: Any, seen: LawInput) -> int:
+    """Let the law that ``params`` belong to write its plan; -1 for one that does not plan."""
+    if type(params) is FollowedPointParams:
+        return followed_point_plan(law_plan, params, state, seen)
+    plan = None if type(params) in _AROUND else _laws[type(params)].plan
+    return -1 if plan is None else plan(params, state, seen)
+
+
+@overload(law_plan, jit_options=_INLINE)
+def _law_plan_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+    """Choose the plan by type, at compile time."""
+    kind = params.instance_class
+    plan: Any = None if kind in _AROUND else _laws[kind].plan
+
+    def inside(params: Any, state: Any, seen: Any) -> Any:
+        return followed_point_plan(law_plan, params, state, seen)
+
+    def none(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+        return -1
+
+    def of_type(params: Any, state: Any, seen: Any) -> Any:
+        return plan(params, state, seen)
+
+    if kind is FollowedPointParams:
+        return inside
+    return none if plan is None else of_type
+
+
+def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:
+    """Return these functions and all that they call by name, in the order of discovery."""
+    reached: dict[Callable[..., Any], None] = {}
+    waiting = list(functions)
+    while waiting:
+        function = waiting.pop()
+        if function not in reached:
+            reached[function] = None
+            waiting += _called_by(function)
+    return reached
+
+
+def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Return the Python functions that a function names, except those that numba implements."""
+    if not isinstance(function, FunctionType):
+        return
+    names = sorted(set(_names_in(function.__code__)))
+    known = [function.__globals__.get(name) for name in names]
+    known += [cell.cell_contents for cell in function.__closure__ or ()]
+    for module in [value for value in known if isinstance(value, ModuleType)]:
+        known += [getattr(module, name, None) for name in names]
+    for value in known:
+        if (
+            isinstance(value, FunctionType)
+            and value.__module__.partition(".")[0] not in _COMPILED_BY_NUMBA
+        ):
+            yield value
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names_in(constant)
+
+
+_types: Any = numba.types
+_type_callable: Any = type_callable
+_lower_builtin: Any = lower_builtin
+"""Untyped, as numba has no types for them."""
+
+
+@cache
+def register_records() -> None:
+    """Let compiled functions call ``new_record``."""
+    _type_callable(new_record)(_typing)
+    _lower_builtin(new_record, _types.NamedTupleClass, _types.BaseTuple)(_same)
+
+
+def _typing(_context: Any) -> Callable[[Any, Any], Any]:
+    def type_of_call(kind: Any, fields: Any) -> Any:
+        if isinstance(kind, _types.NamedTupleClass) and isinstance(fields, _types.BaseTuple):
+            plain = [_types.unliteral(field) for field in fields]
+            return _types.BaseTuple.from_types(plain, kind.instance_class)
+        return None
+
+    return type_of_call
+
+
+def _same(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Return the tuple itself: both have the same layout."""
+    fields = _types.BaseTuple.from_types(list(signature.return_type))
+    return context.cast(builder, arguments[1], signature.args[1], fields)

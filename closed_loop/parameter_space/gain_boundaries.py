@@ -1,0 +1,282 @@
+"""Boundary crossing: where in the plane of the gains (K_p, K_d) a root of the loop sits on ∂Γ.
+
+∂Γ is the boundary of the D-stable set of roots s. A root sits on it where
+
+    K_p + K_d q(s) = f(s),   f = -1/P,   s on ∂Γ            (loop_theory.gain_loops)
+
+    complex root    s not real: real and imaginary part are two equations,
+                    K_d = Im f/Im q,  K_p = Re f - K_d Re q:      one point for each s, a curve
+    real root       s real: one equation, a straight line;
+                    s = -σ and s = -R, and for a sampled loop z = -e^(-σT), s = -σ + jπ/T
+    infinite root   the leading coefficient vanishes: a straight line, or none
+
+(J. Ackermann, Robust Control: Systems with Uncertain Physical Parameters, 1993.) No grid of gains
+is searched. The σ line, the cone and the circle are followed only where a crossing can change the
+verdict of ``judge``: the cone within R (and beyond it if every root has to be inside the cone), and
+cone and circle left of -σ.
+
+A curve is sampled adaptively in the window (``adaptive_curve``). Ends of curves lie on other
+boundaries. Off the real axis a curve is followed a little beyond its end; on the axis the limit is
+taken. So rounding leaves no gap in the net of boundaries.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from ...runtime.records import ComplexArray, FloatArray
+from .adaptive_curve import MARGIN, adapted, runs
+from .d_stability import DStability
+from .gain_loops import GainLine, GainLoop
+
+_OVERLAP = 1e-3  # by which a piece of ∂Γ is followed beyond its end
+_STEP = 1e-3  # from the real axis, of the smallest length at hand
+_PER_DECADE = 60
+_TURN_RAD = 0.1  # of e^(-jωT) between first samples
+_FAR = 1e7  # of R, where a curve without a strip ends
+
+
+class Bound(StrEnum):
+    """Which of the demands."""
+
+    SIGMA = "σ"  # noqa: RUF001  # the paper's symbol
+    CONE = "θ"
+    RADIUS = "R"
+
+
+class RootKind(StrEnum):
+    """How a root crosses the boundary."""
+
+    COMPLEX = "complex"
+    REAL = "real"
+    INFINITE = "infinite"
+
+
+class Window(NamedTuple):
+    """The part of the plane of the gains that is examined; K_p [rad/m], K_d [rad s/m]."""
+
+    k_p_min: float
+    k_p_max: float
+    k_d_min: float
+    k_d_max: float
+
+    @property
+    def origin(self) -> FloatArray:
+        """Return the corner with the smallest gains."""
+        return np.array([self.k_p_min, self.k_d_min])
+
+    @property
+    def sides(self) -> FloatArray:
+        """Return the lengths of the sides, by which gains are made comparable."""
+        return np.array([self.k_p_max - self.k_p_min, self.k_d_max - self.k_d_min])
+
+
+class BoundaryCurve(NamedTuple):
+    """One connected boundary in the window.
+
+    ``gains``    (K_p, K_d), shape (n, 2): a polyline, n = 2 for a straight line
+    ``s_rad_s``  the root that sits on ∂Γ at each of them, shape (n,); NaN for the infinite root
+    """
+
+    bound: Bound
+    kind: RootKind
+    gains: FloatArray
+    s_rad_s: ComplexArray
+
+
+class _End(NamedTuple):
+    """An end of a piece of ∂Γ on the real axis, where the two equations become one.
+
+    The gains at the end, where the piece's parameter is ``parameter``, are extrapolated from one
+    and two steps away. With its mirror image a piece is even in the distance, so the error of a
+    point falls with the distance squared.
+    """
+
+    parameter: float
+    step: float  # into the piece, signed
+    mirrored: bool
+
+
+class _Piece(NamedTuple):
+    """A piece of ∂Γ off the real axis: s of a parameter, first samples, ends on the axis."""
+
+    bound: Bound
+    s_of: Callable[[FloatArray], ComplexArray]
+    first: FloatArray
+    start: _End | None
+    end: _End | None
+
+
+def boundary_curves(loop: GainLoop, spec: DStability, window: Window) -> tuple[BoundaryCurve, ...]:
+    """Return every boundary of the loop that passes through the window.
+
+    Raises ValueError where a sampled loop is too slow for the circle.
+    """
+    if spec.radius_rad_s >= loop.omega_rad_s_max:
+        raise ValueError(
+            f"the radius {spec.radius_rad_s:g} rad/s must be below π/T ="
+            f" {loop.omega_rad_s_max:.4g} rad/s of the sampled loop"
+        )
+    complex_roots = [
+        curve for piece in _pieces(loop, spec, window) for curve in _followed(loop, piece, window)
+    ]
+    return (*complex_roots, *_straight_lines(loop, spec, window))
+
+
+def gains_of(loop: GainLoop, s_rad_s: ComplexArray) -> FloatArray:
+    """Return the gains (K_p, K_d) that put a root at each s off the real axis, shape (n, 2)."""
+    wanted, q = loop.critical(s_rad_s), loop.derivative(s_rad_s)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        k_d = wanted.imag / q.imag
+        return np.column_stack([wanted.real - k_d * q.real, k_d])
+
+
+def real_root_line(loop: GainLoop, s_rad_s: complex) -> GainLine | None:
+    """Return where s is a root, if q and P are real there; None where no gains make it one.
+
+    At the pole of q, the filter's s = -N, it is one without the derivative: K_d = 0.
+    """
+    point = np.array([s_rad_s], dtype=np.complex128)
+    wanted, q = loop.critical(point)[0].real, loop.derivative(point)[0].real
+    if not math.isfinite(wanted):
+        return None
+    return GainLine(-float(wanted), 1.0, float(q)) if math.isfinite(q) else GainLine(0.0, 0.0, 1.0)
+
+
+def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece]:
+    """Return ∂Γ of the upper half-plane, off the real axis."""
+    sigma, theta, radius, every_root_in_cone = spec
+    top = loop.omega_rad_s_max
+    step = _STEP / (loop.dead_time_s + 1.0 / (sigma or radius))
+    top_step = _STEP / loop.dead_time_s if loop.dead_time_s else 0.0
+
+    def on_sigma(omega_rad_s: FloatArray) -> ComplexArray:
+        return np.asarray(-sigma + 1j * omega_rad_s, dtype=np.complex128)
+
+    def on_cone(distance_rad_s: FloatArray) -> ComplexArray:
+        return np.asarray(distance_rad_s * np.exp(1j * theta), dtype=np.complex128)
+
+    def on_circle(angle_rad: FloatArray) -> ComplexArray:
+        return np.asarray(-radius * np.exp(-1j * angle_rad), dtype=np.complex128)
+
+    end = min(_FAR * radius, top - top_step)
+    at_top = _End(top, -top_step, mirrored=True) if math.isfinite(top) else None
+    first = _first_samples(loop, on_sigma, step, end, window)
+    yield _Piece(Bound.SIGMA, on_sigma, first, _End(0.0, step, mirrored=True), at_top)
+
+    start, end = sigma / -math.cos(theta) * (1.0 - _OVERLAP), radius * (1.0 + _OVERLAP)
+    if every_root_in_cone:
+        end = min(_FAR * radius, top / math.sin(theta) * (1.0 + _OVERLAP))
+    if start < end:
+        apex = None if sigma else _End(0.0, step, mirrored=False)
+        first = _first_samples(loop, on_cone, max(start, step), end, window)
+        yield _Piece(Bound.CONE, on_cone, first, apex, None)
+
+    widest = math.acos(sigma / radius) * (1.0 + _OVERLAP)
+    first = np.linspace(_STEP, widest, 4 * _PER_DECADE)
+    yield _Piece(Bound.RADIUS, on_circle, first, _End(0.0, _STEP, mirrored=True), None)
+
+
+def _first_samples(
+    loop: GainLoop,
+    s_of: Callable[[FloatArray], ComplexArray],
+    start: float,
+    end: float,
+    window: Window,
+) -> FloatArray:
+    """Return first samples from start to end [rad/s]: by ratio, and by the turns of a dead time.
+
+    No curve is in the window beyond the last s where |K_p| + |K_d q| of the window's corners
+    reaches |f|, and none is followed there.
+    """
+    ratios = np.geomspace(start, end, 2 + int(_PER_DECADE * math.log10(end / start)))
+    s = s_of(ratios)
+    k_p, k_d = np.abs([window.origin, window.origin + window.sides]).max(axis=0)
+    reach = (1.0 + MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
+    beyond = np.abs(loop.critical(s)) > reach
+    samples = len(ratios) - int(np.argmin(beyond[::-1])) if not beyond.all() else 0
+    ratios = ratios[: samples + 1]
+    if not loop.dead_time_s:
+        return ratios
+    return np.union1d(ratios, np.arange(start, ratios[-1], _TURN_RAD / loop.dead_time_s))
+
+
+def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[BoundaryCurve]:
+    """Return the runs of a complex root boundary that pass through the window."""
+
+    def at(parameters: FloatArray) -> FloatArray:
+        return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
+
+    parameters, points, drawn = adapted(at, piece.first)
+    ends = ((0, piece.start, piece.first[0]), (len(points), piece.end, piece.first[-1]))
+    for index, end, reached in reversed(ends):
+        if end is not None and math.isclose(reached, end.parameter + end.step, rel_tol=1e-9):
+            parameters = np.insert(parameters, index, end.parameter)
+            limit = _limit(at, end) * window.sides + window.origin
+            limit = _on_line(limit, real_root_line(loop, piece.s_of(np.array([end.parameter]))[0]))
+            points = np.insert(points, index, (limit - window.origin) / window.sides, axis=0)
+            drawn = np.insert(drawn, min(index, len(drawn)), True)
+    for start, stop in runs(drawn):
+        gains = points[start : stop + 1] * window.sides + window.origin
+        s_rad_s = piece.s_of(parameters[start : stop + 1])
+        yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains, s_rad_s)
+
+
+def _limit(at: Callable[[FloatArray], FloatArray], end: _End) -> FloatArray:
+    """Return the point at an end on the real axis."""
+    one, two = at(end.parameter + end.step * np.array([1.0, 2.0]))
+    return np.asarray(one - (two - one) / (3.0 if end.mirrored else 1.0))
+
+
+def _on_line(gains: FloatArray, line: GainLine | None) -> FloatArray:
+    """Return the gains moved onto a straight line, to remove rounding errors.
+
+    The limit along a curve is not exact, but it has to lie on the line for the faces to close.
+    """
+    if line is None:
+        return gains
+    if not line.k_p:
+        return np.array([gains[0], -line.constant / line.k_d])
+    return np.array([-(line.constant + line.k_d * gains[1]) / line.k_p, gains[1]])
+
+
+def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterator[BoundaryCurve]:
+    """Return the real root boundaries and the infinite root boundary in the window."""
+    top = loop.omega_rad_s_max
+    roots = [(Bound.SIGMA, complex(-spec.sigma_1_s)), (Bound.RADIUS, complex(-spec.radius_rad_s))]
+    if math.isfinite(top):
+        roots.append((Bound.SIGMA, complex(-spec.sigma_1_s, top)))
+        if spec.every_root_in_cone:
+            roots.append((Bound.CONE, complex(top / math.tan(spec.cone_angle_rad), top)))
+    for bound, s_rad_s in roots:
+        line = real_root_line(loop, s_rad_s)
+        ends = None if line is None else _clipped(line, window)
+        if ends is not None:
+            yield BoundaryCurve(bound, RootKind.REAL, ends, np.full(2, s_rad_s))
+    line = loop.infinite_root_line()
+    ends = None if line is None else _clipped(line, window)
+    if ends is not None:
+        yield BoundaryCurve(Bound.SIGMA, RootKind.INFINITE, ends, np.full(2, complex(np.nan)))
+
+
+def _clipped(line: GainLine, window: Window) -> FloatArray | None:
+    """Return the two ends of a straight line on the window enlarged by the margin, else None."""
+    slope = np.array([line.k_p, line.k_d]) * window.sides
+    constant = line.constant + float(np.array([line.k_p, line.k_d]) @ window.origin)
+    low, high = -MARGIN, 1.0 + MARGIN
+    crossings = []
+    for axis in (0, 1):
+        if slope[1 - axis]:
+            for value in (low, high):
+                other = -(constant + slope[axis] * value) / slope[1 - axis]
+                if low <= other <= high:
+                    crossings.append((value, other) if axis == 0 else (other, value))
+    if len(crossings) < 2:
+        return None
+    ends = np.array([min(crossings), max(crossings)])
+    return ends * window.sides + window.origin

@@ -1,0 +1,272 @@
+"""Parameter space method: the gains (K_p, K_d) with which each of several loops is D-stable.
+
+SAE 2018-01-1086, section V.A, after Ackermann. The boundaries of ``gain_boundaries`` cut the plane
+of the gains into faces. A root crosses ∂Γ only on a boundary, so within a face the verdict is the
+same everywhere:
+
+    1. node the boundaries with each other and with the frame of the window, and polygonise them
+    2. judge the roots at one point of every face
+    3. unite the faces whose roots are where they should be
+
+Several loops (the corners of an uncertainty box, several delays): intersect. ``verified`` then
+samples the roots again, all over the region and on both sides of its edges.
+
+For gains of one region and delays:
+
+    spec = paper_d_stability()
+    region = sampled_region(plants, period_ns, delays_ns, 20.0, spec, Window(0.0, 3.0, 0.0, 2.0))
+    k_p, k_d = well_centred_gains(region)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+from shapely.affinity import affine_transform
+
+from ...controller.filters.transfer_function import TransferFunction
+from ...controller.laws.settings import LawSettings
+from ...runtime.records import FloatArray
+from .d_stability import DStability
+from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
+from .gain_loops import GainLoop, SampledGainLoop
+from .law_gain_loop import LawGainLoop
+
+_OVERSHOOT = 1e-5
+"""How far an end of a curve is extended beyond the boundary it lies on, in window sides: more than
+a curve deviates from its chords, so that it crosses. The piece beyond is no edge of a face."""
+_GRID = 1e-9
+"""Grid to which nodes are rounded, in window sides; it makes the arithmetic of areas robust."""
+_FACE_AREA_MIN = 1e-10
+"""Share of the window; a smaller face lies between two polylines of the same crossing."""
+
+
+class Margin(NamedTuple):
+    """Distance to one kind of boundary of the region.
+
+    ``relative``  distance with each gain in units of its own value: 0.1 is a tenth of both
+    """
+
+    bound: Bound
+    kind: RootKind
+    relative: float
+
+
+class GainRegion(NamedTuple):
+    """Gains for which every loop is D-stable, K_p [rad/m] as x and K_d [rad s/m] as y.
+
+    ``polygon``  the region within the window; may be empty
+    ``curves``   every boundary in the window, of all loops
+    """
+
+    polygon: Polygon | MultiPolygon
+    curves: tuple[BoundaryCurve, ...]
+    window: Window
+
+    def contains(self, k_p: float, k_d: float) -> bool:
+        """Whether the gains are inside."""
+        return bool(shapely.contains_xy(self.polygon, k_p, k_d))
+
+    def relative_distance(self, k_p: float, k_d: float) -> float:
+        """Return the distance to the edge with each gain in units of its own value; both ≠ 0.
+
+        Positive inside, negative outside; -inf where the region is empty. The frame of the window
+        counts as an edge where it cuts the region off.
+        """
+        if self.polygon.is_empty:
+            return -math.inf
+        scaled = _scaled(self.polygon, 1.0 / k_p, 1.0 / k_d)
+        distance = shapely.distance(scaled.boundary, shapely.Point(1.0, 1.0))
+        return float(distance) if self.contains(k_p, k_d) else -float(distance)
+
+    def margins(self, k_p: float, k_d: float) -> tuple[Margin, ...]:
+        """Return the distance to each kind of boundary on the edge of the region, nearest first."""
+        edge = shapely.buffer(self.polygon.boundary, 1e-5 * float(min(self.window.sides)))
+        nearest: dict[tuple[Bound, RootKind], float] = {}
+        for curve in self.curves:
+            on_edge = shapely.intersection(shapely.LineString(curve.gains), edge)
+            if on_edge.length > 1e-3 * float(min(self.window.sides)):
+                scaled = _scaled(on_edge, 1.0 / k_p, 1.0 / k_d)
+                distance = float(shapely.distance(scaled, shapely.Point(1.0, 1.0)))
+                key = (curve.bound, curve.kind)
+                nearest[key] = min(distance, nearest.get(key, math.inf))
+        found = [Margin(*key, distance) for key, distance in nearest.items()]
+        return tuple(sorted(found, key=lambda margin: margin.relative))
+
+
+class Verification(NamedTuple):
+    """Gains at which the roots were judged again, and those where the region was wrong.
+
+    ``wrong``  shape (n, 2)
+    """
+
+    inside: int
+    outside: int
+    wrong: FloatArray
+
+
+def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window) -> GainRegion:
+    """Return the gains in the window for which every loop meets the specification.
+
+    Raises ValueError where a sampled loop is too slow for the radius of the specification.
+    """
+    square: Polygon | MultiPolygon = shapely.box(0.0, 0.0, 1.0, 1.0)
+    curves: list[BoundaryCurve] = []
+    for loop in loops:
+        own = boundary_curves(loop, spec, window)
+        curves.extend(own)
+        faces = _faces(own, window, square)
+        points = shapely.get_coordinates(shapely.point_on_surface(faces))
+        good = faces[loop.satisfies(spec, points * window.sides + window.origin)]
+        square = _areas(
+            shapely.intersection(square, shapely.union_all(good, grid_size=_GRID), grid_size=_GRID)
+        )
+    polygon = _areas(shapely.make_valid(_scaled(square, *window.sides, *window.origin)))
+    return GainRegion(polygon, tuple(curves), window)
+
+
+def sampled_region(
+    plants: Sequence[TransferFunction],
+    period_ns: int,
+    delays_ns: Sequence[int],
+    derivative_filter_rad_s: float | None,
+    spec: DStability,
+    window: Window,
+) -> GainRegion:
+    """Return the gains for which the sampled PD loop is D-stable with every plant and every delay.
+
+    ``plants``                   from wheel angle [rad] to lateral error [m], strictly proper
+    ``delays_ns``                between command and wheel angle, each constant, any ≥ 0
+    ``derivative_filter_rad_s``  N; None for the ideal derivative
+    """
+    loops = (
+        SampledGainLoop(plant, period_ns, delay_ns, derivative_filter_rad_s)
+        for plant, delay_ns in product(plants, delays_ns)
+    )
+    return d_stable_region(loops, spec, window)
+
+
+def law_region(
+    settings: LawSettings,
+    plants: Sequence[TransferFunction],
+    period_ns: int,
+    delays_ns: Sequence[int],
+    spec: DStability,
+    window: Window,
+) -> GainRegion:
+    """Return the gains of the PD for which the loop of a whole law is D-stable, as above.
+
+    The observers and N are those of ``settings``; its gains do not matter. Takes much longer than
+    ``sampled_region``: up to a second for each plant and delay.
+    """
+    loops = (
+        LawGainLoop(settings, plant, period_ns, delay_ns)
+        for plant, delay_ns in product(plants, delays_ns)
+    )
+    return d_stable_region(loops, spec, window)
+
+
+def well_centred_gains(region: GainRegion) -> tuple[float, float]:
+    """Return the gains (K_p, K_d) farthest from the edge of the region.
+
+    Distances are measured with the region stretched to a square, since the two gains differ in
+    unit. Raises ValueError for an empty region.
+    """
+    if region.polygon.is_empty:
+        raise ValueError("the region is empty: no gains in the window meet the specification")
+    k_p_min, k_d_min, k_p_max, k_d_max = region.polygon.bounds
+    k_p_side, k_d_side = k_p_max - k_p_min, k_d_max - k_d_min
+    square = _scaled(region.polygon, 1.0 / k_p_side, 1.0 / k_d_side)
+    radius = shapely.maximum_inscribed_circle(square, tolerance=1e-4)
+    x, y = radius.coords[0]
+    return x * k_p_side, y * k_d_side
+
+
+def verified(
+    region: GainRegion, loops: Sequence[GainLoop], spec: DStability, points: int, seed: int
+) -> Verification:
+    """Judge the roots at random gains in the window and on both sides of the region's edges.
+
+    Half of the ``points`` are spread over the window; the others lie beside the edges, a
+    thousandth of the window off. Those nearer to an edge than half of that are left out.
+    """
+    generator = np.random.default_rng(seed)
+    window = region.window
+    spread = window.origin + window.sides * generator.random((points // 2, 2))
+    away = 1e-3
+    beside = _beside(region, generator, points // 2, away)
+    gains = np.concatenate([spread, beside])
+    square, unit = _in_window(region.polygon, window), _unit(gains, window)
+    if not square.is_empty:
+        far = shapely.distance(square.boundary, shapely.points(unit)) > 0.5 * away
+        gains = gains[far & np.all((unit > 0.0) & (unit < 1.0), axis=1)]
+    inside = shapely.contains_xy(region.polygon, gains)
+    good = np.all([loop.satisfies(spec, gains) for loop in loops], axis=0)
+    count = int(np.count_nonzero(inside))
+    return Verification(count, len(gains) - count, gains[inside != good])
+
+
+def _faces(
+    curves: Sequence[BoundaryCurve], window: Window, wanted: Polygon | MultiPolygon
+) -> NDArray[np.object_]:
+    """Return the faces into which the boundaries cut the unit square where they meet ``wanted``."""
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
+    lines = [shapely.LineString(_overshot(_unit(curve.gains, window))) for curve in curves]
+    net = shapely.union_all([square.boundary, *lines], grid_size=_GRID)
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+    inner = shapely.contains(square, shapely.point_on_surface(faces))
+    large = shapely.area(faces) > _FACE_AREA_MIN
+    shapely.prepare(wanted)
+    return np.asarray(faces[inner & large & shapely.intersects(wanted, faces)])
+
+
+def _overshot(points: FloatArray) -> FloatArray:
+    """Return a polyline with both ends extended."""
+    first, last = points[0] - points[1], points[-1] - points[-2]
+    first, last = (_OVERSHOOT * end / max(np.hypot(*end), 1e-300) for end in (first, last))
+    return np.concatenate([[points[0] + first], points, [points[-1] + last]])
+
+
+def _beside(
+    region: GainRegion, generator: np.random.Generator, points: int, away: float
+) -> FloatArray:
+    """Return gains on either side of random places on the edges, ``away`` in window sides."""
+    edge = _in_window(region.polygon, region.window).boundary
+    if edge.is_empty:
+        return np.empty((0, 2))
+    along = generator.random(points // 2) * edge.length
+    on_edge = shapely.get_coordinates(shapely.line_interpolate_point(edge, along))
+    angle_rad = 2.0 * math.pi * generator.random(len(on_edge))
+    offset = away * np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
+    both = np.concatenate([on_edge + offset, on_edge - offset])
+    return np.asarray(both * region.window.sides + region.window.origin)
+
+
+def _unit(gains: FloatArray, window: Window) -> FloatArray:
+    """Return gains with the window as the unit square."""
+    return np.asarray((gains - window.origin) / window.sides)
+
+
+def _in_window(shape: shapely.Geometry, window: Window) -> shapely.Geometry:
+    """Return a shape of gains with the window as the unit square."""
+    return _scaled(shape, *(1.0 / window.sides), *(-window.origin / window.sides))
+
+
+def _scaled(
+    shape: shapely.Geometry, x: float, y: float, x_off: float = 0.0, y_off: float = 0.0
+) -> shapely.Geometry:
+    return affine_transform(shape, [x, 0.0, 0.0, y, x_off, y_off])
+
+
+def _areas(shape: shapely.Geometry) -> Polygon | MultiPolygon:
+    """Return the areas of a shape, without the lines and points an intersection may leave."""
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    areas = shapely.union_all(parts)
+    return Polygon() if areas.is_empty else areas

@@ -1,0 +1,181 @@
+"""Processes that run together and end with this one: bus, plant, controller and others."""
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from ..runtime.port.python_can import BusError
+from .attached import Lifeline
+
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 60.0
+"""How long a process may take to start, and to write its results; long, for a busy machine."""
+ABORT_TIMEOUT_S = 5.0
+"""How long each may take when the run is given up."""
+_AFTER_S = {"recorder": 1.0, "broker": 2.0}
+"""How long these outlast a tool that has ended: they end after the processes that use them."""
+_POLL_S = 0.02
+_LISTENING, _READY = "listening at", "ready"
+
+
+class ProcessError(BusError):
+    """A process has failed; the text is one line for the user."""
+
+
+class Processes:
+    """Processes by their names; use it as a context manager, which leaves none behind.
+
+    They also end cleanly when this process ends, however it does.
+
+    ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
+    ``private``  folder of the broker's socket, removed with this process; None without a broker
+    ``address``  of the broker
+    """
+
+    def __init__(self, folder: Path, private: Path | None = None) -> None:
+        self._folder = folder
+        self._private = private
+        self._lifeline = Lifeline()
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._asked: set[str] = set()
+        self._statuses: dict[str, int] = {}
+        self.address = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            for name, process in reversed(self._processes.items()):
+                if process.poll() is None:
+                    self.interrupt(name)
+                    with suppress(subprocess.TimeoutExpired):
+                        process.wait(ABORT_TIMEOUT_S)
+                    process.kill()
+                    process.wait()
+        finally:
+            self._lifeline.close()
+
+    def path(self, name: str, suffix: str) -> Path:
+        """Return the file of a process."""
+        return self._folder / f"{name}{suffix}"
+
+    def start_broker(self, socket: Path, options: Sequence[str]) -> None:
+        """Start the broker, which listens at ``socket``."""
+        self.address = str(socket)
+        report = str(self.path("broker", ".json"))
+        arguments = ["--address", self.address, "--report", report, *options]
+        self.begin("broker", "steer_by_wire.tools.bus", arguments)
+        self._await("broker", _LISTENING)
+
+    def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Start ``python -m module`` and wait until it reports that it is ready."""
+        self.begin(name, module, arguments)
+        self._await(name, _READY)
+
+    def begin(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Start ``python -m module`` without waiting for it."""
+        with self.path(name, ".txt").open("wb") as output:
+            self._processes[name] = self._lifeline.start(
+                module,
+                arguments,
+                output,
+                after_s=_AFTER_S.get(name, 0.0),
+                remove=self._private if name == "broker" else None,
+            )
+
+    def _await(self, name: str, sign: str) -> None:
+        until_s = time.monotonic() + START_TIMEOUT_S
+        while sign not in self._printed(name):
+            if self.status(name) is not None or time.monotonic() > until_s:
+                raise ProcessError(f"{name} does not start: {self._last_line(name)}")
+            time.sleep(_POLL_S)
+
+    def status(self, name: str) -> int | None:
+        """Return the exit status of one, None while it runs."""
+        if name in self._processes:
+            return self._processes[name].poll()
+        return self._statuses[name]
+
+    def failure(self, name: str) -> ProcessError:
+        """Return the error to raise when one has ended too early, or with an error."""
+        return ProcessError(
+            f"{name} has ended with status {self.status(name)}: {self._last_line(name)}"
+        )
+
+    def check(self) -> None:
+        """Raise ProcessError when one has ended."""
+        for name, process in self._processes.items():
+            if process.poll() is not None:
+                raise self.failure(name)
+
+    def pids(self) -> dict[str, int]:
+        """Return every process that runs, with those that they have started themselves."""
+        found = {}
+        for name, process in self._processes.items():
+            found[name] = process.pid
+            for number, child in enumerate(children_of(process.pid), start=1):
+                found[f"{name}: file writer" + f" {number}" * (number > 1)] = child
+        return found
+
+    def kill(self, names: Sequence[str]) -> None:
+        """Kill some of them with SIGKILL."""
+        for name in names:
+            process = self._processes.pop(name)
+            process.kill()
+            self._statuses[name] = process.wait()
+
+    def signal(self, name: str, number: int) -> None:
+        """Send a signal to one, if it still runs."""
+        self._processes[name].send_signal(number)
+
+    def stop(self, name: str) -> dict[str, Any]:
+        """End one cleanly; returns its report. Raises ProcessError when it fails."""
+        if self.end(name):
+            raise self.failure(name)
+        report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
+        return report
+
+    def interrupt(self, name: str) -> None:
+        """Send SIGINT, once: a second one may come when the handler has been removed."""
+        if name not in self._asked:
+            self._asked.add(name)
+            self._processes[name].send_signal(signal.SIGINT)
+
+    def end(self, name: str) -> int:
+        """End one cleanly, if it still runs; returns its exit status, -9 for SIGKILL.
+
+        Raises ProcessError when it does not end.
+        """
+        self.interrupt(name)
+        process = self._processes.pop(name)
+        try:
+            status = process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            self._statuses[name] = process.wait()
+            raise ProcessError(f"{name} does not end") from None
+        self._statuses[name] = status
+        return status
+
+    def _last_line(self, name: str) -> str:
+        return (self._printed(name).strip().splitlines() or ["it printed nothing"])[-1]
+
+    def _printed(self, name: str) -> str:
+        return self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process has started and that still run. Linux only."""
+    children = []
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            stat = file.read_text(encoding="ascii", errors="replace")
+            if int(stat.rpartition(")")[2].split()[1]) == pid:
+                children.append(int(file.parent.name))
+    return children

@@ -1,0 +1,266 @@
+"""Takes the frames of one log, one at a time, and returns its figures at the end."""
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from ...dbc import messages
+from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from .bus_listener import NAMES, BusListener, ReceivedMessage
+from .candump_text import CLOCK_STARTED_NS
+from .durations import Durations, History
+from .held_path import PREVIEW_M, CgDeviation, HeldPath
+from .latency import Latencies
+
+GAP_PERIODS = 3
+"""A message that is absent for more than this many of its periods leaves a gap."""
+GAPS_MAX = 20
+"""How many gaps are listed, the longest."""
+CONFIGS_MAX = 100
+"""How many changes of the latency are listed, the first."""
+_FROM_PLANT = (
+    messages.LateralError,
+    messages.SteeringStatus,
+    messages.VehicleState,
+    messages.PlantStatus,
+)
+
+HISTORIES: Mapping[str, tuple[str, str]] = {
+    "lateral_error_m": ("LATERAL_ERROR", "lateral_error_m"),
+    "heading_error_rad": ("LATERAL_ERROR", "heading_error_rad"),
+    "steer_rad": ("STEERING_COMMAND", "steer_rad"),
+    "wheel_angle_rad": ("STEERING_STATUS", "wheel_angle_rad"),
+    "speed_m_s": ("VEHICLE_STATE", "speed_m_s"),
+    "yaw_rate_rad_s": ("VEHICLE_STATE", "yaw_rate_rad_s"),
+    "disturbance_rad": ("CONTROLLER_STATUS", "disturbance_rad"),
+    "network_disturbance_rad": ("CONTROLLER_STATUS", "network_disturbance_rad"),
+    "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
+    "estimated_delay_s": ("DELAY_STATUS", "estimated_delay_s"),
+    "delay_confidence": ("DELAY_STATUS", "confidence"),
+}
+"""Signals with figures and pictures: their message in the DBC, and the field."""
+COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
+    "skipped_ticks": (messages.ControllerStatus, "skipped_ticks"),
+    "controller_lost": (messages.ControllerSafety, "lost"),
+    "controller_rejected": (messages.ControllerSafety, "rejected"),
+    "plant_lost": (messages.PlantStatus, "lost"),
+    "plant_rejected": (messages.PlantStatus, "rejected"),
+}
+"""Counts that the nodes report: their message and the field."""
+_COUNTED_IN = {
+    kind: [
+        (name, field, int(messages.limits(kind)[field].maximum) + 1)
+        for name, (of, field) in COUNTED.items()
+        if of is kind
+    ]
+    for kind, _ in COUNTED.values()
+}
+"""Name, field and modulus of each: a count comes back to 0 after the maximum of its signal."""
+CG_DEVIATION = "cg_deviation_m"
+"""One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
+
+
+class Gap(NamedTuple):
+    """A message was absent; sorts by length."""
+
+    duration_s: float
+    at_s: float
+    name: str
+
+
+class LogAnalysis:
+    """Analyses one log.
+
+    ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
+
+    Frames have times in nanoseconds. In a log without times every frame has None, and there are no
+    figures of latency, cycles and gaps.
+
+    ``rules``  of the verdict
+    """
+
+    def __init__(self, rules: VerdictRules | None = None, preview_m: float = PREVIEW_M) -> None:
+        self._held_path = HeldPath(rules or VerdictRules())
+        self.listener = BusListener()
+        self.latencies = Latencies()
+        self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
+        self._cg, self._cg_m = CgDeviation(preview_m), math.nan
+        self.cycles = {name: Durations() for name in messages.MESSAGE_TYPES}
+        self.cycle_histories = {name: History() for name in messages.MESSAGE_TYPES}
+        self._by_message: dict[str, list[tuple[str, str]]] = {}
+        for label, (name, field) in HISTORIES.items():
+            self._by_message.setdefault(name, []).append((label, field))
+        self._start_ns: int | None = None
+        self._end_ns = 0
+        self._frames = 0
+        self._backwards = 0
+        self._newest_ns: dict[str, int] = {}
+        self._gaps: list[Gap] = []
+        self._gap_counts = Counter[str]()
+        self._configs: list[dict[str, Any]] = []
+        self._modes_ns = Counter[messages.Mode]()
+        self._mode: tuple[messages.Mode, int] | None = None
+        self._laws: dict[str, None] = {}
+        self._counts: dict[str, int] = {}
+        self._advanced = dict.fromkeys(COUNTED, 0)
+
+    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
+        """Take the next frame; returns the time since the start [s] and the message.
+
+        Returns None for a frame that a node would reject. The time is NaN in a log without times.
+        """
+        self._frames += 1
+        since_ns = self._since_start(time_ns)
+        received = self.listener.take(frame)
+        if received is None:
+            return None
+        if since_ns is not None:
+            self._time(received, since_ns)
+        if received.is_late:
+            return None
+        at_s = math.nan if since_ns is None else since_ns / NS_PER_S
+        shown = received.shown
+        for label, field in self._by_message.get(NAMES[type(shown)], ()):
+            self.histories[label].add(at_s, getattr(shown, field))
+        cg_m = self._cg.take(shown, at_s)
+        if not math.isnan(cg_m):
+            self._cg_m = cg_m
+            self.histories[CG_DEVIATION].add(at_s, cg_m)
+        self._watch(shown, since_ns)
+        return at_s, received
+
+    def figures(self) -> dict[str, Any]:
+        """Return all figures, ready for JSON; call it once, at the end."""
+        self.latencies.finish()
+        self._leave_mode(self._end_ns - (self._start_ns or 0))
+        start_ns = self._start_ns
+        return {
+            "frames": self._frames,
+            "has_times": start_ns is not None,
+            "start": _date(start_ns),
+            "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
+            "times_backwards": self._backwards,
+            "messages": {name: self._message_figures(name) for name in messages.MESSAGE_TYPES},
+            "refused": dict(self.listener.refused),
+            "foreign_frames": self.listener.foreign_frames,
+            "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
+            "error_frames": self.listener.error_frames,
+            "signals": {name: history.report() for name, history in self.histories.items()},
+            "held_path": self._held_path_figures(),
+            "latency": self._latency_figures(),
+            "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
+            "laws": list(self._laws),
+            **self._advanced,
+            "latency_configs": self._configs,
+            "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
+        }
+
+    def _since_start(self, time_ns: int | None) -> int | None:
+        if time_ns is None:
+            return None
+        if self._start_ns is None:
+            self._start_ns = self._end_ns = time_ns
+        if time_ns < self._end_ns:
+            self._backwards += 1
+        self._end_ns = max(self._end_ns, time_ns)
+        return time_ns - self._start_ns
+
+    def _time(self, received: ReceivedMessage, since_ns: int) -> None:
+        """Count a message on the bus for latencies, cycles and gaps."""
+        _, message, counter, is_late, _ = received
+        shown = received.shown
+        name = NAMES[type(shown)]
+        if isinstance(message, _FROM_PLANT):
+            self.latencies.on_plant_frame(since_ns)
+        if isinstance(message, messages.SteeringStatus):
+            self.latencies.on_status(message, counter, is_late, since_ns)
+        elif isinstance(message, messages.PlantStatus) and not is_late:
+            self.latencies.on_plant_status(message, since_ns)
+        elif isinstance(shown, messages.SteeringCommand) and not is_late:
+            self.latencies.on_command(shown, since_ns)
+        before_ns = self._newest_ns.get(name)
+        self._newest_ns[name] = since_ns
+        period_ms = messages.CYCLE_TIMES_MS[type(shown)]
+        if before_ns is None or not period_ms:
+            return
+        cycle_ns = since_ns - before_ns
+        self.cycles[name].record(cycle_ns)
+        self.cycle_histories[name].add(since_ns / NS_PER_S, cycle_ns / NS_PER_S)
+        if cycle_ns > GAP_PERIODS * period_ms * NS_PER_MS:
+            self._gap_counts[name] += 1
+            gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
+            add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
+            add(self._gaps, gap)
+
+    def _watch(self, message: messages.Message, since_ns: int | None) -> None:
+        """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
+        self._held_path.take(message, self._cg_m)
+        for name, field, modulus in _COUNTED_IN.get(type(message), ()):
+            count = getattr(message, field)
+            self._advanced[name] += (count - self._counts.get(name, count)) % modulus
+            self._counts[name] = count
+        if isinstance(message, messages.ControllerStatus):
+            self._laws[messages.Law(message.law).name] = None
+        elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
+            at_s = None if since_ns is None else since_ns / NS_PER_S
+            names = {"direction": message.direction.name, "model": message.model.name}
+            self._configs.append({"at_s": at_s, **message._asdict(), **names})
+        if (
+            isinstance(message, messages.ControllerStatus | messages.SteeringCommand)
+            and since_ns is not None
+        ):
+            if self._mode is not None and self._mode[0] is not message.mode:
+                self._leave_mode(since_ns)
+            if self._mode is None:
+                self._mode = (message.mode, since_ns)
+
+    def _held_path_figures(self) -> Mapping[str, Any]:
+        cycle = self.cycles["LATERAL_ERROR"].report()
+        refused = self.listener.counts("LATERAL_ERROR").refused
+        return self._held_path.report(
+            cycle["mean_s"] or messages.CYCLE_TIMES_MS[messages.LateralError] * 1e-3,
+            left_range=messages.Rejection.NOT_AVAILABLE.value in refused,
+        )
+
+    def _leave_mode(self, since_ns: int) -> None:
+        if self._mode is not None:
+            mode, entered_ns = self._mode
+            self._modes_ns[mode] += since_ns - entered_ns
+            self._mode = None
+
+    def _message_figures(self, name: str) -> dict[str, Any]:
+        counts = self.listener.counts(name)
+        kind = messages.MESSAGE_TYPES[name]
+        return {
+            "can_id": f"{messages.CAN_IDS[kind]:03X}",
+            **counts._asdict(),
+            "refused": dict(counts.refused),
+            "cycle_dbc_s": messages.CYCLE_TIMES_MS[kind] * 1e-3 or None,
+            "cycle": self.cycles[name].report(),
+            "gaps": self._gap_counts[name],
+        }
+
+    def _latency_figures(self) -> dict[str, Any]:
+        latencies = self.latencies
+        return {
+            "commands": latencies.commands,
+            "commands_seen_to_act": latencies.echoed,
+            "round_trip": latencies.round_trip.report(),
+            "uplink": latencies.uplink.report(),
+            "downlink": latencies.downlink.report(),
+            "reported_uplink": latencies.reported_uplink.report(),
+            "reported_downlink": latencies.reported_downlink.report(),
+            "samples_skipped": latencies.samples_skipped,
+            "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
+        }
+
+
+def _date(time_ns: int | None) -> str | None:
+    if time_ns is None or time_ns < CLOCK_STARTED_NS:
+        return None
+    return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="microseconds")

@@ -1,0 +1,121 @@
+"""How well the path was held in a log, by the measured lateral error from the first command on.
+
+Deviation of the centre of gravity (CG) from the path, from what the bus carries.
+
+GROUND_TRUTH has it, where the plant sends that. Else it is computed.
+
+LATERAL_ERROR is of the preview point, d ahead of the CG, and so is the curvature of VEHICLE_STATE.
+In the frame of the path beside the preview point the CG is at (-d cos Δψ, y - d sin Δψ), and the
+path there at d²/2 times its mean curvature on the way back, weighted towards the preview point:
+
+    y_cg = y - d sin Δψ - ρ d²/2        ρ as it was d/3 earlier
+
+Both messages have come through the same uplink. What is left is of the third order: a millimetre
+beside the plant's own figure.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from ...dbc import messages
+from ...plant_emulator.evaluation.plant_report import motion_report
+from ...plant_emulator.evaluation.run_record import RunningFigures
+from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...runtime.node.node import NS_PER_S
+
+SAMPLES_MAX = 30_000
+"""Of the newest: two windows of 15 s at 1 kHz."""
+_LIMITS = {
+    messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
+    messages.SteeringStatusCode.LIMITED: "actuator",
+}
+
+
+class HeldPath:
+    """Takes the messages of a log in their order; ``rules`` are those of the verdict."""
+
+    def __init__(self, rules: VerdictRules) -> None:
+        self._rules = rules
+        self._figures = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
+        self._has_started = False
+        self._wheel_rad = 0.0
+        self._limit = ""
+
+    def take(self, message: messages.Message, cg_deviation_m: float) -> None:
+        """Take an accepted message, and the centre of gravity's deviation by then, NaN for none."""
+        if isinstance(message, messages.SteeringCommand):
+            self._has_started = True
+        elif isinstance(message, messages.SteeringStatus):
+            self._wheel_rad = message.wheel_angle_rad
+            self._limit = _LIMITS.get(message.status, "")
+        elif isinstance(message, messages.LateralError) and self._has_started:
+            error_m = message.lateral_error_m
+            self._figures.take([(error_m, cg_deviation_m, self._wheel_rad, self._limit)])
+
+    def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
+        """Return the figures as a plant reports them.
+
+        ``period_s``    between two measurements
+        ``left_range``  whether an error was beyond the range of its signal
+        """
+        figures = self._figures
+        if left_range and figures.samples:
+            figures.lateral_error_peak_m = math.inf
+        return motion_report(
+            figures, round(figures.samples * period_s * NS_PER_S), self._rules, period_s
+        )
+
+
+PREVIEW_M = 2.0
+"""Where the wire contract has the preview point, ahead of the CG."""
+_KEPT = 4096
+"""States kept: at 50 Hz more than a minute, which slow vehicles take for d/3."""
+
+
+class CgDeviation:
+    """Takes the messages of a plant, and returns the deviations that they bring.
+
+    ``preview_m``  d
+    """
+
+    def __init__(self, preview_m: float) -> None:
+        self._preview_m = preview_m
+        self._driven: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        self._at_s = math.nan
+        self._is_sent = False
+
+    def take(self, message: messages.Message, at_s: float) -> float:
+        """Take an accepted message, ``at_s`` NaN where there are no times.
+
+        Returns the deviation that it brings [m], to the left positive; NaN for none.
+        """
+        if isinstance(message, messages.GroundTruth):
+            self._is_sent = True
+            return message.cg_deviation_m
+        if self._is_sent or math.isnan(at_s):
+            return math.nan
+        if isinstance(message, messages.VehicleState):
+            self._drive(message, at_s)
+        elif isinstance(message, messages.LateralError) and self._driven:
+            return self._computed(message)
+        return math.nan
+
+    def _drive(self, state: messages.VehicleState, at_s: float) -> None:
+        way_m = self._driven[-1][0] if self._driven else 0.0
+        if at_s > self._at_s:
+            way_m += state.speed_m_s * (at_s - self._at_s)
+        self._at_s = at_s
+        self._driven.append((way_m, state.preview_curvature_1_m))
+
+    def _computed(self, error: messages.LateralError) -> float:
+        behind_m = self._driven[-1][0] - self._preview_m / 3.0
+        while len(self._driven) > 1 and self._driven[1][0] <= behind_m:
+            self._driven.popleft()
+        curvature_1_m = self._driven[0][1]
+        return (
+            error.lateral_error_m
+            - self._preview_m * math.sin(error.heading_error_rad)
+            - 0.5 * self._preview_m * self._preview_m * curvature_1_m
+        )

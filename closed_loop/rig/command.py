@@ -1,0 +1,59 @@
+"""Runs another program and returns its exit status: ``python -m steer_by_wire.closed_loop.rig.command
+WORDS...``
+
+The program is in a process group of its own, so that nothing of it stays when it has to end: SIGINT
+and SIGTERM reach the whole group, and SIGKILL if it does not end within GRACE_S.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import FrameType
+
+GRACE_S = 3.0
+STATUS_NOT_FOUND = 127
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status, 0 when it was asked to end and did."""
+    command = list(sys.argv[1:] if words is None else words)
+    try:
+        program = subprocess.Popen(command, start_new_session=True)
+    except OSError as error:
+        print(f"{command[0]}: {error.strerror}", file=sys.stderr)
+        return STATUS_NOT_FOUND
+    asked = False
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        _signal_group(program.pid, signal.Signals(number))
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    status = _wait(program, lambda: asked)
+    _signal_group(program.pid, signal.SIGKILL)
+    return 0 if asked else status
+
+
+def _wait(program: "subprocess.Popen[bytes]", was_asked: Callable[[], bool]) -> int:
+    left_s = GRACE_S
+    while True:
+        try:
+            return program.wait(0.1)
+        except subprocess.TimeoutExpired:
+            left_s -= 0.1 * was_asked()
+            if left_s <= 0:
+                _signal_group(program.pid, signal.SIGKILL)
+
+
+def _signal_group(group: int, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(group, number)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,235 @@
+"""The results of one run of a rig, and the assertions of a test on them.
+
+A demand that is not met raises AssertionError: a line for each figure, the bus, the seed and the
+folder with log, trace and settings.
+"""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from ...dbc.contract.enumerations import Mode
+from ...dbc.messages import Decoded, LateralError, Rejection, SteeringCommand, SteeringPlan, decode
+from ...plant_emulator.evaluation.verdict import Verdict
+from ...plant_emulator.evaluation.verdict_text import verdict_text
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.node.node import NS_PER_MS
+from ...runtime.records import FloatArray
+from ..live import PairFiles
+from ..recordings.file_analysis import analyse_files
+from ..recordings.log_file import open_log
+from ..result import Trace, rms
+
+_LATE = 1.8
+"""Periods after which a measurement counts as late: more than jitter of the bus makes of one."""
+COUNTERS = 256
+
+__tracebackhide__ = True  # pytest shows the line of the test whose demand was not met
+
+
+class Detection(NamedTuple):
+    """Both times in the log [ns]; None for what was not seen."""
+
+    onset_ns: int | None
+    reaction_ns: int | None
+
+
+def first_reaction(
+    received: Iterable[tuple[int, Decoded | Rejection]], period_ns: int
+) -> Detection:
+    """Return the first faulty measurement and the first command after it that reacts.
+
+    ``received``   LATERAL_ERROR, commands and plans, and what cannot be read, each with its time
+    ``period_ns``  of the measurements [ns]
+    """
+    onset_ns = reaction_ns = None
+    measured_ns = command_ns = None
+    counter = -1
+    time_ns = 0
+    for time_ns, one in received:
+        message = None if isinstance(one, Rejection) else one.message
+        is_late = measured_ns is not None and time_ns - measured_ns > _LATE * period_ns
+        if onset_ns is None and is_late and measured_ns is not None:
+            onset_ns = measured_ns + period_ns
+        if isinstance(message, SteeringCommand | SteeringPlan):
+            command_ns = time_ns
+            if onset_ns is not None and message.mode != Mode.ACTIVE:
+                return Detection(onset_ns, time_ns)
+            continue
+        if onset_ns is not None:
+            continue
+        if not isinstance(message, LateralError) or isinstance(one, Rejection):
+            onset_ns = time_ns
+        else:
+            expected = (counter + 1) % COUNTERS
+            if counter >= 0 and one.counter != expected:
+                onset_ns = time_ns
+            counter, measured_ns = one.counter, time_ns
+    if onset_ns is not None and command_ns is not None and time_ns - command_ns > 5 * period_ns:
+        reaction_ns = command_ns + period_ns
+    return Detection(onset_ns, reaction_ns)
+
+
+class Outcome(NamedTuple):
+    """One run.
+
+    ``files``     where everything is
+    ``bus``       what carried the frames
+    ``settings``  of the plant
+    ``report``    the plant's figures
+    ``trace``     time histories; empty when the plant was never driven
+    ``ending``    how the controller ended, if it did before the plant or in its safe state
+    """
+
+    files: PairFiles
+    bus: str
+    settings: PlantSettings
+    report: dict[str, Any]
+    trace: Trace
+    ending: str = ""
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """RMS of the true lateral error at the preview point [m]; NaN without motion."""
+        return _rms(self.trace.lateral_error_m)
+
+    @property
+    def lateral_error_peak_m(self) -> float:
+        """Largest lateral error at the preview point [m]; NaN without motion."""
+        return _peak(self.trace.lateral_error_m)
+
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """RMS of the deviation of the centre of gravity [m]; NaN without motion."""
+        return _rms(self.trace.cg_deviation_m)
+
+    @property
+    def cg_deviation_peak_m(self) -> float:
+        """Largest deviation of the centre of gravity [m]; NaN without motion."""
+        return _peak(self.trace.cg_deviation_m)
+
+    def assert_holds(
+        self,
+        *,
+        rms_m: float | None = None,
+        peak_m: float | None = None,
+        cg_rms_m: float | None = None,
+        cg_peak_m: float | None = None,
+    ) -> None:
+        """Demand the verdict "holds", the whole motion without a fallback, and these limits [m].
+
+        ``rms_m``, ``peak_m``        of the lateral error at the preview point
+        ``cg_rms_m``, ``cg_peak_m``  of the deviation of the centre of gravity
+        """
+        failures = list(self._incomplete())
+        if self._was_driven and self.report["verdict"] != Verdict.HOLDS:
+            failures.append(f"verdict: {verdict_text(self.report)}")
+        for name, value_m, limit_m in (
+            ("RMS lateral error", self.lateral_error_rms_m, rms_m),
+            ("peak lateral error", self.lateral_error_peak_m, peak_m),
+            ("RMS deviation of the centre of gravity", self.cg_deviation_rms_m, cg_rms_m),
+            ("peak deviation of the centre of gravity", self.cg_deviation_peak_m, cg_peak_m),
+        ):
+            if limit_m is not None and self._was_driven and not value_m <= limit_m:
+                failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
+        if failures:
+            self._fail(*failures)
+
+    def assert_round_trip(self, *, p99_ms: float) -> None:
+        """Demand that 99 % of the commands were applied and reported within this time [ms].
+
+        Measured in the log, from a STEERING_COMMAND to the first STEERING_STATUS that names it.
+        """
+        latency = analyse_files([self.files.candump_log]).analysis.figures()["latency"]
+        figures = latency["round_trip"]
+        measured_ms = 1e3 * figures["p99_s"]
+        if not figures["samples"]:
+            self._fail("no STEERING_STATUS names a STEERING_COMMAND")
+        elif measured_ms > p99_ms:
+            self._fail(
+                f"round trip p99 {measured_ms:.1f} ms of {figures['samples']} commands is above "
+                f"{p99_ms:g} ms"
+            )
+
+    def assert_detects(self, fault: str, *, within_ms: float) -> None:
+        """Demand that the controller reacted to a fault of the measurements in time [ms].
+
+        The fault begins with the first LATERAL_ERROR that is damaged, repeated, out of sequence or
+        late on the bus. The reaction is the first STEERING_COMMAND whose mode is not ACTIVE, or the
+        end of the commands.
+
+        ``fault``  name for the failure's text
+        """
+        found = self.detection()
+        if found.onset_ns is None:
+            self._fail(f"{fault}: no LATERAL_ERROR on the bus shows the fault")
+        elif found.reaction_ns is None:
+            self._fail(f"{fault}: not detected: the controller commanded on in mode ACTIVE")
+        elif found.reaction_ns - found.onset_ns > within_ms * NS_PER_MS:
+            took_ms = (found.reaction_ns - found.onset_ns) / NS_PER_MS
+            self._fail(f"{fault}: detected after {took_ms:.1f} ms, later than {within_ms:g} ms")
+
+    def detection(self) -> Detection:
+        """Return when a fault began on the bus and when the controller reacted."""
+        log = open_log(self.files.candump_log)
+        decoded = ((time_ns, decode(frame)) for time_ns, _, frame in log if time_ns is not None)
+        measurements_and_commands = (
+            (time_ns, one)
+            for time_ns, one in decoded
+            if isinstance(one, Rejection)
+            or isinstance(one.message, LateralError | SteeringCommand | SteeringPlan)
+        )
+        return first_reaction(measurements_and_commands, self.settings.sensor_period_ns)
+
+    def draw(self) -> Path:
+        """Draw both deviations and the wheel angle into the run's folder; returns the file."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.0, 4.5), layout="constrained", dpi=100)
+        error, wheel = figure.subplots(2, 1, sharex=True)
+        trace = self.trace
+        error.plot(trace.time_s, 1e3 * trace.lateral_error_m, label="preview point")
+        error.plot(trace.time_s, 1e3 * trace.cg_deviation_m, label="centre of gravity")
+        error.legend()
+        error.set(ylabel="off the path [mm]", title=f"{self.bus}, seed {self.settings.seed}")
+        wheel.plot(trace.time_s, trace.wheel_angle_rad)
+        wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
+        file = self.files.folder / "run.png"
+        figure.savefig(file)
+        return file
+
+    @property
+    def _was_driven(self) -> bool:
+        return len(self.trace.time_s) > 0
+
+    def _incomplete(self) -> Iterator[str]:
+        if not self._was_driven:
+            yield "the plant was never driven: no valid STEERING_COMMAND arrived"
+        elif self.report["motion_s"] < self.settings.duration_s - 1e-3:
+            yield f"the motion ended after {self.report['motion_s']:.2f} s"
+        if self.report["safety"]["fallbacks"]:
+            silence_s = self.report["safety"]["longest_silence_s"]
+            yield f"the plant fell back: for {silence_s:.2f} s it believed no command"
+        if self.report["failure"]:
+            yield f"the plant is in its safe state: {self.report['failure']}"
+
+    def _fail(self, *failures: str) -> NoReturn:
+        causes = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())
+        rejected = f"the plant rejected: {causes or 'nothing'}"
+        lines = [
+            *([self.ending] if self.ending else []),
+            *failures,
+            f"on {self.bus}, seed {self.settings.seed}; {rejected}",
+            f"log, trace and settings: {self.files.folder}",
+        ]
+        raise AssertionError("\n".join(lines))
+
+
+def _rms(deviations_m: FloatArray) -> float:
+    return rms(deviations_m) if len(deviations_m) else float("nan")
+
+
+def _peak(deviations_m: FloatArray) -> float:
+    return float(np.max(np.abs(deviations_m))) if len(deviations_m) else float("nan")

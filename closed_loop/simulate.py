@@ -1,0 +1,225 @@
+"""Runs plant emulator and controller together from Python; the result is arrays.
+
+>>> import steer_by_wire
+>>> run = steer_by_wire.simulate(duration_s=5.0, overrides={"plant.latency.downlink.mean_s": 0.08})
+>>> run.plant.lateral_error_m.shape
+(500,)
+>>> f"{1e3 * run.lateral_error_rms_m:.1f} mm"
+'12.3 mm'
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, TypeVar, get_args
+
+from ..controller.settings import PRESETS as CONTROLLER_PRESETS
+from ..controller.settings import ControllerSettings
+from ..controller.settings import shared_vehicle as nominal_vehicle
+from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
+from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.settings import shared_vehicle as plant_vehicle
+from ..runtime.bus_model.settings import BusSettings
+from ..runtime.command_line import installation
+from ..runtime.node.node import NEVER_NS, NS_PER_S
+from ..runtime.settings.settings import (
+    Settings,
+    SettingsError,
+    SharedTable,
+    load_settings,
+    preset_names,
+    read_preset,
+    with_values,
+)
+from .run import Run
+from .run_tables import ControllerTable, PlantTable
+
+Engine = Literal["virtual", "compiled"]
+NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
+START_S_MAX = 60
+"""How long in virtual time a plant waits for its first command before the network is assumed to
+lose every frame."""
+
+_SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
+    {
+        PlantSettings: ("plant", PLANT_PRESETS),
+        ControllerSettings: ("controller", CONTROLLER_PRESETS),
+    }
+)
+"""What the settings of each side are called, and the package with its presets."""
+
+S = TypeVar("S", bound=Settings)
+
+
+def plant_presets() -> list[str]:
+    """Return the names of the plants that are shipped.
+
+    >>> plant_presets()[-2:]
+    ['paper_nominal', 'paper_nominal_as_printed']
+    """
+    return preset_names(PLANT_PRESETS)
+
+
+def controller_presets() -> list[str]:
+    """Return the names of the controllers that are shipped.
+
+    >>> "practical_predictor" in controller_presets()
+    True
+    """
+    return preset_names(CONTROLLER_PRESETS)
+
+
+def simulate(
+    plant: str | Path | PlantSettings = "paper_nominal",
+    controller: str | Path | ControllerSettings = "practical_pd_ddob",
+    *,
+    vehicle: str | Path | None = None,
+    seed: int | None = None,
+    duration_s: float | None = None,
+    law: str | None = None,
+    overrides: Mapping[str, Any] = NO_OVERRIDES,
+    engine: Engine = "virtual",
+    bus: str | Path | Mapping[str, Any] | BusSettings | None = None,
+) -> Run:
+    """Run both programs' nodes to the end of the motion.
+
+    ``plant``, ``controller``  name of a preset, settings file (a path, or a text that ends with
+                               .toml), or settings
+    ``vehicle``       file whose [vehicle] both take instead of their own, as ``design`` reads it
+    ``seed``, ``duration_s``   of the plant; None keeps what its settings say
+    ``law``           of the controller; None keeps what its settings say
+    ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``
+    ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
+                      as fast after a first run that compiles, in fewer columns (``Run``)
+    ``bus``           between the nodes of a virtual run: settings, a file of them as ``run
+                      --bus-settings`` takes it, or values by key, as ``{"load": 0.7}``; None:
+                      frames take no time on the wire
+
+    Raises SettingsError, a ValueError, with one line for each mistake, and ValueError where a run
+    cannot be computed.
+
+    >>> simulate(overrides={"plant.actuator.lag_s": -1.0})
+    Traceback (most recent call last):
+    steer_by_wire.runtime.settings.settings.SettingsError: overrides of plant: actuator.lag_s = -1.0 should \
+be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
+    """
+    own = {"plant.seed": seed, "plant.duration_s": duration_s, "controller.law": law}
+    given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
+    values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
+    for key, value in given.items():
+        side, _, name = key.partition(".")
+        if side not in values or not name:
+            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
+        values[side][name] = value
+    file = None if vehicle is None else Path(vehicle)
+    of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
+    settings = (
+        settings_of(PlantSettings, plant, values["plant"], of_plant),
+        settings_of(ControllerSettings, controller, values["controller"], of_controller),
+    )
+    if engine not in get_args(Engine):
+        known = ", ".join(get_args(Engine))
+        raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
+    if engine == "virtual":
+        return _run_virtual(*settings, None if bus is None else _bus_settings(bus))
+    if bus is not None:
+        raise SettingsError("bus: in a compiled run frames take no time on the wire")
+    return _run_compiled(*settings)
+
+
+def settings_of(
+    model: type[S],
+    given: str | Path | S,
+    values: Mapping[str, Any],
+    shared: SharedTable | None = None,
+) -> S:
+    """Return the settings of one side, plant or controller, as ``simulate`` takes them.
+
+    ``values``  overrides, by ``table.key``
+    ``shared``  table of the vehicle's file, in place of the same of a preset or file
+
+    Raises SettingsError.
+    """
+    side, presets = _SIDES[model]
+    if isinstance(given, model):
+        if shared is not None:
+            raise SettingsError(f"vehicle and {side} of type {model.__name__}: give one of the two")
+        settings = given
+    elif isinstance(given, Path) or (isinstance(given, str) and given.endswith(".toml")):
+        settings = load_settings(model, file=Path(given), shared=shared)
+    elif isinstance(given, str):
+        settings = load_settings(model, read_preset(presets, given), shared=shared)
+    else:
+        raise SettingsError(
+            f"{side} is of type {type(given).__name__} (allowed: name of a preset, path of a"
+            f" settings file, {model.__name__})"
+        )
+    return with_values(settings, values, f"overrides of {side}") if values else settings
+
+
+def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:
+    if isinstance(given, BusSettings):
+        return given
+    if isinstance(given, Mapping):
+        return with_values(BusSettings(), given, "bus")
+    return load_settings(BusSettings, file=Path(given))
+
+
+def _run_virtual(
+    plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
+) -> Run:
+    from ..runtime.bus_model.transmit_queue import BusOverflowError
+    from .bus import virtual_wire, with_clocks
+    from .virtual import make_virtual_pair, run_virtual_nodes
+
+    # One period more than the motion: the last tick falls on the instant of the last sample.
+    pair = make_virtual_pair(
+        plant,
+        controller,
+        plant.duration_ns // plant.sensor_period_ns + 2,
+        (plant.duration_ns + START_S_MAX * NS_PER_S) // controller.period_ns + 2,
+    )
+    seconds = iter(range(START_S_MAX))
+    try:
+        run_virtual_nodes(
+            *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
+            None if bus is None else virtual_wire(bus, plant.seed),
+            None,
+            lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
+        )
+    except BusOverflowError as error:
+        raise ValueError(f"bus: its bit rate is too low: {error}") from error
+    if pair.plant.motion_start_ns == NEVER_NS:
+        raise ValueError(f"no command reached the plant within {START_S_MAX} s of the start")
+    plant_report, controller_report = dict(pair.edge.report()), dict(pair.controller.report())
+    return Run(
+        plant=PlantTable.of_samples(pair.plant.samples),
+        controller=ControllerTable.of_samples(pair.controller.samples, pair.plant.motion_start_ns),
+        plant_settings=plant,
+        controller_settings=controller,
+        plant_report=plant_report,
+        controller_report=controller_report,
+        engine="virtual",
+        outcome=plant_report["failure"] or controller_report["failure"] or "complete",
+    )
+
+
+def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
+    try:
+        from .compiled.engine import run_batch
+    except ImportError as error:
+        raise ValueError(
+            f"engine = 'compiled' needs {error.name}: {installation(str(error.name))}"
+        ) from error
+
+    batch = run_batch(plant, controller)
+    return Run(
+        plant=PlantTable.of_batch(batch),
+        controller=ControllerTable.of_batch(batch),
+        plant_settings=plant,
+        controller_settings=controller,
+        plant_report={},
+        controller_report={},
+        engine="compiled",
+        outcome=str(batch.outcome),
+    )

@@ -1,0 +1,129 @@
+"""The settings that every run of a study starts from, as tables with all keys that have a value."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...controller.settings import PRESETS as CONTROLLER_PRESETS
+from ...controller.settings import ControllerSettings
+from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.settings import shared_vehicle as plant_vehicle
+from ...plant_emulator.vehicle.rig_settings import EllipseSettings
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.settings.settings import (
+    COMMAND_LINE,
+    Settings,
+    SettingsError,
+    SharedTable,
+    load_settings,
+    read_preset,
+)
+from .study_file import BaseSettings
+
+Tables = Mapping[str, Any]
+NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
+    "paper_ellipse": EllipseSettings().model_dump(),
+    "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
+}
+"""The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
+
+
+def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:
+    """Return the tables of the plant; raises SettingsError naming the study ``file``."""
+    below = folder / base.plant_file if base.plant_file else None
+    vehicle = folder / base.vehicle if base.vehicle else None
+    if _is_missing(below, vehicle) and (stored := _stored(folder).get("plant")) is not None:
+        return dict(stored)
+    preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
+    tables = dict(base.plant)
+    if "path" in tables:
+        tables["path"] = named_path(tables["path"])
+    shared = plant_vehicle(vehicle)
+    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant", shared)
+
+
+def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
+    """Return the tables of a controller by its name in the study file; raises SettingsError."""
+    below = folder / name if name.endswith(".toml") else None
+    vehicle = folder / base.vehicle if base.vehicle else None
+    if _is_missing(below, vehicle):
+        stored = _stored(folder).get("controllers", {}).get(name)
+        if stored is not None:
+            return dict(stored)
+    preset = None if below else read_preset(CONTROLLER_PRESETS, name)
+    where = f"{file}: base.controller"
+    shared = nominal_vehicle(vehicle)
+    return _checked(ControllerSettings, preset, below, base.controller, where, shared)
+
+
+def bus_tables(base: BaseSettings, file: str) -> Tables:
+    """Return the tables of the bus; raises SettingsError naming the study ``file``."""
+    return _checked(BusSettings, None, None, base.bus or {}, f"{file}: base.bus", None)
+
+
+def _is_missing(*files: Path | None) -> bool:
+    return any(file is not None and not file.exists() for file in files)
+
+
+def _stored(folder: Path) -> Mapping[str, Any]:
+    """Return the content of study.json if the study file lies beside its results: the files that
+    it names have stayed at their old places.
+    """
+    try:
+        stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
+
+
+def _checked(
+    model: type[Settings],
+    preset: Any,
+    below: Path | None,
+    tables: Tables,
+    where: str,
+    shared: SharedTable | None,
+) -> Tables:
+    """Return settings with ``tables`` on top; a mistake in these names ``where`` they stand."""
+    overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
+    try:
+        settings = load_settings(model, preset, below, overrides, shared)
+    except SettingsError as error:
+        raise SettingsError(
+            *(
+                where + line.removeprefix(COMMAND_LINE) if line.startswith(COMMAND_LINE) else line
+                for line in error.mistakes
+            )
+        ) from error
+    dumped: dict[str, Any] = settings.model_dump(mode="json", exclude_none=True)
+    return dumped
+
+
+def leaves(tables: Tables, path: str = "", whole: str | None = None) -> list[tuple[str, Any]]:
+    """Return the values of nested tables by dotted key; an empty table is a value.
+
+    ``whole``  a table with this key is one, too
+    """
+    found: list[tuple[str, Any]] = []
+    for key, value in tables.items():
+        dotted = f"{path}.{key}" if path else key
+        is_table = isinstance(value, dict) and value and whole not in value
+        found += leaves(value, dotted, whole) if is_table else [(dotted, value)]
+    return found
+
+
+def named_path(value: Any) -> Any:
+    """Return a path by its name, or by its kind with that kind's own measures."""
+    return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML; JSON is valid TOML, except for tables inside lists."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)

@@ -1,0 +1,235 @@
+"""Computes scenarios, in a thread or on another machine.
+
+What runs can share is made once and kept: all runs that differ only in law, vehicle or path share
+one network; controllers, vehicles and paths are cached where they are made. Each run then costs the
+compiled loop and the compiled figures only, which need no lock.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
+from ...plant_emulator.network.latency import Distribution
+from ...plant_emulator.network.random_streams import Channel
+from ...plant_emulator.network.settings import LatencySettings, Order
+from ...plant_emulator.node.sampling import samples_per_vehicle_state
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.records import BoolArray, FloatArray, IntArray
+from ...runtime.settings.settings import SettingsError
+from ..compiled.engine import Outcome, run_batch
+from ..compiled.network import Frames, passages
+from ..compiled.schedule import NothingArrivesError, Plan, plan_run
+from .figures import CG_STRIDE, COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
+from .on_nodes import run_on_nodes
+from .scenario import Pair, Scenarios
+from .verdict import rules_of
+
+PLANS_KEPT = 64
+"""Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""
+
+_ENDS = {
+    Outcome.COMPLETE: RunEnd.COMPLETE,
+    Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE,
+    Outcome.LAW_FAILED: RunEnd.LAW_FAILED,
+}
+
+
+class Losses(NamedTuple):
+    """Numbers of lost frames.
+
+    ``commands``      shape (ticks + 1,), of those of the first ticks
+    ``measurements``  shape (samples + 1,), of those of the first samples: of all messages
+    """
+
+    commands: IntArray
+    measurements: IntArray
+
+
+def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
+    """Return what is lost in a run; overtaken frames are not counted.
+
+    The latency lines draw losses from a stream of their own, independent of the latencies. So the
+    frames that come through a line with the same losses and no latency are those that are not lost.
+    """
+    latency = plant.latency
+    losses = Losses(
+        np.zeros(len(plan.tick_ns) + 1, dtype=np.int64),
+        np.zeros(len(plan.sample_ns) + 1, dtype=np.int64),
+    )
+    if _may_lose(latency.downlink):
+        lost = _lost(latency.downlink, plant.seed, Channel.DOWNLINK, plan.tick_ns, plan)
+        losses.commands[1:] = np.cumsum(lost)
+    if _may_lose(latency.uplink):
+        messages = np.full(len(plan.sample_ns), 2)
+        messages[:: samples_per_vehicle_state(plant.sensor_period_ns)] = 3
+        came_ns = np.repeat(plan.sample_ns, messages)
+        lost = _lost(latency.uplink, plant.seed, Channel.UPLINK, came_ns, plan)
+        losses.measurements[1:] = np.cumsum(lost)[np.cumsum(messages) - 1]
+    return losses
+
+
+def _may_lose(line: LatencySettings) -> bool:
+    return line.loss > 0.0 or line.burst_frames is not None or any(p.loss for p in line.schedule)
+
+
+def _lost(
+    line: LatencySettings, seed: int, channel: Channel, came_ns: IntArray, plan: Plan
+) -> BoolArray:
+    bare = line.model_copy(
+        update={
+            "model": Distribution.CONSTANT,
+            "mean_s": 0.0,
+            "spread_s": 0.0,
+            "correlation_time_s": 0.0,
+            "duplicates": 0.0,
+            "order": Order.AS_ARRIVES,
+            "trace_file": None,
+            "schedule": tuple(
+                point.model_copy(update={"mean_s": 0.0, "spread_s": 0.0}) for point in line.schedule
+            ),
+        }
+    )
+    frames = Frames(
+        came_ns,
+        np.maximum(came_ns - plan.motion_start_ns, 0),
+        np.ones(len(came_ns), dtype=np.bool_),
+    )
+    lost = np.ones(len(came_ns), dtype=np.bool_)
+    lost[passages(bare, seed, channel, channel, frames).frame] = False
+    return lost
+
+
+class Computed(NamedTuple):
+    """Runs that are done.
+
+    ``ids``      shape (runs,)
+    ``ends``     shape (runs,), places in ``RUN_ENDS``
+    ``figures``  shape (runs, len(COLUMNS))
+    """
+
+    ids: IntArray
+    ends: IntArray
+    figures: FloatArray
+
+
+class Network(NamedTuple):
+    """What the network does to a run.
+
+    ``latency``  the latency figures of a run, keyed by what decides the commands in effect: the
+                 steering's safety settings, the number of samples, and the command in effect at the
+                 last, which shows whether the steering has gone to its safe state
+    """
+
+    plan: Plan
+    losses: Losses
+    latency: dict[Hashable, LatencyFigures]
+
+
+class Computer:
+    """Computes runs of one study; threads may share it."""
+
+    def __init__(self, scenarios: Scenarios) -> None:
+        self.scenarios = scenarios
+        self._networks: OrderedDict[Hashable, Network] = OrderedDict()
+        self._lock = Lock()
+
+    def compute(self, ids: Sequence[int], should_stop: Callable[[], bool]) -> Computed:
+        """Return the runs ``ids``, in rising order; fewer if it should stop."""
+        ends = np.zeros(len(ids), dtype=np.int64)
+        figures = np.full((len(ids), len(COLUMNS)), np.nan)
+        controllers = self.scenarios.controllers
+        known, case, plant = -1, None, None
+        done = 0
+        for run in ids:
+            if should_stop():
+                break
+            index, place = divmod(run, len(controllers))
+            if case is None or plant is None or index != known:
+                known, case = index, self.scenarios.case(index)
+                plant = self.scenarios.plant(case)
+            controller = self.scenarios.controller(case, controllers[place])
+            try:
+                if self.scenarios.study.bus is None:
+                    end = self.one(plant, controller, figures[done])
+                else:
+                    pair = self.scenarios.checked(case, controllers[place])
+                    end = self.run(pair, figures[done])
+            except SettingsError as error:
+                raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
+            except Exception as error:
+                error.add_note(f"run {run} of the study")
+                raise
+            ends[done] = RUN_ENDS.index(end)
+            done += 1
+        return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
+
+    def run(self, pair: Pair, row: FloatArray) -> RunEnd:
+        """Write the results of one run into ``row``: compiled, or over its bus by the nodes."""
+        if pair.bus is None:
+            return self.one(pair.plant, pair.controller, row)
+        return run_on_nodes(pair, pair.bus, self.scenarios.study.settings.verdict, row)
+
+    def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
+        """Write the results of one compiled run into ``row``, shape (len(COLUMNS),)."""
+        try:
+            network = self.network(plant, controller)
+        except NothingArrivesError:
+            row[-len(COUNTS) :] = 0.0
+            return RunEnd.NO_START
+        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
+        in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
+        known = network.latency.get(in_effect)
+        if known is None:
+            known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
+        rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
+        cg_m, figures = run.cg_deviation_at_every_m(CG_STRIDE), row[: -len(COUNTS)]
+        take_figures(rules, run.time_s, run.lateral_error_m, cg_m, run.sent_rad, known, figures)
+        samples, ticks = len(run.time_s), len(run.tick_s)
+        plan = network.plan
+        taken = samples + _samples_before_motion(plant, plan)
+        row[-len(COUNTS) :] = (
+            samples,
+            ticks,
+            _acted(plan, ticks, taken),
+            network.losses.commands[ticks],
+            network.losses.measurements[taken],
+        )
+        return _ENDS[run.outcome]
+
+    def network(self, plant: PlantSettings, controller: ControllerSettings) -> Network:
+        """Return what the network does to a run; cached for runs with the same network."""
+        key = (
+            *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
+            *(plant.start_on_first_command, plant.sensor_noise.lateral_error_m),
+            *(controller.period_ns, controller.supervision),
+        )
+        with self._lock:
+            found = self._networks.get(key)
+            if found is not None:
+                self._networks.move_to_end(key)
+                return found
+        plan = plan_run(plant, controller)
+        made = Network(plan, losses_of(plant, plan), {})
+        with self._lock:
+            self._networks[key] = made
+            while len(self._networks) > PLANS_KEPT:
+                self._networks.popitem(last=False)
+        return made
+
+
+def _samples_before_motion(plant: PlantSettings, plan: Plan) -> int:
+    start_ns = plan.motion_start_ns + plant.start_on_first_command
+    return int(np.searchsorted(plan.sample_ns, start_ns))
+
+
+def _acted(plan: Plan, ticks: int, samples: int) -> int:
+    """Return how many commands of the first ticks reached the actuator by the last sample."""
+    if samples == 0:
+        return 0
+    in_time = plan.command_due_ns <= plan.sample_ns[samples - 1]
+    return int(np.count_nonzero(in_time & (plan.command_tick < ticks)))

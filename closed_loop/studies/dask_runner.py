@@ -1,0 +1,109 @@
+"""Many machines, through dask.distributed: the same blocks, the same results.
+
+Workers need this package in the same version, and waypoint and trace files of the same names.
+"""
+
+import importlib
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import islice
+from typing import Any
+
+from ...runtime.command_line import installation
+from ...runtime.program.program import handled
+from ...runtime.settings.settings import SettingsError
+from .compute import Computed
+from .runner import (
+    NOTHING,
+    PATIENCE_S,
+    WAITING_PER_WORKER,
+    Block,
+    ShouldStop,
+    compute_block,
+    payload_of,
+)
+from .study import Study
+
+CONNECT_S = 20.0
+
+
+class DaskWorkers:
+    """Workers of a scheduler."""
+
+    def __init__(self, client: Any, study: Study, description: str) -> None:
+        self._client = client
+        self._payload = payload_of(study)
+        self._wait = importlib.import_module("distributed").wait
+        self.description = description
+
+    @property
+    def count(self) -> int:
+        """How many compute at the same time."""
+        return max(1, sum(int(threads) for threads in self._client.nthreads().values()))
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield what is done."""
+        source = iter(blocks)
+        waiting: set[Any] = set()
+        while True:
+            free = self.count * WAITING_PER_WORKER - len(waiting)
+            fresh = [] if should_stop() else islice(source, max(free, 0))
+            waiting |= {
+                self._client.submit(compute_block, self._payload, block, pure=False)
+                for block in fresh
+            }
+            if not waiting:
+                return
+            try:
+                done, waiting = self._wait(waiting, PATIENCE_S, "FIRST_COMPLETED")
+            except TimeoutError:
+                yield NOTHING
+                continue
+            for future in done:
+                yield self._result(future)
+
+    def _result(self, future: Any) -> Computed:
+        """Return the result of a block; raises the worker's error, OSError if there is no
+        result."""
+        if future.status == "finished":
+            computed: Computed = future.result()
+            return computed
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, SettingsError):
+            raise error
+        reason = ": ".join([*getattr(error, "__notes__", ()), str(error or future.status)])
+        raise OSError(f"{self.description} have failed: {reason}")
+
+
+@contextmanager
+def dask_workers(study: Study, address: str | None, workers: int | None) -> Iterator[DaskWorkers]:
+    """Join a scheduler, or start ``workers`` processes on this machine, until the block ends.
+
+    Raises SettingsError where distributed is missing or no scheduler answers.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError as error:
+        raise SettingsError(
+            "--scheduler and --workers need dask.distributed:"
+            f" {installation('pyarrow', 'distributed')}"
+        ) from error
+    with ExitStack() as stack:
+        if address is None:
+            # They ignore Ctrl-C, which a terminal sends to all: they finish their current block,
+            # and the study ends them.
+            with handled(signal.SIGINT, signal.SIG_IGN):
+                cluster = distributed.LocalCluster(
+                    n_workers=workers, threads_per_worker=1, dashboard_address=None
+                )
+            stack.enter_context(cluster)
+            client = stack.enter_context(distributed.Client(cluster))
+            description = f"{workers} processes through dask"
+        else:
+            try:
+                client = stack.enter_context(distributed.Client(address, timeout=CONNECT_S))
+            except (OSError, ValueError) as error:
+                raise SettingsError(f"--scheduler {address}: nobody answers there") from error
+            description = f"the workers of {address}"
+        yield DaskWorkers(client, study, description)

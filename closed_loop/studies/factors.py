@@ -1,0 +1,208 @@
+"""Factors of a study: levels, or a quantile function, of what varies."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from ...runtime.settings.settings import SettingsError, read_preset
+from .base_tables import leaves, named_path
+from .study_file import (
+    DistributionSettings,
+    FactorSettings,
+    LogUniform,
+    Normal,
+    Shorthand,
+    Triangular,
+    Uniform,
+)
+
+PATH = "plant.path"
+CORNERS = ("a", "b", "c", "d")
+BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
+Label = bool | int | float | str
+
+
+class Level(NamedTuple):
+    """One value of a factor.
+
+    ``label``   its value in the results
+    ``values``  by dotted key, ``plant.vehicle.speed_m_s``
+    """
+
+    label: Label
+    values: tuple[tuple[str, Any], ...]
+
+
+class Factor(NamedTuple):
+    """A quantity that varies.
+
+    ``levels``    in order; None where ``quantile`` is given
+    ``quantile``  from u in (0, 1) to a value of the keys
+    ``is_endless``  whether the drawn values are unbounded
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    levels: tuple[Level, ...] | None
+    quantile: Callable[[float], float] | None
+    is_endless: bool = False
+
+    def sets(self, *places: str) -> bool:
+        """Whether a key of it begins with one of these."""
+        return any(key.startswith(places) for key in self.keys)
+
+    def at(self, u: float) -> Level:
+        """Return the level at the quantile u; listed levels are equally likely."""
+        if self.quantile is None:
+            levels = self.levels or ()
+            return levels[min(int(u * len(levels)), len(levels) - 1)]
+        value = self.quantile(u)
+        return Level(value, tuple((key, value) for key in self.keys))
+
+
+def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
+    """Return the factors that one table stands for.
+
+    ``is_grid``  whether every level is run; a range then has levels, else values are drawn from it
+    ``where``    the table, for the error message
+
+    Raises SettingsError.
+    """
+    if settings.use is Shorthand.PAPER_CORNERS:
+        return [_corners(settings.name or "corner")]
+    if settings.use is Shorthand.PAPER_BOX:
+        return _box(settings, is_grid, where)
+    if settings.levels is not None:
+        levels = tuple(
+            Level(label, tuple(_with_path(*leaf) for leaf in leaves(table, whole="kind")))
+            for label, table in settings.levels.items()
+        )
+        keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
+        return [Factor(settings.name or "level", keys, levels, None)]
+    keys = settings.keys or (settings.key or "",)
+    name = settings.name or keys[0].rpartition(".")[2]
+    if settings.values is not None:
+        levels = tuple(_level(value, keys) for value in settings.values)
+        if len({level.label for level in levels}) < len(levels):
+            raise SettingsError(f"{where}: values of factor {name} must differ from each other")
+        return [Factor(name, keys, levels, None)]
+    if settings.distribution is not None:
+        if is_grid:
+            raise SettingsError(
+                f"{where}: factor {name} has a distribution, which a grid has no points for: give "
+                "values or a range, or choose latin_hypercube or sobol in [sampling]"
+            )
+        drawn = settings.distribution
+        is_endless = isinstance(drawn, Normal) and (drawn.low is None or drawn.high is None)
+        return [Factor(name, keys, None, quantile_of(drawn), is_endless)]
+    return [_ranged(settings, name, keys, is_grid, where)]
+
+
+def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
+    """Return the quantile function of a distribution."""
+    match distribution:
+        case Uniform(low=low, high=high):
+            return lambda u: low + u * (high - low)
+        case LogUniform(low=low, high=high):
+            return lambda u: low * math.exp(u * math.log(high / low))
+        case Triangular(low=low, mode=mode, high=high):
+            return lambda u: _triangular(u, low, mode, high)
+        case Normal():
+            return _normal(distribution)
+
+
+def _triangular(u: float, low: float, mode: float, high: float) -> float:
+    if u * (high - low) < mode - low:
+        return low + math.sqrt(u * (high - low) * (mode - low))
+    return high - math.sqrt((1.0 - u) * (high - low) * (high - mode))
+
+
+def _normal(table: Normal) -> Callable[[float], float]:
+    from scipy.special import ndtr, ndtri
+
+    below, above = (
+        None if edge is None else float(ndtr((edge - table.mean) / table.spread))
+        for edge in (table.low, table.high)
+    )
+    first, last = below or 0.0, 1.0 if above is None else above
+
+    def quantile(u: float) -> float:
+        value = table.mean + table.spread * float(ndtri(first + u * (last - first)))
+        low = -math.inf if table.low is None else table.low
+        high = math.inf if table.high is None else table.high
+        return min(max(value, low), high)
+
+    return quantile
+
+
+def range_values(start: float, stop: float, step: float | None, count: int | None) -> list[float]:
+    """Return a range with both ends, without digits that are rounding errors."""
+    if step is not None:
+        intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
+        values = [start + index * step for index in range(intervals + 1)]
+    elif count in (None, 1):
+        values = [start] if count == 1 or start == stop else [start, stop]
+    else:
+        assert count is not None  # noqa: S101 - for the type checker
+        values = [start + (stop - start) * index / (count - 1) for index in range(count)]
+    return [float(f"{value:.12g}") for value in values]
+
+
+def _ranged(
+    settings: FactorSettings, name: str, keys: tuple[str, ...], is_grid: bool, where: str
+) -> Factor:
+    start, stop = settings.start or 0.0, settings.stop or 0.0
+    if settings.step is None and settings.count is None:
+        if is_grid and start < stop:
+            raise SettingsError(
+                f"{where}: the range of factor {name} needs step or count in a grid"
+            )
+        return Factor(name, keys, None, lambda u: start + u * (stop - start))
+    values = range_values(start, stop, settings.step, settings.count)
+    return Factor(name, keys, tuple(_level(value, keys) for value in values), None)
+
+
+def corner_vehicle(corner: str) -> Mapping[str, float]:
+    """Return speed and virtual mass of a corner of the paper's box, as its preset has them."""
+    import tomllib
+
+    preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
+    vehicle = tomllib.loads(preset.text)["vehicle"]
+    return {"speed_m_s": vehicle["speed_m_s"], "mass_kg": vehicle["virtual_mass_kg"]}
+
+
+def _corners(name: str) -> Factor:
+    levels = tuple(
+        Level(
+            corner, tuple((BOX_KEYS[what], value) for what, value in corner_vehicle(corner).items())
+        )
+        for corner in CORNERS
+    )
+    return Factor(name, tuple(BOX_KEYS.values()), levels, None)
+
+
+def _box(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
+    if is_grid and settings.count is None:
+        raise SettingsError(f"{where}: paper_box needs count in a grid, values a side")
+    corners = [corner_vehicle(corner) for corner in CORNERS]
+    factors = []
+    for what, key in BOX_KEYS.items():
+        ends = [corner[what] for corner in corners]
+        side = FactorSettings(key=key, start=min(ends), stop=max(ends), count=settings.count)
+        factors.append(_ranged(side, what, (key,), is_grid, where))
+    return factors
+
+
+def _level(value: Any, keys: tuple[str, ...]) -> Level:
+    return Level(_label(value), tuple(_with_path(key, value) for key in keys))
+
+
+def _with_path(key: str, value: Any) -> tuple[str, Any]:
+    return key, named_path(value) if key == PATH else value
+
+
+def _label(value: Any) -> Label:
+    """Return a value as the results show it: tables in one line."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key}={item}" for key, item in value.items())
+    return value if isinstance(value, bool | int | float) else str(value)

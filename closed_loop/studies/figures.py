@@ -1,0 +1,194 @@
+"""Figures of one run, in one pass of compiled code over its samples.
+
+    y    lateral error of the preview point, once a sensor period      [m]
+    w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
+    δ    command sent, once a control period                           [rad]
+
+Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
+the settling time of y in its band, the share of control periods in which a command was at its
+limits, and the latency of the commands in effect.
+
+At its end: the figures of ``plant_emulator.evaluation.error_windows``.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...plant_emulator.evaluation.error_windows import window_figures
+from ..compiled.compilation import compiled
+from ..compiled.steps import register
+
+FloatArray = NDArray[np.floating[Any]]
+"""The type that numpy's stubs give the product of two arrays of float64."""
+
+CG_STRIDE = 10
+"""The centre of gravity hardly moves in a sensor period; its deviation takes long to compute."""
+_TOLERANCE = 1e-9
+"""Tolerance for a command at its limit: the difference of two commands is rounded."""
+
+
+class Figures(NamedTuple):
+    """Figures of a run; NaN where there is none."""
+
+    duration_s: float
+    """Duration of the motion, up to the end of the run."""
+    rms_m: float
+    peak_m: float
+    final_m: float
+    settling_s: float
+    """Time from which the error stays in its band; NaN if it is outside at the end."""
+    mean_m: float
+    mean_before_m: float
+    drift_m_s: float
+    amplitude_m: float
+    amplitude_before_m: float
+    oscillation_rad_s: float
+    irregularity: float
+    end_peak_m: float
+    end_peak_before_m: float
+    steer_rms_rad: float
+    steer_peak_rad: float
+    steer_rate_rms_rad_s: float
+    limited_share: float
+    cg_rms_m: float
+    """Of the centre of gravity; all other figures of an error are the preview point's."""
+    cg_peak_m: float
+    latency_mean_s: float
+    """Of the command in effect, over the samples."""
+    latency_p99_s: float
+
+
+_END = Figures._fields.index("mean_m")
+"""Where ``WindowFigures`` begin."""
+COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
+COLUMNS = (*Figures._fields, *COUNTS)
+"""Columns of the results. The counts are whole numbers: samples since the start of motion, commands
+sent, commands that reached the actuator, and frames lost in each direction."""
+
+
+class LatencyFigures(NamedTuple):
+    """Of the command in effect, over the samples; NaN where there was none."""
+
+    mean_s: float
+    p99_s: float
+
+
+class FigureRules(NamedTuple):
+    """The rules by which the figures are computed."""
+
+    sensor_period_s: float
+    control_period_s: float
+    steer_rad_max: float
+    step_rad_max: float
+    window_s: float
+    settling_band_m: float
+
+
+def take_figures(
+    rules: FigureRules,
+    time_s: FloatArray,
+    lateral_error_m: FloatArray,
+    cg_deviation_m: FloatArray,
+    sent_rad: FloatArray,
+    latency: LatencyFigures,
+    row: FloatArray,
+) -> None:
+    """Write the figures of a run into ``row``, shape (len(Figures._fields),).
+
+    ``time_s``, ``lateral_error_m``  one per sensor period
+    ``cg_deviation_m``               one per CG_STRIDE of them
+    ``sent_rad``                     one command per control period
+    """
+    row[:] = math.nan
+    row[-2:] = latency
+    if len(time_s):
+        row[-4] = np.sqrt(np.mean(np.square(cg_deviation_m)))
+        row[-3] = np.max(np.abs(cg_deviation_m))
+        _figures(rules, time_s, lateral_error_m, sent_rad, row)
+
+
+def latency_figures(latency_s: FloatArray) -> LatencyFigures:
+    """Return mean and 99th percentile, the shortest latency that 99 % of the samples keep to.
+
+    ``latency_s``  of the command in effect at each sample; NaN before the first
+    """
+    known_s = latency_s[~np.isnan(latency_s)]
+    count = len(known_s)
+    if not count:
+        return LatencyFigures(math.nan, math.nan)
+    if known_s.min() == known_s.max():
+        return LatencyFigures(float(known_s[0]), float(known_s[0]))
+    rank = math.ceil(0.99 * count) - 1
+    return LatencyFigures(float(known_s.mean()), float(np.partition(known_s, rank)[rank]))
+
+
+def figures_of(
+    rules: FigureRules,
+    time_s: FloatArray,
+    lateral_error_m: FloatArray,
+    cg_deviation_m: FloatArray,
+    sent_rad: FloatArray,
+    latency_s: FloatArray,
+) -> Figures:
+    """Return the figures of one run."""
+    row = np.empty(len(Figures._fields))
+    latency = latency_figures(latency_s)
+    take_figures(rules, time_s, lateral_error_m, cg_deviation_m, sent_rad, latency, row)
+    return Figures(*row.tolist())
+
+
+register(window_figures)
+
+
+@compiled
+def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> None:
+    samples = len(time_s)
+    row[0] = time_s[samples - 1]
+    square, peak, outside = 0.0, 0.0, -1
+    for k in range(samples):
+        value = error_m[k]
+        square += value * value
+        magnitude = abs(value)
+        if magnitude > peak:
+            peak = magnitude
+        if magnitude > rules.settling_band_m:
+            outside = k
+    row[1] = math.sqrt(square / samples)
+    row[2] = peak
+    row[3] = error_m[samples - 1]
+    if outside < 0:
+        row[4] = 0.0
+    elif outside + 1 < samples:
+        row[4] = time_s[outside + 1]
+    window = round(rules.window_s / rules.sensor_period_s)
+    end = window_figures(error_m, window, rules.sensor_period_s)
+    for k in range(len(end)):
+        row[_END + k] = end[k]
+    _effort(rules, sent_rad, row)
+
+
+@compiled
+def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
+    """Write the figures of the commands; the first step counts from 0."""
+    if len(sent_rad) == 0:
+        return
+    square, peak, step_square, limited = 0.0, 0.0, 0.0, 0
+    angle_rad = rules.steer_rad_max * (1.0 - _TOLERANCE)
+    step_rad = rules.step_rad_max * (1.0 - _TOLERANCE)
+    previous = 0.0
+    for k in range(len(sent_rad)):
+        value = sent_rad[k]
+        step = value - previous
+        previous = value
+        square += value * value
+        step_square += step * step
+        peak = max(peak, abs(value))
+        if abs(value) >= angle_rad or abs(step) >= step_rad:
+            limited += 1
+    row[14] = math.sqrt(square / len(sent_rad))
+    row[15] = peak
+    row[16] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
+    row[17] = limited / len(sent_rad)

@@ -1,0 +1,83 @@
+"""Runs of a study over a bus: the two nodes in virtual time.
+
+Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, other
+people's traffic, errors and clocks, the nodes themselves run on it, some thousand times slower.
+"""
+
+from contextlib import suppress
+
+import numpy as np
+
+from ...dbc.messages import LateralError, limits
+from ...plant_emulator.evaluation.verdict import RunEnd, VerdictRules
+from ...runtime.bus_model.quiet_bus import QuietBus
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.bus_model.transmit_queue import BusOverflowError
+from ...runtime.node.virtual_time import Wire
+from ...runtime.records import FloatArray
+from ..bus import virtual_bus, with_clocks
+from ..result import Trace
+from ..virtual import VirtualPair, make_virtual_pair, run_virtual_nodes
+from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of
+from .scenario import Pair
+from .verdict import rules_of
+
+TICKS_MAX = 10_000_000
+
+
+def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
+    """Write the results of one run into ``row``, shape (len(COLUMNS),).
+
+    The noise and the traffic are drawn from the plant's seed. Raises SettingsError.
+    """
+    made = _ran(pair, bus)
+    trace, report = Trace.of_node(made.plant), made.plant.report()
+    if not len(trace.time_s) or not report["downlink"]["released"]:
+        row[-len(COUNTS) :] = 0.0
+        return RunEnd.NO_START
+    has_left, samples = range_left(trace)
+    sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
+    run_rules = rules_of(rules, pair.plant, pair.controller)
+    row[: len(Figures._fields)] = figures_of_trace(run_rules, trace, samples, sent_rad)
+    downlink, uplink = report["downlink"], report["uplink"]
+    lost = downlink["lost"], uplink["lost"]
+    row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
+    if has_left:
+        return RunEnd.LEFT_RANGE
+    return RunEnd.LAW_FAILED if made.controller.report()["failure"] else RunEnd.COMPLETE
+
+
+def range_left(trace: Trace) -> tuple[bool, int]:
+    """Return whether the error left the range of the wire, and how many samples there are to it."""
+    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
+    has_left = bool(outside.any())
+    return has_left, int(np.argmax(outside)) + 1 if has_left else len(outside)
+
+
+def figures_of_trace(
+    rules: FigureRules, trace: Trace, samples: int, sent_rad: FloatArray
+) -> Figures:
+    """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
+    return figures_of(
+        rules,
+        np.ascontiguousarray(trace.time_s[:samples]),
+        np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        trace.cg_deviation_m[:samples:CG_STRIDE],
+        sent_rad,
+        trace.downlink_latency_s[:samples],
+    )
+
+
+def _ran(pair: Pair, bus: BusSettings) -> VirtualPair:
+    """Return both nodes after their run over a bus."""
+    if not (bus.has_traffic or bus.has_errors):
+        with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
+            return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
+    return _ran_over(virtual_bus(bus, pair.plant.seed), pair, bus)
+
+
+def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> VirtualPair:
+    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
+    nodes = with_clocks(made.edge, made.controller, bus)
+    run_virtual_nodes(*nodes, wire, None, lambda: False)
+    return made

@@ -1,0 +1,257 @@
+"""A scenario: the settings of plant and controller, and nothing else, so that it can be repeated.
+
+The values of the factors are laid over the settings that every run starts from. One key of each
+direction is no setting itself: ``plant.latency.downlink.spread_fraction`` is spread_s as a share of
+mean_s; where it is 0 the model becomes constant.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from ...controller.laws.design import design_law
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.settings.mistakes import KeyPath, explain, schema_of
+from ...runtime.settings.settings import Settings, SettingsError
+from .base_tables import Tables
+from .factors import Label
+from .sampling import replicate_seed
+from .study import Study
+
+FRACTION = ".spread_fraction"
+FRACTION_MAX = 100.0
+DESIGNED_MAX = 100
+CHECKED_MAX = 20_000
+"""Scenarios whose settings are checked before a study starts; others are checked when run."""
+
+
+class Pair(Settings):
+    """The settings of both programs, and of their bus where a study has one."""
+
+    plant: PlantSettings
+    controller: ControllerSettings
+    bus: BusSettings | None = None
+
+
+class Case(NamedTuple):
+    """What the runs of all controllers share at one point and replicate.
+
+    ``labels``     of the factors' levels
+    ``overrides``  what differs from the base, by dotted key
+    """
+
+    point: int
+    replicate: int
+    seed: int
+    labels: tuple[Label, ...]
+    overrides: Mapping[str, Any]
+
+
+class Scenarios:
+    """The scenarios of a study, made one at a time."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.controllers = tuple(study.controllers)
+        self._controllers: dict[tuple[str, str], ControllerSettings] = {}
+        self.shortest_s = math.inf
+        """The shortest run that ``check`` has met."""
+
+    def case(self, index: int) -> Case:
+        """Return one case; the id of its first run is ``index`` times the controllers."""
+        sampling = self.study.settings.sampling
+        point, replicate = divmod(index, sampling.replicates)
+        seed = replicate_seed(sampling.seed, replicate)
+        levels = self.study.design.point(point)
+        values = dict(pair for level in levels for pair in level.values)
+        overrides = _settings_keys(values, self.study.plant)
+        overrides["plant.seed"] = seed
+        return Case(point, replicate, seed, tuple(level.label for level in levels), overrides)
+
+    def plant(self, case: Case) -> PlantSettings:
+        """Return the plant's settings; raises SettingsError."""
+        tables = _laid_over(self.study.plant, case.overrides, "plant.")
+        try:
+            return PlantSettings.model_validate_json(json.dumps(tables), strict=True)
+        except ValidationError as error:
+            raise self._mistake(case, self.controllers[0]) from error
+
+    def controller(self, case: Case, name: str) -> ControllerSettings:
+        """Return the settings of a controller; raises SettingsError."""
+        own = {key: value for key, value in case.overrides.items() if key.startswith("controller.")}
+        known = (name, json.dumps(own) if own else "")
+        found = self._controllers.get(known)
+        if found is None:
+            tables = _laid_over(self.study.controllers[name], own, "controller.")
+            try:
+                found = ControllerSettings.model_validate_json(json.dumps(tables), strict=True)
+            except ValidationError as error:
+                raise self._mistake(case, name) from error
+            if len(self._controllers) >= 1000:
+                self._controllers.clear()
+            self._controllers[known] = found
+        return found
+
+    def pair(self, run: int) -> Pair:
+        """Return the settings of a run by its id, checked strictly; raises SettingsError."""
+        index, place = divmod(run, len(self.controllers))
+        return self.checked(self.case(index), self.controllers[place])
+
+    def checked(self, case: Case, name: str) -> Pair:
+        """Return the settings of a case, with types checked as strictly as in a settings file."""
+        study = self.study
+        tables = _pair_tables(study.plant, study.controllers[name], study.bus, case.overrides)
+        try:
+            return Pair.model_validate_json(json.dumps(tables), strict=True)
+        except ValidationError as error:
+            sources: dict[KeyPath, str] = {(): f"{self.study.file}: base"}
+            for factor in self.study.design.factors:
+                for key in factor.keys:
+                    path = tuple(key.replace("spread_fraction", "spread_s").split("."))
+                    sources[path] = f"{self.study.file}: factor {factor.name}"
+            mistakes = explain(error, schema_of(Pair), tables, sources)
+            raise SettingsError(*dict.fromkeys(mistakes)) from error
+
+    def check(self) -> None:
+        """Check the scenarios, in a very long study only a part; raises SettingsError.
+
+        The first DESIGNED_MAX controllers are designed, so that one without gains is refused before
+        anything is run.
+        """
+        self._check_keys()
+        self._check_fractions()
+        cases = self.study.cases
+        seen = set()
+        designed: set[ControllerSettings] = set()
+        stride = max(1, cases // CHECKED_MAX)
+        for index in (*range(0, cases, stride), cases - 1):
+            case = self.case(index)
+            if case.point not in seen:
+                seen.add(case.point)
+                self.shortest_s = min(self.shortest_s, self.plant(case).duration_s)
+                if self.study.bus is not None:
+                    self.checked(case, self.controllers[0])
+                for name in self.controllers:
+                    controller = self.controller(case, name)
+                    if controller not in designed and len(designed) < DESIGNED_MAX:
+                        designed.add(controller)
+                        self._check_design(controller, name)
+
+    def _check_design(self, controller: ControllerSettings, name: str) -> None:
+        try:
+            design_law(controller)
+        except SettingsError as error:
+            raise SettingsError(
+                *(f"{self.study.file}: controller {name}: {line}" for line in error.mistakes)
+            ) from error
+
+    def _check_keys(self) -> None:
+        for factor in self.study.design.factors:
+            for key in factor.keys:
+                if not key.startswith(("plant.", "controller.", "bus.")):
+                    raise SettingsError(
+                        f"{self.study.file}: factor {factor.name}: key {key} starts with none of "
+                        "plant., controller. and bus."
+                    )
+                if key == "plant.seed":
+                    raise SettingsError(
+                        f"{self.study.file}: factor {factor.name}: plant.seed follows from "
+                        "sampling.seed; ask for sampling.replicates"
+                    )
+
+    def _check_fractions(self) -> None:
+        for factor in self.study.design.factors:
+            for level in factor.levels or ():
+                for key, value in level.values:
+                    is_share = isinstance(value, int | float) and not isinstance(value, bool)
+                    if key.endswith(FRACTION) and not (is_share and 0.0 <= value <= FRACTION_MAX):
+                        raise SettingsError(
+                            f"{self.study.file}: factor {factor.name}: {key} = {value} (allowed: "
+                            f"number from 0, up to {FRACTION_MAX:g})"
+                        )
+
+    def _mistake(self, case: Case, name: str) -> SettingsError:
+        try:
+            self.checked(case, name)
+        except SettingsError as error:
+            return SettingsError(*map(self._with_hint, error.mistakes))
+        return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
+
+    def _with_hint(self, mistake: str) -> str:
+        for factor in self.study.design.factors:
+            if factor.is_endless and f": factor {factor.name}: " in mistake:
+                return (
+                    f"{mistake}; drawn from a normal distribution without an end: give it low "
+                    "and high within what is allowed"
+                )
+        return mistake
+
+
+def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
+    """Return the settings of a stored run from what its folder holds alone.
+
+    ``identity``  study.json
+    ``row``       of the results
+    """
+    overrides = json.loads(row["overrides"])
+    controller = identity["controllers"][row["controller"]]
+    tables = _pair_tables(identity["plant"], controller, identity.get("bus"), overrides)
+    return Pair.model_validate_json(json.dumps(tables), strict=True)
+
+
+def _pair_tables(
+    plant: Tables, controller: Tables, bus: Tables | None, overrides: Tables
+) -> dict[str, Tables]:
+    given = {"plant": plant, "controller": controller, "bus": bus}
+    return {
+        name: _laid_over(table, overrides, f"{name}.")
+        for name, table in given.items()
+        if table is not None
+    }
+
+
+def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by keys that are settings."""
+    found: dict[str, Any] = {}
+    fractions = []
+    for key, value in values.items():
+        if key.endswith(FRACTION):
+            fractions.append((key.removesuffix("spread_fraction"), value))
+        else:
+            found[key] = value
+    for line, fraction in fractions:
+        base = plant["latency"].get(line.removeprefix("plant.latency.").rstrip("."), {})
+        mean_s = found.get(f"{line}mean_s", base.get("mean_s", 0.0))
+        if fraction == 0.0:
+            # Equal to any model without spread, and much faster to compute.
+            found[f"{line}model"] = "constant"
+            found[f"{line}spread_s"] = 0.0
+        else:
+            found[f"{line}spread_s"] = fraction * mean_s
+    return found
+
+
+def _laid_over(base: Tables, overrides: Tables, prefix: str) -> dict[str, Any]:
+    """Return tables with values on top; those they do not change are shared, not copied."""
+    tables = dict(base)
+    for dotted, value in overrides.items():
+        if not dotted.startswith(prefix):
+            continue
+        *parents, key = dotted.removeprefix(prefix).split(".")
+        table = tables
+        for parent in parents:
+            inner = table.get(parent)
+            table[parent] = dict(inner) if isinstance(inner, dict) else {}
+            table = table[parent]
+        table[key] = value
+        if key == "kind" and parents:
+            # The other keys belong to another kind.
+            for other in [name for name in table if name != "kind"]:
+                if f"{prefix}{'.'.join((*parents, other))}" not in overrides:
+                    del table[other]
+    return tables

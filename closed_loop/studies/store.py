@@ -1,0 +1,284 @@
+"""Where the results of a study go: Parquet files that survive an interruption.
+
+    FOLDER/study.json                 what determines the results; a study is continued only if it
+                                      is the same
+    FOLDER/chunks/000012.parquet      the rows of ``CHUNK_RUNS`` ids that follow each other, sorted
+    FOLDER/chunks/000013.part.parquet those of a chunk that is not complete yet
+    FOLDER/results.parquet            all rows, sorted by id, when the study is complete; the chunks
+                                      are then removed
+
+Every file is written under another name and then renamed, so that it is either whole or absent.
+Rows hold no time of day and no name of a machine: the same study gives the same bytes.
+"""
+
+import importlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ...plant_emulator.evaluation.verdict import RUN_ENDS
+from ...runtime.command_line import installation
+from ...runtime.records import FloatArray, IntArray
+from ...runtime.settings.settings import SettingsError
+from .compute import Computed
+from .figures import COLUMNS, COUNTS
+from .scenario import Scenarios
+from .stored import check_columns, read_columns, read_json
+from .verdict import verdicts
+
+CHUNK_RUNS = 4096
+"""Rows of a chunk: about a megabyte in memory."""
+RESULTS = "results.parquet"
+
+
+class Store:
+    """The folder of one study; rows go in as they are computed, in any order."""
+
+    def __init__(self, folder: Path, scenarios: Scenarios, chunk_runs: int = CHUNK_RUNS) -> None:
+        self._arrow, self._parquet = _pyarrow()
+        self.folder = folder
+        self._chunks = folder / "chunks"
+        self.scenarios = scenarios
+        self._runs = scenarios.study.runs
+        self._chunk_runs = chunk_runs
+        self._open: dict[int, _Chunk] = {}
+        self._schema = self._make_schema()
+        self._types = dict(zip(self._schema.names, self._schema.types, strict=True))
+
+    @property
+    def results(self) -> Path:
+        """Where all rows are when the study is complete."""
+        return self.folder / RESULTS
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all rows are there, sorted."""
+        return self.results.exists()
+
+    def open(self, text: str) -> None:
+        """Create the folder or continue in it; raises SettingsError if it holds another study, or
+        if its files are damaged.
+
+        ``text``  of the study file, kept beside the results
+        """
+        identity = self.scenarios.study.identity
+        file = self.folder / "study.json"
+        if file.exists():
+            _refuse_another(self.folder, read_json(file), identity)
+        elif self.results.exists() or self._chunks.exists():
+            raise SettingsError(
+                f"{self.folder}: holds results, but no study.json that describes the study; "
+                "give --out another folder"
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if self.is_complete:
+            rows = check_columns(self.results, self._types)
+            if rows != self._runs:
+                raise SettingsError(f"{self.results}: has {rows} rows, not {self._runs}; remove it")
+            shutil.rmtree(self._chunks, ignore_errors=True)
+        else:
+            self._chunks.mkdir(exist_ok=True)
+        _write(file, lambda place: place.write_text(identity, encoding="utf-8"))
+        _write(self.folder / "study.toml", lambda place: place.write_text(text, encoding="utf-8"))
+
+    def stored(self) -> int:
+        """Return how many runs are stored."""
+        if self.is_complete:
+            return self._runs
+        files = set(self._chunks.glob("*.parquet")) if self._chunks.exists() else set()
+        # An interruption may leave a part beside its complete chunk.
+        files -= {self._part(int(file.stem)) for file in files if file.stem.isdigit()}
+        return sum(check_columns(file, self._types) for file in files)
+
+    def missing(self) -> Iterator[list[int]]:
+        """Yield the ids that are not stored yet, chunk by chunk, in order."""
+        for number in range(-(-self._runs // self._chunk_runs)):
+            if self._file(number).exists():
+                continue
+            chunk = self._chunk(number)
+            ids = np.flatnonzero(~chunk.is_done) + number * self._chunk_runs
+            yield ids.tolist()
+
+    def put(self, computed: Computed) -> None:
+        """Take runs; complete chunks are written."""
+        numbers = computed.ids // self._chunk_runs
+        for number in np.unique(numbers).tolist():
+            rows = numbers == number
+            chunk = self._chunk(number)
+            chunk.take(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
+            if chunk.is_done.all():
+                self._write_chunk(self._file(number), number, chunk)
+                self._part(number).unlink(missing_ok=True)
+                del self._open[number]
+
+    def flush(self) -> None:
+        """Write the rows of the incomplete chunks."""
+        for number, chunk in self._open.items():
+            if chunk.is_new:
+                self._write_chunk(self._part(number), number, chunk)
+                chunk.is_new = False
+
+    def finish(self) -> None:
+        """Join all chunks; every run must be stored."""
+        if self.is_complete:
+            return
+
+        def write(place: Path) -> None:
+            with self._parquet.ParquetWriter(place, self._schema, compression="zstd") as writer:
+                for number in range(-(-self._runs // self._chunk_runs)):
+                    table = read_columns(self._file(number), self._types)
+                    self._places(self._file(number), number, table)
+                    writer.write_table(table)
+
+        _write(self.results, write)
+        shutil.rmtree(self._chunks)
+
+    def find(self, run: int) -> dict[str, Any] | None:
+        """Return one row by its id; None if it is not stored."""
+        number = run // self._chunk_runs
+        for file in (self.results, self._file(number), self._part(number)):
+            if file.exists():
+                table = read_columns(file, self._types, [("id", "=", run)])
+                if table.num_rows:
+                    found: dict[str, Any] = table.to_pylist()[0]
+                    return found
+        return None
+
+    def _file(self, number: int) -> Path:
+        return self._chunks / f"{number:06d}.parquet"
+
+    def _part(self, number: int) -> Path:
+        return self._chunks / f"{number:06d}.part.parquet"
+
+    def _chunk(self, number: int) -> "_Chunk":
+        if number not in self._open:
+            size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
+            chunk = _Chunk(size)
+            if self._part(number).exists():
+                chunk.take(self._read(self._part(number), number), number * self._chunk_runs)
+                chunk.is_new = False
+            self._open[number] = chunk
+        return self._open[number]
+
+    def _read(self, file: Path, number: int) -> Computed:
+        table = read_columns(file, self._types)
+        ids = self._places(file, number, table)
+        ends = [RUN_ENDS.index(end) for end in table["ended_by"].to_pylist()]
+        figures = [table[name].to_numpy().astype(np.float64) for name in COLUMNS]
+        return Computed(ids, np.array(ends, dtype=np.int64), np.column_stack(figures))
+
+    def _places(self, file: Path, number: int, table: Any) -> IntArray:
+        """Return the ids of the rows of a chunk; raises SettingsError for rows of another one."""
+        ids: IntArray = table["id"].to_numpy()
+        first = number * self._chunk_runs
+        last = min(first + self._chunk_runs, self._runs) - 1
+        is_own = len(ids) == len(np.unique(ids)) and np.all((first <= ids) & (ids <= last))
+        if not is_own or not set(table["ended_by"].to_pylist()) <= {*map(str, RUN_ENDS)}:
+            raise SettingsError(
+                f"{file}: holds other rows than of runs {first} to {last}; remove it"
+            )
+        return ids
+
+    def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
+        done = np.flatnonzero(chunk.is_done)
+        table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
+        _write(file, lambda place: self._parquet.write_table(table, place, compression="zstd"))
+
+    def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
+        study = self.scenarios.study
+        names = list(study.controllers)
+        cases = ids // len(names)
+        unique, first = np.unique(cases, return_inverse=True)
+        made = [self.scenarios.case(index) for index in unique.tolist()]
+        rows = [made[place] for place in first.tolist()]
+        texts = [json.dumps(case.overrides) for case in made]
+        controllers = [names[place] for place in (ids % len(names)).tolist()]
+        laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
+        columns: dict[str, Any] = {
+            "id": ids,
+            "point": [case.point for case in rows],
+            "replicate": [case.replicate for case in rows],
+            "seed": [case.seed for case in rows],
+            "controller": controllers,
+            "law": [laws[name] for name in controllers],
+        }
+        for place, factor in enumerate(study.design.factors):
+            kind = self._schema.field(factor.name).type
+            labels = [case.labels[place] for case in rows]
+            text = kind == self._arrow.string()
+            columns[factor.name] = [str(label) for label in labels] if text else labels
+        columns["verdict"] = [str(v) for v in verdicts(study.settings.verdict, ends, figures)]
+        columns["ended_by"] = [str(RUN_ENDS[end]) for end in ends.tolist()]
+        for place, name in enumerate(COLUMNS):
+            values = figures[:, place]
+            columns[name] = values.astype(np.int64) if name in COUNTS else values
+        columns["overrides"] = [texts[place] for place in first.tolist()]
+        return self._arrow.table(columns, schema=self._schema)
+
+    def _make_schema(self) -> Any:
+        arrow = self._arrow
+        whole, real, text = arrow.int64(), arrow.float64(), arrow.string()
+        fields = [(name, whole) for name in ("id", "point", "replicate", "seed")]
+        fields += [("controller", text), ("law", text)]
+        for factor in self.scenarios.study.design.factors:
+            labels = [level.label for level in factor.levels or ()]
+            fields.append((factor.name, real if are_numbers(labels) else text))
+        fields += [("verdict", text), ("ended_by", text)]
+        fields += [(name, whole if name in COUNTS else real) for name in COLUMNS]
+        return arrow.schema([*fields, ("overrides", text)])
+
+
+class _Chunk:
+    def __init__(self, size: int) -> None:
+        self.is_done = np.zeros(size, dtype=np.bool_)
+        self.ends = np.zeros(size, dtype=np.int64)
+        self.figures = np.full((size, len(COLUMNS)), np.nan)
+        self.is_new = False
+
+    def take(self, computed: Computed, first: int) -> None:
+        """Take rows whose ids count from ``first``."""
+        places = computed.ids - first
+        self.is_done[places] = True
+        self.ends[places] = computed.ends
+        self.figures[places] = computed.figures
+        self.is_new = True
+
+
+def are_numbers(labels: Sequence[Any]) -> bool:
+    """Whether a factor with these labels has a column of numbers."""
+    return all(isinstance(label, int | float) and not isinstance(label, bool) for label in labels)
+
+
+def _write(file: Path, write: Any) -> None:
+    """Write a file under another name and rename it."""
+    beside = file.with_name(f"{file.name}.writing")
+    write(beside)
+    os.replace(beside, file)
+
+
+def _refuse_another(folder: Path, old: Any, wanted: str) -> None:
+    new = json.loads(wanted)
+    different = [key for key in new if not isinstance(old, dict) or old.get(key) != new[key]]
+    if different:
+        raise SettingsError(
+            f"{folder}: holds the results of another study: {', '.join(different)} differ; "
+            "give --out another folder, or delete this one"
+        )
+
+
+def _pyarrow() -> tuple[ModuleType, ModuleType]:
+    """Return pyarrow and pyarrow.parquet; raises SettingsError where they are missing."""
+    try:
+        arrow = importlib.import_module("pyarrow")
+        parquet = importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise SettingsError(
+            f"results are stored as Parquet, which needs pyarrow: {installation('pyarrow')}"
+        ) from error
+    return arrow, parquet

@@ -1,0 +1,216 @@
+"""A prepared study: the settings that every run starts from, its points, the order of its runs.
+
+    id = (point · replicates + replicate) · controllers + controller
+
+so that runs that share a network, and differ only in the controller, are consecutive.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...controller.laws import LAWS
+from ...controller.laws.plugin import place_of
+from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...runtime.settings.settings import SettingsError
+from .base_tables import Tables, bus_tables, controller_tables, plant_tables
+from .factors import Factor, make_factors
+from .figures import COLUMNS
+from .sampling import Design, make_design
+from .study_file import SamplingKind, StudySettings, read_study
+
+RUNS_MAX = 2**40
+MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
+MOTIONS_KEPT = 24
+"""Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
+FILE_KEYS = ("trace_file", "file")
+"""Settings of the plant that name a file; the results depend on its content."""
+PART_KEYS = ("law", "model")
+"""Settings that may name a part of another package; the results depend on its module."""
+COLUMNS_TAKEN = (
+    *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
+    *COLUMNS,
+)
+
+
+class Study(NamedTuple):
+    """All that determines the runs of a study.
+
+    ``file``         the study file, for messages
+    ``plant``        tables of the plant that every run starts from
+    ``controllers``  tables of each controller, by its name in the study file
+    ``fastmath``     whether runs may differ slightly from what the nodes compute
+    ``bus``          tables of the bus on which the nodes run; None for compiled runs
+    """
+
+    file: str
+    settings: StudySettings
+    plant: Tables
+    controllers: Mapping[str, Tables]
+    design: Design
+    fastmath: bool = False
+    bus: Tables | None = None
+
+    @property
+    def cases(self) -> int:
+        """How many runs one controller has."""
+        return self.design.points * self.settings.sampling.replicates
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return self.cases * len(self.controllers)
+
+    @property
+    def identity(self) -> str:
+        """All that determines the results, as JSON; equal for equal studies."""
+        databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
+        values = _values(self.design)
+        files = _digests([self.plant, *self.controllers.values(), *values, *databases])
+        return json.dumps(
+            {
+                "name": self.settings.name,
+                "factors": self.settings.model_dump(mode="json")["factors"],
+                "sampling": self.settings.sampling.model_dump(mode="json"),
+                "verdict": self.settings.verdict.model_dump(mode="json"),
+                "plant": self.plant,
+                "controllers": self.controllers,
+                "fastmath": self.fastmath,
+                "columns": COLUMNS,
+                # The meaning of the factors' keys and shorthands in this version.
+                "levels": [
+                    [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
+                    for factor in self.design.factors
+                ],
+            }
+            | ({"files": files} if files else {})
+            | ({} if self.bus is None else {"bus": self.bus}),
+            indent=1,
+        )
+
+
+def load_study(file: Path, fastmath: bool = False) -> Study:
+    """Read a study file and all files it names; raises SettingsError."""
+    return make_study(read_study(file), str(file), file.parent)._replace(fastmath=fastmath)
+
+
+def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
+    """Prepare a study.
+
+    ``file``    its path, for messages
+    ``folder``  base of relative paths in it
+
+    Raises SettingsError.
+    """
+    factors = study_factors(settings, file)
+    has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
+    study = Study(
+        file=file,
+        settings=settings,
+        plant=plant_tables(settings.base, file, folder),
+        controllers={
+            name: controller_tables(settings.base, name, file, folder)
+            for name in settings.base.controllers
+        },
+        design=make_design(factors, settings.sampling),
+        bus=bus_tables(settings.base, file) if has_bus else None,
+    )
+    _refuse_faults(study)
+    _refuse_own_verdict(study)
+    if study.runs > RUNS_MAX:
+        raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
+    return study
+
+
+def _refuse_faults(study: Study) -> None:
+    """Refuse faults before anything is computed: compiled runs have none; raises SettingsError."""
+    factors = [f"factor {one.name}" for one in study.design.factors if one.sets("plant.faults")]
+    for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
+        raise SettingsError(
+            f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
+            "out (steer-by-wire run runs them, tools.fault_campaign studies them)"
+        )
+
+
+def _refuse_own_verdict(study: Study) -> None:
+    """Refuse thresholds for a single run: a study judges all its runs by one table."""
+    defaults = VerdictRules().model_dump(mode="json")
+    is_default = study.plant.get("verdict", defaults) == defaults
+    is_varied = any(factor.sets("plant.verdict") for factor in study.design.factors)
+    if is_varied or not is_default:
+        raise SettingsError(
+            f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
+        )
+
+
+def _values(design: Design) -> list[Any]:
+    return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
+
+
+def _digests(values: Any) -> dict[str, str]:
+    """Return the SHA-256 of every file and every module of another package that is named."""
+    if isinstance(values, list):
+        return {name: text for value in values for name, text in _digests(value).items()}
+    found: dict[str, str] = {}
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, str):
+            with suppress(OSError):  # reported with the settings that name it
+                file = _file_of(key.split(".")[-1], value)
+                if file is not None:
+                    found[value] = hashlib.sha256(file.read_bytes()).hexdigest()
+        else:
+            found |= _digests(value)
+    return found
+
+
+def _file_of(key: str, value: str) -> Path | None:
+    """Return the file that a setting names, itself or by a part of another package."""
+    if key in FILE_KEYS:
+        return Path(value)
+    place = place_of(value) if key in PART_KEYS and value not in LAWS else None
+    if place is None:
+        return None
+    try:
+        found = find_spec(place.partition(":")[0])
+    except (ImportError, ValueError):  # reported with the settings that name it
+        return None
+    return None if found is None or found.origin is None else Path(found.origin)
+
+
+def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
+    """Return the factors, in the order in which a grid varies them."""
+    is_grid = settings.sampling.kind is SamplingKind.GRID
+    factors = [
+        factor
+        for index, table in enumerate(settings.factors)
+        for factor in make_factors(table, is_grid, f"{file}: factors[{index}]")
+    ]
+    for index, factor in enumerate(factors):
+        if factor.name in COLUMNS_TAKEN:
+            raise SettingsError(
+                f"{file}: factor {factor.name}: a column of the results has this name already; "
+                "give the factor another name"
+            )
+        for other in factors[:index]:
+            if other.name == factor.name:
+                raise SettingsError(
+                    f"{file}: two factors are called {factor.name}; give one another name"
+                )
+            both = set(other.keys) & set(factor.keys)
+            if both:
+                raise SettingsError(
+                    f"{file}: factors {other.name} and {factor.name} both set {min(both)}"
+                )
+    if not is_grid:
+        return tuple(factors)
+    # The network is computed once for consecutive vehicles that share it, but only a few vehicles
+    # are cached.
+    motions = [factor for factor in factors if factor.sets(*MOTION_TABLES)]
+    others = [factor for factor in factors if not factor.sets(*MOTION_TABLES)]
+    count = math.prod(len(factor.levels or ()) for factor in motions)
+    return tuple(others + motions if count <= MOTIONS_KEPT else motions + others)

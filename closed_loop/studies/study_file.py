@@ -1,0 +1,236 @@
+"""The study file: what all runs have in common, what varies, how it is sampled and judged.
+
+    [base]      a preset or file of the plant, tables on top, and the controllers to compare
+    [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
+                that set several keys at once
+    [sampling]  grid, latin_hypercube or sobol; seed and replicates
+    [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.verdict``)
+
+It is read and checked here like any settings file. What a factor sets is checked against the
+settings of plant and controller in ``closed_loop.studies.scenario``.
+"""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...runtime.settings.settings import Settings, load_settings
+
+LEVELS_MAX = 10_000
+"""Levels of one factor."""
+POINTS_MAX = 1_000_000
+"""Points of a Latin hypercube or of a Sobol sequence, which are held in memory."""
+REPLICATES_MAX = 100_000
+
+LevelValue = bool | int | float | str | dict[str, Any]
+
+
+class Shorthand(StrEnum):
+    """What ``use`` stands for."""
+
+    PAPER_CORNERS = "paper_corners"
+    """The corners a, b, c, d of SAE 2018-01-1086, Fig. 2: slow or fast, light or laden."""
+    PAPER_BOX = "paper_box"
+    """The whole box between them: two factors, speed and virtual mass."""
+
+
+class Uniform(Settings):
+    """Equally likely from ``low`` to ``high``."""
+
+    kind: Literal["uniform"]
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        _refuse_falling(self.low, self.high)
+        return self
+
+
+class LogUniform(Settings):
+    """The logarithm equally likely from ``low`` to ``high``."""
+
+    kind: Literal["log_uniform"]
+    low: float = Field(gt=0.0)
+    high: float = Field(gt=0.0)
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        _refuse_falling(self.low, self.high)
+        return self
+
+
+class Triangular(Settings):
+    """From ``low`` to ``high``, most likely at ``mode``."""
+
+    kind: Literal["triangular"]
+    low: float
+    mode: float
+    high: float
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if not self.low <= self.mode <= self.high:
+            raise ValueError(f"mode must be from low to high, not {self.mode}")
+        _refuse_falling(self.low, self.high)
+        return self
+
+
+class Normal(Settings):
+    """Normal, cut off at ``low`` and ``high`` where they are given."""
+
+    kind: Literal["normal"]
+    mean: float
+    spread: float = Field(gt=0.0)
+    """Standard deviation."""
+    low: float | None = None
+    high: float | None = None
+
+    @model_validator(mode="after")
+    def _leaves_something(self) -> Self:
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"high must be above low, not {self.high}")
+        return self
+
+
+DistributionSettings = Annotated[
+    Uniform | LogUniform | Triangular | Normal, Field(discriminator="kind")
+]
+
+
+class FactorSettings(Settings):
+    """One ``[[factors]]``: keys and the values they take."""
+
+    name: str | None = Field(None, pattern="^[a-z][a-z0-9_]*$", max_length=60)
+    """Name of the column in the results; the default is the last part of the first key."""
+    key: str | None = None
+    """What is set: ``plant.``, ``controller.`` or ``bus.`` and the key in its settings."""
+    keys: tuple[str, ...] | None = Field(None, min_length=1, max_length=20)
+    """Several keys that all take the same value."""
+    values: tuple[LevelValue, ...] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
+    start: float | None = None
+    stop: float | None = None
+    """The last value of a range, included."""
+    step: float | None = Field(None, gt=0.0)
+    count: int | None = Field(None, ge=1, le=LEVELS_MAX)
+    """How many values a range has, both ends included."""
+    distribution: DistributionSettings | None = None
+    levels: dict[str, dict[str, Any]] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
+    """By label: tables ``plant`` and ``controller`` with all settings of the level."""
+    use: Shorthand | None = None
+
+    @model_validator(mode="after")
+    def _says_one_thing(self) -> Self:
+        ranged = self.start is not None or self.stop is not None
+        ways = {
+            "values": self.values is not None,
+            "start and stop": ranged,
+            "distribution": self.distribution is not None,
+            "levels": self.levels is not None,
+            "use": self.use is not None,
+        }
+        given = [way for way, is_given in ways.items() if is_given]
+        if len(given) != 1:
+            found = f"both {' and '.join(given)}" if given else "none"
+            raise ValueError(f"a factor has one of {', '.join(ways)}; this one has {found}")
+        has_keys = (self.key is not None) + (self.keys is not None)
+        if self.levels is not None or self.use is not None:
+            if has_keys:
+                raise ValueError(f"{given[0]} say which keys they set; leave out key and keys")
+            if self.levels is not None and self.name is None:
+                raise ValueError("levels need a name")
+        elif has_keys != 1:
+            raise ValueError("a factor has either key or keys")
+        if ranged:
+            self._check_range()
+        elif self.step is not None or (self.count is not None and self.use != Shorthand.PAPER_BOX):
+            raise ValueError("step and count belong to start and stop")
+        return self
+
+    def _check_range(self) -> None:
+        if self.start is None or self.stop is None:
+            raise ValueError("a range has both start and stop")
+        if self.stop < self.start:
+            raise ValueError(f"stop must not be below start: {self.stop} < {self.start}")
+        if self.step is not None and self.count is not None:
+            raise ValueError("a range has either step or count")
+        if self.step is not None and (self.stop - self.start) / self.step >= LEVELS_MAX:
+            raise ValueError(f"a range has at most {LEVELS_MAX} values: step {self.step} is small")
+
+
+class BaseSettings(Settings):
+    """``[base]``: what all runs have in common."""
+
+    plant_preset: str | None = None
+    plant_file: Path | None = None
+    """On top of the preset; relative to the study file."""
+    vehicle: Path | None = None
+    """[vehicle] of this file is the plant's and every controller's; relative to the study file."""
+    plant: dict[str, Any] = Field(default_factory=dict)
+    """Tables on top of preset, file and vehicle."""
+    controllers: tuple[str, ...] = Field(min_length=1, max_length=100)
+    """Presets, or files (``.toml``, relative to the study file); each meets every point."""
+    controller: dict[str, Any] = Field(default_factory=dict)
+    """Tables on top of every controller."""
+    bus: dict[str, Any] | None = None
+    """A bus with traffic, errors and clocks (``runtime.bus_model.settings``), on which the nodes run."""
+
+    @model_validator(mode="after")
+    def _are_different(self) -> Self:
+        if len(set(self.controllers)) < len(self.controllers):
+            raise ValueError("controllers must differ from each other")
+        return self
+
+
+class SamplingKind(StrEnum):
+    """Which points of the factors' space are run."""
+
+    GRID = "grid"
+    """Every combination."""
+    LATIN_HYPERCUBE = "latin_hypercube"
+    SOBOL = "sobol"
+    """Scrambled."""
+
+
+class SamplingSettings(Settings):
+    """``[sampling]``."""
+
+    kind: SamplingKind = SamplingKind.GRID
+    count: int | None = Field(None, ge=1, le=POINTS_MAX)
+    """Number of points; a grid has one per combination."""
+    seed: int = Field(1, ge=0, le=2**63 - 1)
+    """Seeds the points and all random numbers of the runs."""
+    replicates: int = Field(1, ge=1, le=REPLICATES_MAX)
+    """Runs of every point and controller, each with its own seed."""
+
+    @model_validator(mode="after")
+    def _has_a_size(self) -> Self:
+        if self.kind is SamplingKind.GRID and self.count is not None:
+            raise ValueError("count does not apply to a grid: it has every combination")
+        if self.kind is not SamplingKind.GRID and self.count is None:
+            raise ValueError(f"{self.kind} needs count, the number of points")
+        return self
+
+
+class StudySettings(Settings):
+    """The content of a study file."""
+
+    name: str = Field("study", pattern="^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
+    title: str = Field("", max_length=200)
+    base: BaseSettings
+    factors: tuple[FactorSettings, ...] = Field((), max_length=20)
+    sampling: SamplingSettings = SamplingSettings()
+    verdict: VerdictRules = VerdictRules()
+
+
+def read_study(file: Path) -> StudySettings:
+    """Return the content of a study file; raises SettingsError."""
+    return load_settings(StudySettings, file=file)
+
+
+def _refuse_falling(low: float, high: float) -> None:
+    if not low < high:
+        raise ValueError(f"high must be above low: low = {low}, high = {high}")

@@ -1,0 +1,115 @@
+"""Plant emulator and controller together in one process, in virtual time."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+from ..controller.node.node import ControllerNode
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
+from ..plant_emulator.faults.stage import FaultyNode, with_faults
+from ..plant_emulator.node.node import PlantNode
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.bus_model.settings import BusSettings
+from ..runtime.frame.frame import Frame
+from ..runtime.node.node import Node
+from ..runtime.node.virtual_time import VirtualTimeExecutor, Wire
+from ..runtime.program.host import no_collections
+from ..runtime.recording.candump import CandumpLog
+from .bus import SharedBus, virtual_wire, with_clocks
+from .live import PairResult
+from .result import Trace
+
+BITRATE_BIT_S = 500_000
+"""The default bit rate of virtual time and of the emulated bus."""
+
+QUIET_BUS = BusSettings()
+
+SLICE_NS = 1_000_000_000
+
+
+class VirtualPair(NamedTuple):
+    """Both nodes of a run that begins at 0.
+
+    ``plant``  the rig itself, with its samples
+    ``edge``   the rig with the faults of its settings: the node on the bus
+    """
+
+    plant: PlantNode
+    edge: PlantNode | FaultyNode[PlantNode]
+    controller: ControllerNode
+
+
+def make_virtual_pair(
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    plant_samples_max: int = SAMPLES_MAX,
+    controller_samples_max: int = 0,
+) -> VirtualPair:
+    """Make both nodes, not yet run; the one place where tools build them for virtual time.
+
+    ``plant_samples_max``, ``controller_samples_max``  how many samples each keeps
+    """
+    plant = PlantNode(plant_settings, 0, samples_max=plant_samples_max)
+    edge = with_faults(plant, plant_settings.faults, plant_settings.seed)
+    return VirtualPair(plant, edge, ControllerNode(controller_settings, 0, controller_samples_max))
+
+
+def run_virtual_pair(
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    settings: BusSettings | None = QUIET_BUS,
+    candump_log: Path | None = None,
+) -> PairResult:
+    """Run both nodes until the plant has finished.
+
+    ``settings``     of the bus between them; None is a wire that takes no time
+    ``candump_log``  where every frame is written, as ``candump -L`` prints it
+
+    Raises SettingsError.
+    """
+    pair = make_virtual_pair(plant_settings, controller_settings)
+    bus = None if settings is None else virtual_wire(settings, plant_settings.seed)
+    nodes = with_clocks(pair.edge, pair.controller, settings or QUIET_BUS)
+    run_virtual_nodes(*nodes, bus, candump_log, lambda: False)
+    return PairResult(
+        {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
+        {
+            "settings": controller_settings.model_dump(mode="json"),
+            "node": dict(pair.controller.report()),
+        },
+        Trace.of_node(pair.plant),
+    )
+
+
+def run_virtual_nodes(
+    plant: Node,
+    controller: Node,
+    bus: Wire | None,
+    candump_log: Path | None,
+    should_stop: Callable[[], bool],
+) -> None:
+    """Run two nodes that start at 0 until the plant has finished or ``should_stop()``.
+
+    ``should_stop`` is asked every SLICE_NS of virtual time.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(no_collections())
+        nodes: tuple[Node, ...] = (plant, controller)
+        if isinstance(bus, SharedBus):
+            nodes = tuple(bus.ear(node, index) for index, node in enumerate(nodes))
+        on_wire = None
+        if candump_log is not None:
+            on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
+            if isinstance(bus, SharedBus):
+                bus.watch(on_wire)
+        executor = VirtualTimeExecutor(nodes, bus, on_wire)
+        until_ns = SLICE_NS
+        while not (executor.finished or should_stop()):
+            executor.run(until_ns)
+            until_ns += SLICE_NS
+
+
+def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:
+    return lambda time_ns, _sender, frame: log.write(time_ns, frame)

@@ -1,0 +1,1 @@
+"""What was sent and measured so far, by tick and sample, for laws that look back."""

@@ -1,0 +1,270 @@
+"""History of the bus for laws that look back: sent by tick, measured by sample.
+
+E2E counters are unwrapped to sample numbers. The number nearest to the one expected by the clock is
+taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
+
+Four step functions record received and sent values in ``Rings`` (lists in a live run, arrays in
+batches), and ``link_at`` derives the link of a control period. ``controller.history.link_memory`` keeps the
+states for a node.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import COMMAND_COUNTERS, SteeringStatusCode
+from ..interface.law import History, Link
+from .freshness import AgeLimits
+from .link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
+from .plan import copy_row, hold
+from .sensor_rate import NO_RATE, RateState, rate_step
+
+RING_SIZE = 4096
+"""Number of stored ticks and samples: 4 s at 1 kHz, and a power of two."""
+_MASK = RING_SIZE - 1
+_NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
+_OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
+"""From this code on the wheel's target is not the command named by the echo."""
+_IGNORING_FROM = int(SteeringStatusCode.HOLDING)
+"""From this code on the steering had no commands, and may still have none. The echo names the last
+command before, whose age shows only how long none has come, or one of the first ones after."""
+
+
+class MemoryParams(NamedTuple):
+    """Parameters of the memory.
+
+    ``link``    periods and averaging
+    ``limits``  age limits of the delay and of the vehicle's speed
+    """
+
+    link: LinkParams
+    limits: AgeLimits
+
+
+class Rings(NamedTuple):
+    """The value of a number is at ``number % RING_SIZE``; see ``History`` for the first seven.
+
+    ``command_tick``  the tick that sent a command, by the command's number
+    ``plans``         by tick, as in ``History``; one row if none are kept
+    """
+
+    sent_rad: list[float]
+    lateral_error_m: list[float]
+    heading_error_rad: list[float]
+    has_error: list[bool]
+    applied_tick: list[int]
+    is_overruled: list[bool]
+    wheel_rad: list[float]
+    command_tick: list[int]
+    curvature_1_m: list[float]
+    plans: list[list[float]]
+
+
+class Errors(NamedTuple):
+    """The newest LATERAL_ERROR: its sample, -1 before the first, and when it arrived [ns]."""
+
+    sample: int
+    arrival_ns: int
+    rate: RateState
+
+
+class Echoes(NamedTuple):
+    """The newest STEERING_STATUS: its sample, -1 before the first, and when it arrived [ns]."""
+
+    sample: int
+    arrival_ns: int
+    delay: DelayState
+
+
+class Commands(NamedTuple):
+    """Commands sent so far, and the tick of the newest, -1 before the first."""
+
+    sent: int
+    newest_tick: int
+
+
+NO_ERRORS = Errors(-1, 0, NO_RATE)
+NO_ECHOES = Echoes(-1, 0, NO_DELAY)
+NO_COMMANDS = Commands(0, -1)
+
+
+def history_of(rings: Rings) -> History:
+    """Return the rings as laws read them."""
+    return History(
+        _MASK,
+        _MASK,
+        rings.sent_rad,
+        rings.lateral_error_m,
+        rings.heading_error_rad,
+        rings.has_error,
+        rings.applied_tick,
+        rings.is_overruled,
+        rings.wheel_rad,
+        rings.curvature_1_m,
+        len(rings.plans) - 1,
+        rings.plans,
+    )
+
+
+def error_step(
+    p: MemoryParams,
+    rings: Rings,
+    x: Errors,
+    echoes: Echoes,
+    counter: int,
+    lateral_error_m: float,
+    heading_error_rad: float,
+    now_ns: int,
+) -> Errors:
+    """Store a measurement at the sample at which it was taken; lost samples have none."""
+    sample = _sample_of(p.link, x, echoes, counter, now_ns)
+    if sample <= x.sample:  # an earlier sample, or one before the first received frame
+        return x
+    for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
+        rings.has_error[lost & _MASK] = False
+    index = sample & _MASK
+    rings.has_error[index] = True
+    rings.lateral_error_m[index] = lateral_error_m
+    rings.heading_error_rad[index] = heading_error_rad
+    rate = rate_step(p.link.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
+    return Errors(sample, now_ns, rate)
+
+
+def echo_step(
+    p: MemoryParams,
+    rings: Rings,
+    x: Echoes,
+    errors: Errors,
+    commands: Commands,
+    counter: int,
+    applied_counter: int,
+    status: int,
+    wheel_rad: float,
+    now_ns: int,
+) -> Echoes:
+    """Store the command in effect at a sample, and the wheel angle if no command acted.
+
+    Lost samples get the values of the previous echo.
+    """
+    sample = _sample_of(p.link, x, errors, counter, now_ns)
+    if sample <= x.sample:
+        return x
+    before = x.sample & _MASK
+    for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
+        index = lost & _MASK
+        rings.applied_tick[index] = rings.applied_tick[before]
+        rings.is_overruled[index] = rings.is_overruled[before]
+        rings.wheel_rad[index] = rings.wheel_rad[before]
+    tick = _tick_of(rings, commands, applied_counter, status)
+    index = sample & _MASK
+    rings.applied_tick[index] = tick
+    rings.is_overruled[index] = status >= _OVERRULED_FROM
+    rings.wheel_rad[index] = wheel_rad
+    delay = x.delay
+    if _is_late(p, x, now_ns):  # network or plant may have changed since
+        delay = NO_DELAY
+    if status < _IGNORING_FROM:
+        delay = delay_step(p.link, delay, sample, tick)
+    return Echoes(sample, now_ns, delay)
+
+
+def command_step(
+    rings: Rings, x: Commands, tick: int, sent_rad: float, is_planned: bool
+) -> Commands:
+    """Store the command of a tick; the last command stays in effect over skipped ticks.
+
+    ``is_planned``  whether it is part of a plan, which is in its row already
+    """
+    plan_mask = len(rings.plans) - 1
+    for skipped in range(max(x.newest_tick + 1, tick - RING_SIZE), tick):
+        rings.sent_rad[skipped & _MASK] = rings.sent_rad[x.newest_tick & _MASK]
+        if plan_mask:
+            copy_row(rings.plans[x.newest_tick & plan_mask], rings.plans[skipped & plan_mask])
+    if plan_mask and not is_planned:
+        hold(rings.plans[tick & plan_mask], sent_rad)
+    rings.sent_rad[tick & _MASK] = sent_rad
+    rings.command_tick[x.sent & _MASK] = tick
+    return Commands(x.sent + 1, tick)
+
+
+def path_step(
+    p: MemoryParams,
+    rings: Rings,
+    path_end: int,
+    errors: Errors,
+    counter: int,
+    spacing_m: float,
+    ahead_1_m: Sequence[float],
+    speed_m_s: float,
+) -> int:
+    """Store the path ahead by the samples at which the preview point will be there.
+
+    Returns up to which sample it is known now, at the present speed.
+    """
+    if errors.sample < 0 or speed_m_s <= 0.0:
+        return path_end
+    sample = unwrapped(counter, errors.sample, COUNTERS)
+    known_1_m, last_index = rings.curvature_1_m, len(ahead_1_m) - 2
+    for unknown in range(max(path_end + 1, sample - RING_SIZE // 2), sample):
+        known_1_m[unknown & _MASK] = ahead_1_m[0]
+    step = speed_m_s * (p.link.sensor_period_ns * 1e-9) / spacing_m
+    last = min(int((len(ahead_1_m) - 1) / step), RING_SIZE // 2)
+    for ahead in range(last + 1):
+        position = ahead * step
+        index = min(int(position), last_index)
+        before_1_m = ahead_1_m[index]
+        change_1_m = ahead_1_m[index + 1] - before_1_m
+        known_1_m[(sample + ahead) & _MASK] = before_1_m + change_1_m * (position - index)
+    return sample + last
+
+
+def link_at(
+    p: MemoryParams,
+    errors: Errors,
+    echoes: Echoes,
+    path_end: int,
+    vehicle_ns: int,
+    tick: int,
+    now_ns: int,
+) -> Link:
+    """Return the link at a tick; without the vehicle's speed all of it is unknown.
+
+    ``vehicle_ns``  when the newest VEHICLE_STATE arrived, -1 for none
+    """
+    if vehicle_ns < 0:
+        return Link(tick, -1, -1, 0.0, False, path_end)
+    if echoes.sample < 0:
+        return Link(tick, errors.sample, -1, 0.0, False, path_end)
+    is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
+    is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
+    delay_ns = delay_of(p.link, echoes.delay, echoes.sample)
+    return Link(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end)
+
+
+def _sample_of(
+    p: LinkParams, x: Errors | Echoes, other: Errors | Echoes, counter: int, now_ns: int
+) -> int:
+    """Return the sample number of an accepted frame; that of the very first is its counter."""
+    if x.sample >= 0:
+        expected = x.sample + (now_ns - x.arrival_ns) // p.sensor_period_ns
+    elif other.sample >= 0:
+        expected = other.sample + (now_ns - other.arrival_ns) // p.sensor_period_ns
+    else:
+        return counter
+    return unwrapped(counter, expected, COUNTERS)
+
+
+def _tick_of(rings: Rings, commands: Commands, applied_counter: int, status: int) -> int:
+    """Return the tick whose command is in effect, -1 if none is or it is no longer stored."""
+    if status == _NO_COMMAND or commands.sent == 0:
+        return -1
+    newest = commands.sent - 1
+    age = (newest - applied_counter) % COMMAND_COUNTERS
+    if age >= min(commands.sent, RING_SIZE):
+        return -1
+    return rings.command_tick[(newest - age) & _MASK]
+
+
+def _is_late(p: MemoryParams, echoes: Echoes, now_ns: int) -> bool:
+    """Whether the newest echo is too old to show the present delay."""
+    return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns

@@ -1,0 +1,73 @@
+"""A plan: the commands of a law for the coming time, as one row of numbers.
+
+    row = (first, spacing, u_0, ..., u_17)
+
+u_i is to act at the plant's sample first + i · spacing; in between the plant draws straight lines,
+and after the last value it holds that. A spacing of 0 is a single command u_0, for all samples.
+The plant plays a plan from sample to sample, so a law that plans knows what acts at each.
+"""
+
+from collections.abc import MutableSequence, Sequence
+
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import Mode, SteeringPlan
+from ..interface.limits import SteerLimits, limit_step
+
+VALUES = 18
+SPACING_MAX = 15
+"""17 of these are as many samples as the wire distinguishes."""
+ROW_LENGTH = 2 + VALUES
+
+
+def value_at(row: Sequence[float], sample: int) -> float:
+    """Return what a plan or a single command lets act at a sample [rad]."""
+    spacing = row[1]
+    age = sample - row[0]
+    if spacing == 0.0 or age <= 0.0:
+        return row[2]
+    if age >= (VALUES - 1) * spacing:
+        return row[ROW_LENGTH - 1]
+    index = int(age // spacing)
+    before_rad = row[2 + index]
+    return before_rad + (row[3 + index] - before_rad) * (age / spacing - index)
+
+
+def limit_plan(
+    p: SteerLimits,
+    periods_per_sample: float,
+    last_sent_rad: float,
+    acting: int,
+    row: MutableSequence[float],
+) -> None:
+    """Limit angle and rate of a plan, in place.
+
+    ``last_sent_rad``  the command of the period before, at the time at which it acts
+    ``acting``         index of the value for the time at which the present one acts, a step from
+                       that at most: the wheel must not jump from one plan to the next. The others
+                       are limited from there on, in both directions
+    """
+    steer_rad_max, step_rad_max = p
+    first = 2 + acting
+    row[first] = limit_step(p, last_sent_rad, row[first])
+    spacing = SteerLimits(steer_rad_max, step_rad_max * row[1] * periods_per_sample)
+    for index in range(first + 1, ROW_LENGTH):
+        row[index] = limit_step(spacing, row[index - 1], row[index])
+    for index in range(first - 1, 1, -1):
+        row[index] = limit_step(spacing, row[index + 1], row[index])
+
+
+def hold(row: MutableSequence[float], steer_rad: float) -> None:
+    """Make a row that of a single command."""
+    row[1] = 0.0
+    row[2] = steer_rad
+
+
+def copy_row(row: Sequence[float], to: MutableSequence[float]) -> None:
+    """Copy a row into another one."""
+    for index in range(ROW_LENGTH):
+        to[index] = row[index]
+
+
+def plan_message(row: Sequence[float], number: int, mode: Mode) -> SteeringPlan:
+    """Return a plan as sent; ``number`` is the counter of its command."""
+    return SteeringPlan(number, mode, int(row[0]) % COUNTERS, int(row[1]), *row[2:])

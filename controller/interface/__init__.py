@@ -1,0 +1,1 @@
+"""What every law is given, returns and must obey; begin at `law.py`."""

@@ -1,0 +1,244 @@
+"""From settings to a law that runs: the law's own design, and the additions around it."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from ...dbc.messages import Law as LawNumber
+from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings.settings import SettingsError
+from ..filters.discretization import design_pd
+from ..filters.settings import VehicleModelSettings
+from ..history.link import LinkParams
+from ..interface.law_record import Law, LawPlan, LawStep, LookingBack, Schedule
+from ..prediction.gains import design_schedule, together
+from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
+from .followed_point import (
+    FollowedPointParams,
+    followed_point_after_hold,
+    followed_point_at_rest,
+    followed_point_plan,
+    followed_point_step,
+    set_point_of,
+)
+from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
+from .plugin import Guard
+
+if TYPE_CHECKING:
+    from .settings import LawSettings
+
+FADE_RAD_S = 0.2
+"""Fading rate of the difference between two laws when one takes over from the other, and of the
+steer that a law derives from VEHICLE_STATE when that is stale."""
+
+FADE_M_S = 0.1
+"""Fading rate of a set point when VEHICLE_STATE is stale."""
+
+FILTER_SETTLES_S = 1.0
+"""Time after which the Kalman filter knows yaw rate and side slip from any initial state."""
+
+_Table = TypeVar("_Table")
+
+
+class LawDesign(NamedTuple):
+    """A law ready to run; ``Any`` stands for the law's own params and state records.
+
+    ``params``         the law's params; of a law scheduled on speed, those at the lowest speed
+    ``initial_state``  after a constant lateral error [m], without steering
+    ``params_at``      of a law scheduled on speed: its params at a speed [m/s]; else None
+    ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
+    ``recovered_state``  after a hold, from the state before it and the lateral error now [m]; None:
+                       the law starts anew
+    ``commands_read``  number of its last commands that a law reads if it is linear in these and
+                       the lateral error alone; None for all other laws
+    ``looking_back``   analysis of a law that is linear at a constant latency only
+    ``plan``           as in the law's record
+    ``mistake``        the last exception of a law from another package; empty for none
+    """
+
+    params: Any
+    initial_state: Callable[[float], Any]
+    step: LawStep
+    params_at: Callable[[float], Any] | None = None
+    looks_back: bool = False
+    commands_read: int | None = 1
+    recovered_state: Callable[[Any, float], Any] | None = None
+    looking_back: LookingBack | None = None
+    plan: LawPlan | None = None
+    mistake: Callable[[], str] = str
+
+
+def design_law(settings: "LawSettings") -> LawDesign:
+    """Return the law of the settings, discretised at their rate, with its additions around it.
+
+    ``step(params, state, LawInput) -> (state, LawOutput)``.
+    """
+    law = settings.law_record
+    design = _own(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
+    if settings.pd is not None and settings.pd.derivative == "kalman":
+        design = _with_kalman_derivative(design, settings)
+    if settings.feed_forward is not None:
+        design = _with_feed_forward(design, settings, settings.feed_forward.gain)
+    if settings.followed_point != "preview":
+        design = _with_followed_point(design, settings)
+    return design
+
+
+def _alone(law: Law, settings: "LawSettings") -> LawDesign:
+    """Return a law without any additions around it."""
+    designed = law.design(settings)
+    params_at = designed.at if isinstance(designed, Schedule) else None
+    params = designed if params_at is None else params_at(0.0)
+    return LawDesign(
+        params,
+        partial(law.at_rest, params),
+        law.step,
+        params_at,
+        law.looks_back,
+        None if law.commands_read is None else law.commands_read(params),
+        None if law.after_hold is None else partial(law.after_hold, params),
+        None if law.looking_back is None else law.looking_back(settings, params),
+        law.plan,
+    )
+
+
+def _own(law: Law, settings: "LawSettings") -> LawDesign:
+    """Return a law of another package, guarded so that its exceptions cannot end the controller.
+
+    Raises SettingsError where its design fails.
+    """
+    guard = Guard(law)
+    try:
+        design = _alone(law, settings)
+    except SettingsError:
+        raise
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise SettingsError(f"law = {settings.law!r}: its design fails: {cause}") from error
+    after_hold = partial(guard.after_hold, design.params)
+    return design._replace(
+        initial_state=partial(guard.at_rest, design.params),
+        step=guard.step,
+        recovered_state=None if law.after_hold is None else after_hold,
+        plan=None if law.plan is None else guard.plan,
+        mistake=lambda: guard.mistake,
+    )
+
+
+def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:
+    """Return a law with the steer for the curve added to its command."""
+    steady, fade_step_rad = steady_steer(vehicle_of(settings), gain), FADE_RAD_S / settings.rate_hz
+    around = _with_params(law, lambda inside: FeedForwardParams(inside, steady, fade_step_rad))
+    return around._replace(
+        initial_state=partial(feed_forward_at_rest, law.initial_state),
+        step=partial(feed_forward_step, law.step),
+    )
+
+
+def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
+    """Return a law with a set point, so that another point than the preview point follows."""
+    set_point = set_point_of(settings.followed_point, vehicle_of(settings))
+    own = set_point, settings.period_s, FADE_M_S * settings.period_s
+    around, recovered = _with_params(law, lambda each: FollowedPointParams(each, *own)), None
+    if law.recovered_state is not None:
+        recovered = partial(followed_point_after_hold, law.recovered_state)
+    return around._replace(
+        initial_state=partial(followed_point_at_rest, law.initial_state),
+        step=partial(followed_point_step, law.step),
+        recovered_state=recovered,
+        plan=None if law.plan is None else partial(followed_point_plan, law.plan),
+    )
+
+
+def _with_params(law: LawDesign, around: Callable[[Any], Any]) -> LawDesign:
+    """Return a law with params around its own, which reads all of its input."""
+    at = law.params_at
+    return law._replace(
+        params=around(law.params),
+        params_at=None if at is None else lambda speed_m_s: around(at(speed_m_s)),
+        looks_back=True,
+    )
+
+
+def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesign:
+    """Return a law that takes dy/dt from the Kalman filter.
+
+    Raises SettingsError where there are no gains.
+    """
+    vehicle, period_s = vehicle_of(settings), settings.period_s
+    schedule = design_schedule(
+        settings.estimator, vehicle, period_s, settings.link.sensor_period_s, None
+    )
+    gains_at = together([schedule])
+    lowest_m_s, highest_m_s = schedule.speeds_m_s[0], schedule.speeds_m_s[-1]
+    gains_of_pd = required(settings.pd)
+    pd, link, params_at = design_pd(gains_of_pd, period_s), link_of(settings), law.params_at
+
+    def at(speed_m_s: float) -> KalmanParams:
+        derivative = DerivativeParams(
+            gains_at(speed_m_s)[0],
+            link,
+            pd,
+            gains_of_pd.proportional_gain_rad_m,
+            gains_of_pd.derivative_gain_rad_s_m,
+            min(max(speed_m_s, lowest_m_s), highest_m_s),
+            vehicle.preview_distance_m,
+            FADE_RAD_S * period_s,
+            round(FILTER_SETTLES_S / settings.link.sensor_period_s),
+        )
+        return KalmanParams(law.params if params_at is None else params_at(speed_m_s), derivative)
+
+    slowest = at(0.0)
+    return law._replace(
+        params=slowest,
+        params_at=at,
+        initial_state=partial(kalman_at_rest, law.initial_state, slowest.derivative),
+        step=partial(kalman_step, law.step),
+        looks_back=True,
+        commands_read=None,
+        looking_back=LookingBack(
+            filter_opening(settings), ("Without echoes the derivative is the filtered difference.",)
+        ),
+    )
+
+
+def filter_opening(settings: "LawSettings") -> tuple[str, ...]:
+    """Return the introduction to the analysis of a law with a Kalman filter."""
+    speed_m_s = vehicle_of(settings).speed_m_s
+    return (
+        "The law has a filter that looks back. Analysed with a constant latency of the commands,",
+        f"none of the measurements, and every echo there, at {speed_m_s:.4g} m/s.",
+    )
+
+
+def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadySteer:
+    """Return the steer per curvature of a vehicle, times a gain."""
+    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
+    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    wheelbase_m = l_f + l_r
+    understeer_s2_m = vehicle.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
+    return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
+
+
+def link_of(settings: "LawSettings") -> LinkParams:
+    """Return the parameters of the delay measurement."""
+    table = settings.link
+    return LinkParams(
+        round(NS_PER_S / settings.rate_hz),
+        round(table.sensor_period_ms * NS_PER_MS),
+        max(1.0, table.delay_averaging_s / table.sensor_period_s),
+    )
+
+
+def vehicle_of(settings: "LawSettings") -> VehicleModelSettings:
+    """Return the nominal vehicle; the settings guarantee that there is one."""
+    if not isinstance(settings.nominal_model, VehicleModelSettings):
+        raise ValueError("the law needs a [nominal_model] of kind 'vehicle'")
+    return settings.nominal_model
+
+
+def required(table: _Table | None) -> _Table:
+    """Return a table that the settings guarantee for their law."""
+    if table is None:
+        raise ValueError("the law needs a table that the settings do not have")
+    return table

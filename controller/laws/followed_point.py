@@ -1,0 +1,136 @@
+"""The followed point: which point of the vehicle a law holds on the path.
+
+The lateral error on the bus is that of the preview point, l_s ahead of the centre of gravity (CG).
+Held on the path, it leaves the CG inside every bend. On a path of curvature ρ, a point p ahead of
+the CG is on the path while the preview point is at
+
+    y* = -ρ (d (β₁ + p) + d²/2)          d = l_s - p          β₁ = l_r - m̃ l_f V²/(c_r L)
+
+    p    0 for the CG, -l_r for the rear axle, l_s for the preview point itself         [m]
+    β₁   side slip per curvature in the steady state of SAE 2018-01-1086 (1)            [m]
+    V    speed_m_s               of VEHICLE_STATE                                       [m/s]
+    ρ    preview_curvature_1_m   of VEHICLE_STATE, beside the preview point             [1/m]
+
+because there the vehicle points β₁ + p to the outside per curvature, and the path bends away from
+its own tangent by d²/2 (p for the yaw rate that a turn takes). Not in paper.
+
+The law sees y - y* as its lateral error. The terms belong to the path beside the followed point and
+d/3 ahead of it, not beside the preview point. So y* follows ρ over a distance, first order, which
+makes the two mean places equal: d - d³/(6 A) with A = d (l_r + p) + d²/2. When VEHICLE_STATE is
+stale, y* fades out.
+
+The predictor, which estimates the whole state, does without: its cost weights the deviation of the
+followed point (``controller.prediction.gains``). Only the law it falls back to sees y - y*.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..filters.settings import FollowedPoint, VehicleModelSettings
+from ..interface.fading import NOTHING, Fading, fading_step
+from ..interface.law import LawInput, LawOutput, VehicleReading
+from ..interface.law_record import LawPlan, LawStep
+
+
+class SetPoint(NamedTuple):
+    """y* per curvature, -(A - B V²), and the distance over which it follows the curvature.
+
+    ``geometric_m2``       A
+    ``by_tyres_s2``        B
+    ``distance_m``         of the first-order lag, greater than 0
+    """
+
+    geometric_m2: float
+    by_tyres_s2: float
+    distance_m: float
+
+
+class FollowedPointParams(NamedTuple):
+    """Parameters of the law inside, and of its set point.
+
+    ``fade_step_m``  largest step per period of the fading while VEHICLE_STATE is stale
+    """
+
+    law: Any
+    set_point: SetPoint
+    period_s: float
+    fade_step_m: float
+
+
+class FollowedPointState(NamedTuple):
+    """State of the law inside, y* before it fades [m], and y* as the law has seen it."""
+
+    law: Any
+    set_point_m: float
+    seen: Fading
+
+
+def ahead_of_cg_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
+    """Return p, how far a followed point lies ahead of the centre of gravity."""
+    return {
+        "preview": vehicle.preview_distance_m,
+        "centre_of_gravity": 0.0,
+        "rear_axle": -vehicle.rear_axle_distance_m,
+    }[point]
+
+
+def set_point_of(point: FollowedPoint, vehicle: VehicleModelSettings) -> SetPoint:
+    """Return the set point of the preview point that puts another point on the path.
+
+    Raises ValueError where the preview point is not ahead of it.
+    """
+    ahead_m = ahead_of_cg_m(point, vehicle)
+    d = vehicle.preview_distance_m - ahead_m
+    if d <= 0.0:
+        raise ValueError("the followed point is the preview point itself")
+    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    c_r = vehicle.rear_cornering_stiffness_n_rad
+    geometric_m2 = d * (l_r + ahead_m) + 0.5 * d * d
+    by_tyres_s2 = d * vehicle.virtual_mass_kg * l_f / (c_r * (l_f + l_r))
+    return SetPoint(geometric_m2, by_tyres_s2, d - d * d * d / (6.0 * geometric_m2))
+
+
+def steady_set_point_m(p: SetPoint, vehicle: VehicleReading) -> float:
+    """Return y* on a circle of the present curvature [m]."""
+    speed_m_s = vehicle.speed_m_s
+    per_curvature_m2 = p.geometric_m2 - p.by_tyres_s2 * speed_m_s * speed_m_s
+    return -per_curvature_m2 * vehicle.preview_curvature_1_m
+
+
+def followed_point_at_rest(
+    law_at_rest: Callable[[float], Any], lateral_error_m: float
+) -> FollowedPointState:
+    """Return the state, with the law's, after a constant lateral error [m]; no curve known yet."""
+    return FollowedPointState(law_at_rest(lateral_error_m), 0.0, NOTHING)
+
+
+def followed_point_after_hold(
+    recovered: Callable[[Any, float], Any], x: FollowedPointState, lateral_error_m: float
+) -> FollowedPointState:
+    """Return the state after a hold, with the law's; the set point continues."""
+    return FollowedPointState(
+        recovered(x.law, lateral_error_m - x.seen.value), x.set_point_m, x.seen
+    )
+
+
+def followed_point_plan(
+    law_plan: LawPlan, p: FollowedPointParams, x: FollowedPointState, seen: LawInput
+) -> int:
+    """Let the inner law write its plan, which knows no set point: its gains hold the point."""
+    return law_plan(p.law, x.law, seen)
+
+
+def followed_point_step(
+    law_step: LawStep, p: FollowedPointParams, x: FollowedPointState, seen: LawInput
+) -> tuple[FollowedPointState, LawOutput]:
+    """Advance the inner law by one period with ``law_step``, on the error against its set point."""
+    vehicle = seen.vehicle
+    part = min(p.period_s * vehicle.speed_m_s / p.set_point.distance_m, 1.0)
+    set_point_m = x.set_point_m + part * (steady_set_point_m(p.set_point, vehicle) - x.set_point_m)
+    shown = fading_step(
+        p.fade_step_m, x.seen, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
+    )
+    error_m = seen.lateral_error_m - shown.value
+    own = LawInput(error_m, seen.sent_steer_rad, vehicle, seen.link, seen.history)
+    x_law, output = law_step(p.law, x.law, own)
+    return FollowedPointState(x_law, set_point_m, shown), output

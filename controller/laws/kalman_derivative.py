@@ -1,0 +1,131 @@
+"""dy/dt from the Kalman filter, for any law that takes a derivative. Not in SAE 2018-01-1086.
+
+    u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
+
+The law itself is unchanged. In the response of its C(s) to the measured error, the derivative is
+replaced by that of the filter (``controller.prediction.estimator``) at its newest sample, without prediction.
+The CDOB's compensation has hardly any noise and keeps the filtered difference. As always, the
+observers see the command that was sent.
+
+Without echoes the filter does not know which commands act. Before the first echo, when echoes stop,
+and until the filter has settled afterwards, the filtered difference is used. At each change the
+difference between the two fades out.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ...runtime.record import new_record
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..history.link import LinkParams
+from ..interface.fading import NOTHING, Fading, fading_step
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import LawStep
+from ..prediction.estimator import (
+    EstimatorState,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    start_estimate,
+)
+
+
+class DerivativeParams(NamedTuple):
+    """Parameters of the derivative at one speed.
+
+    ``pd``             C(z) of the law
+    ``fade_step_rad``  how much of a difference between the two derivatives fades in one period
+    ``settling_samples``  samples until the filter has settled after its start or a gap in echoes
+    """
+
+    gains: VehicleGains
+    link: LinkParams
+    pd: PdParams
+    proportional_gain_rad_m: float
+    derivative_gain_rad_s_m: float
+    speed_m_s: float
+    preview_distance_m: float
+    fade_step_rad: float
+    settling_samples: int
+
+
+class DerivativeState(NamedTuple):
+    """State of the derivative.
+
+    ``settled_sample``  from this sample on the filter is used
+    ``correction``      of the command [rad], for the estimated derivative or the filtered one
+    """
+
+    estimate: EstimatorState
+    settled_sample: int
+    pd: SectionState
+    correction: Fading
+
+
+class KalmanParams(NamedTuple):
+    """Parameters of the law inside, and of the derivative."""
+
+    law: Any
+    derivative: DerivativeParams
+
+
+class KalmanState(NamedTuple):
+    """State of the same two."""
+
+    law: Any
+    derivative: DerivativeState
+
+
+def derivative_step(
+    p: DerivativeParams, x: DerivativeState, seen: LawInput
+) -> tuple[DerivativeState, float]:
+    """Advance one period; returns what to add to the law's command [rad]."""
+    link, history = seen.link, seen.history
+    x_pd, filtered_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
+    estimate = start_estimate(x.estimate, link, history)
+    settled_sample = x.settled_sample
+    if estimate.sample != x.estimate.sample or not link.is_measured:
+        settled_sample = max(link.error_sample, 0) + p.settling_samples
+    wanted_rad = 0.0
+    if estimate.sample >= 0:
+        known = min(link.error_sample, link.echo_sample)
+        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
+    is_estimated = link.is_measured and 0 <= settled_sample <= estimate.sample
+    if is_estimated:
+        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        wanted_rad = (
+            -p.proportional_gain_rad_m * seen.lateral_error_m
+            - p.derivative_gain_rad_s_m * error_rate_m_s(p, newest)
+            - filtered_rad
+        )
+    correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, is_estimated)
+    after = (estimate, settled_sample, x_pd, correction)
+    return new_record(DerivativeState, after), correction.value
+
+
+def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
+    """Return dy/dt of an estimate [m/s], (1)."""
+    return (
+        p.speed_m_s * (x.side_slip_rad + x.heading_error_rad)
+        + p.preview_distance_m * x.yaw_rate_rad_s
+    )
+
+
+def kalman_step(
+    law_step: LawStep, p: KalmanParams, x: KalmanState, seen: LawInput
+) -> tuple[KalmanState, LawOutput]:
+    """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
+    x_law, output = law_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    after, corrected = (x_law, x_derivative), (output.steer_rad + correction_rad, *output[1:])
+    return new_record(KalmanState, after), new_record(LawOutput, corrected)
+
+
+def kalman_at_rest(
+    law_at_rest: Callable[[float], Any], p: DerivativeParams, lateral_error_m: float
+) -> KalmanState:
+    """Return the state around a law's after a constant lateral error [m] and no steering."""
+    x_pd = pd_at_rest(p.pd, lateral_error_m)
+    derivative = DerivativeState(estimator_at_rest(lateral_error_m), -1, x_pd, NOTHING)
+    return KalmanState(law_at_rest(lateral_error_m), derivative)

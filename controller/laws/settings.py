@@ -1,0 +1,232 @@
+"""Settings of the control laws: which law runs, and the tables it is designed from.
+
+Values from which no filter can be built are refused here, naming the key.
+"""
+
+import json
+from collections.abc import Mapping
+from math import pi
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticKnownError
+
+from ...runtime.settings.mistakes import Schema, schema_of
+from ...runtime.settings.settings import Settings
+from ..filters.settings import (
+    CdobSettings,
+    DobSettings,
+    EstimatorSettings,
+    FeedForwardSettings,
+    FollowedPoint,
+    LinkSettings,
+    NominalModelSettings,
+    PdSettings,
+    VehicleModelSettings,
+)
+from ..filters.transfer_function import TransferFunction
+from ..interface.law_record import Law
+from ..interface.validity import ValiditySettings
+from . import LAWS
+from .plugin import NoLawError, find_own_law, place_of
+
+_OwnTable = TypeVar("_OwnTable", bound=Settings)
+
+
+def find_law(name: str) -> Law:
+    """Return the law with this name, ours or another package's; raises NoLawError."""
+    return LAWS[name] if name in LAWS else find_own_law(name)
+
+
+def _known_law(name: Any) -> Any:
+    if not isinstance(name, str) or (name not in LAWS and place_of(name) is None):
+        raise PydanticKnownError("enum", {"expected": ", ".join(LAWS)})
+    find_law(name)
+    return name
+
+
+def _own_table(value: Any, info: ValidationInfo) -> Settings | None:
+    """Return [own_law] validated by the law's own model."""
+    name = info.data.get("law")
+    kind = None if name is None or name in LAWS else find_law(name).settings
+    if kind is None:
+        if value and name is not None:
+            raise ValueError(f"law = {name!r} has no table [own_law]")
+        return None
+    if value is None:
+        needs_values = any(field.is_required() for field in kind.model_fields.values())
+        return None if needs_values else kind()
+    if isinstance(value, kind):
+        return value
+    if info.mode == "json":
+        return kind.model_validate_json(json.dumps(value), strict=True)
+    return kind.model_validate(value)
+
+
+LawName = Annotated[
+    str, BeforeValidator(_known_law), WithJsonSchema({"enum": list(LAWS), "type": "string"})
+]
+
+
+class _SharedTables(Settings):
+    """Settings that all laws share."""
+
+    law: LawName
+    rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
+    pd: PdSettings | None = None
+    dob: DobSettings | None = None
+    cdob: CdobSettings | None = None
+
+
+if TYPE_CHECKING:
+
+    class _TablesOfLaws(_SharedTables):
+        pass
+
+else:  # a field for each law that has a table, named after the law
+    _TablesOfLaws = create_model(
+        "_TablesOfLaws",
+        __base__=_SharedTables,
+        **{
+            name: (law.settings | None, None)
+            for name, law in LAWS.items()
+            if law.settings is not None
+        },
+    )
+
+
+class LawSettings(_TablesOfLaws):
+    """Settings for ``controller.laws.design``; tables that the law does not use may be omitted."""
+
+    own_law: Annotated[
+        SerializeAsAny[Settings] | None,
+        PlainValidator(_own_table),
+        WithJsonSchema({"type": "object"}),
+    ] = Field(default=None, validate_default=True)
+    """Table of a law from another package; the law's record contains its model."""
+    feed_forward: FeedForwardSettings | None = None
+    followed_point: FollowedPoint = "preview"
+    """The preview point, whose error is measured, as in the paper; or another point's."""
+    estimator: EstimatorSettings = EstimatorSettings()
+    link: LinkSettings = LinkSettings()
+    nominal_model: NominalModelSettings | None = None
+    validity: ValiditySettings | None = None
+    """What the preset was designed for; None: unknown."""
+
+    @property
+    def law_record(self) -> Law:
+        """Return the law itself."""
+        return find_law(self.law)
+
+    @property
+    def period_s(self) -> float:
+        """The control period [s]."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def model(self) -> TransferFunction | None:
+        """Return G_n, or None where there is no [nominal_model]."""
+        return None if self.nominal_model is None else self.nominal_model.model
+
+    @property
+    def _table(self) -> str:
+        """The name of the law's own table."""
+        return self.law if self.law in LAWS else "own_law"
+
+    def table_of(self, kind: type[_OwnTable]) -> _OwnTable:
+        """Return the law's own table, which is of this kind."""
+        table = getattr(self, self._table)
+        if not isinstance(table, kind):
+            raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
+        return table
+
+    @classmethod
+    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:
+        """Return the JSON schema, including that of the own law named in the data."""
+        schema = schema_of(cls)
+        try:
+            kind = find_law(str(data.get("law"))).settings
+        except NoLawError:
+            return schema
+        if kind is None:
+            return schema
+        own = schema_of(kind)
+        return {
+            **schema,
+            "$defs": {**schema["$defs"], **own.get("$defs", {})},
+            "properties": {**schema["properties"], "own_law": own},
+        }
+
+    @model_validator(mode="after")
+    def _refuse_missing_tables(self) -> Self:
+        law = self.law_record
+        for table in (*([] if law.settings is None else [self._table]), *law.needs):
+            if getattr(self, table, None) is None:
+                raise ValueError(f"law = {self.law!r} needs the table [{table}]")
+        if law.needs_vehicle:
+            self._vehicle_for(f"law = {self.law!r}")
+        return self
+
+    def _vehicle_for(self, key: str) -> VehicleModelSettings:
+        """Return the nominal vehicle, without which a setting is refused."""
+        if not isinstance(self.nominal_model, VehicleModelSettings):
+            raise ValueError(f"{key} needs nominal_model.kind = 'vehicle'")
+        return self.nominal_model
+
+    @model_validator(mode="after")
+    def _refuse_an_estimate_without_a_vehicle(self) -> Self:
+        if self.pd is not None and self.pd.derivative == "kalman":
+            if not self.law_record.takes_derivative:
+                raise ValueError(f"pd.derivative = 'kalman' is not for law = {self.law!r}")
+            self._vehicle_for("pd.derivative = 'kalman'")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_a_second_feed_forward(self) -> Self:
+        if self.feed_forward is not None:
+            if self.law_record.feed_forward_refusal:
+                raise ValueError(f"law = {self.law!r} {self.law_record.feed_forward_refusal}")
+            self._vehicle_for("[feed_forward]")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_another_point_without_a_vehicle(self) -> Self:
+        key = f"followed_point = {self.followed_point!r}"
+        if self.followed_point != "preview" and not self._vehicle_for(key).preview_distance_m:
+            raise ValueError(f"{key} needs nominal_model.preview_distance_m above 0")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_cutoffs_beyond_nyquist(self) -> Self:
+        nyquist_rad_s = pi * self.rate_hz
+        for key, cutoff_rad_s in self._cutoffs_rad_s().items():
+            if cutoff_rad_s is not None and cutoff_rad_s >= nyquist_rad_s:
+                raise ValueError(
+                    f"{key} = {cutoff_rad_s:g} must be below pi * rate_hz = {nyquist_rad_s:.4g}"
+                    f" rad/s (Nyquist at rate_hz = {self.rate_hz:g})"
+                )
+        return self
+
+    def _cutoffs_rad_s(self) -> dict[str, float | None]:
+        """Return every cutoff by its key [rad/s]; None where it is omitted."""
+        cutoffs: dict[str, float | None] = {}
+        if self.pd is not None:
+            cutoffs["pd.derivative_filter_rad_s"] = self.pd.derivative_filter_rad_s
+        if self.dob is not None:
+            cutoffs["dob.q_cutoff_rad_s"] = self.dob.q_cutoff_rad_s
+        if self.cdob is not None:
+            cutoffs["cdob.q_cutoff_rad_s"] = self.cdob.q_cutoff_rad_s
+            cutoffs["cdob.washout_rad_s"] = self.cdob.washout_rad_s
+        for name, law in {**LAWS, "own_law": self.law_record}.items():
+            if law.cutoffs and (table := getattr(self, name)) is not None:
+                cutoffs |= {f"{name}.{key}": getattr(table, key) for key in law.cutoffs}
+        return cutoffs

@@ -1,0 +1,111 @@
+"""Runs the law: keeps its parameters and state, and fades its commands in.
+
+On recovery the law starts anew, at rest at the present measurement. Its first command differs from
+the held one. The difference is added to its commands and fades out at the ramp rate, so that the
+first command equals the last one held. As always, the law's input is the command that was sent.
+"""
+
+from math import isfinite
+from typing import Any
+
+from ...dbc.messages import Mode
+from ...runtime.record import new_record
+from ..history.link_memory import LinkMemory
+from ..interface.law import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput, LawOutput
+from ..interface.limits import ramp_step
+from ..interface.validity import share_of_demand
+from ..laws.design import design_law, link_of
+from ..settings import ControllerSettings, age_limits_of
+from .received import Received
+
+FAILURES_MAX = 1
+"""Restarts of a law after an output that is not finite; one more failure stops it for good."""
+
+
+class LawRunner:
+    """Holds the law, its state and its memory.
+
+    ``design``    the law
+    ``memory``    commands, measurements and echoes for a law that looks back; None for others
+    ``output``    newest finite output
+    ``acting``    index of the value of the newest plan that acts first; -1 for no plan
+    ``failures``  how often its output was not finite
+    ``is_distrusted``  whether it has failed again after its restart
+    """
+
+    def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
+        self.design = design_law(settings)
+        self.memory = (
+            LinkMemory(
+                link_of(settings),
+                age_limits_of(settings),
+                keeps_plans=self.design.plan is not None,
+            )
+            if self.design.looks_back
+            else None
+        )
+        self._history = NO_HISTORY if self.memory is None else self.memory.history
+        self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
+        self.failures = 0
+        self.acting = -1
+        self.is_distrusted = False
+        self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
+        self._validity = None if settings.law_record.schedules_demand else settings.validity
+        self._share = 1.0
+        self._state: Any = None
+        self._fade_rad: float | None = 0.0  # None: to be taken from the next output
+        self._ramp_step_rad = ramp_step_rad
+
+    @property
+    def failure(self) -> str:
+        """Why the law is distrusted; empty while it is not."""
+        if not self.is_distrusted:
+            return ""
+        text = "the law's output was again not finite after a restart of the law"
+        mistake = self.design.mistake()
+        return f"{text}: {mistake}" if mistake else text
+
+    def on_speed(self, speed_m_s: float) -> None:
+        """Set the law's parameters for a speed, and the share of its steer."""
+        if speed_m_s == self._speed_m_s:
+            return
+        self._speed_m_s = speed_m_s
+        self._share = share_of_demand(self._validity, speed_m_s)
+        if self.design.params_at is not None:
+            self._params = self.design.params_at(speed_m_s)
+
+    def start(self, before: Mode, lateral_error_m: float) -> None:
+        """Prepare for ACTIVE after another mode; some laws continue after a hold."""
+        recovered = self.design.recovered_state
+        if recovered is None or before is not Mode.HOLDING or self._state is None:
+            self._state = self.design.initial_state(lateral_error_m)
+        else:
+            self._state = recovered(self._state, lateral_error_m)
+        # Before the first command there is no held command to continue from.
+        self._fade_rad = 0.0 if before is Mode.WAITING else None
+
+    def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
+        """Advance by one period; returns the command [rad], None if it is not finite."""
+        memory, design = self.memory, self.design
+        link = NO_LINK if memory is None else memory.link(period, now_ns)
+        vehicle = received.vehicle_at(now_ns)
+        values = received.lateral_error_m, sent_rad, vehicle, link, self._history
+        seen = new_record(LawInput, values)
+        state, output = design.step(self._params, self._state, seen)
+        steer_rad = self._share * output.steer_rad
+        self.acting = -1
+        if isfinite(steer_rad):
+            self._state, self.output = state, output
+            if self._fade_rad is None:
+                self._fade_rad = sent_rad - steer_rad
+            elif self._fade_rad != 0.0:
+                self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
+            if design.plan is not None and self._fade_rad == 0.0:
+                self.acting = design.plan(self._params, state, seen)
+            command_rad = steer_rad + self._fade_rad
+            if isfinite(command_rad):
+                return command_rad
+        self.failures += 1
+        self.is_distrusted = self.failures > FAILURES_MAX
+        self._state = None  # nothing that a recovery could continue from
+        return None

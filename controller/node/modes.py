@@ -1,0 +1,189 @@
+"""When the controller may steer, and what it does when measurements stop.
+
+    mode        the command sent at each tick
+    WAITING     none: there was no valid measurement yet
+    ACTIVE      the law's, within the limits
+    HOLDING     the last one, unchanged
+    SAFE_STOP   the last one ramped to zero, then zero
+
+``TRANSITIONS`` defines the whole behaviour: in each mode the first row with a true guard decides,
+and without a true guard the mode stays. Guards depend on the age of the newest measurement, the
+number of good ones without a gap, a failure of the law, a vehicle that stands or reverses, and a
+fault that the controller has detected in itself, which leads to SAFE_STOP for good. The law itself
+never branches on any of these.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from ...dbc.messages import Mode
+
+
+class Supervision(NamedTuple):
+    """When a measurement counts, and how long to hold without one.
+
+    ``measurement_timeout_ns``  a measurement older than this is stale [ns]
+    ``hold_ns``                 how long the last command is held before the ramp [ns]
+    ``recovery_frames``         good measurements, more than damaged ones, that end HOLDING and
+                                SAFE_STOP
+    """
+
+    measurement_timeout_ns: int
+    hold_ns: int
+    recovery_frames: int
+
+
+class ModeState(NamedTuple):
+    """The mode, and the time it was entered [ns]."""
+
+    mode: Mode
+    entered_ns: int
+
+
+class Evidence(NamedTuple):
+    """Conditions of a transition besides time.
+
+    ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
+    ``good_run``     good measurements without a gap, less the damaged ones among them
+    ``law_failed``   whether the law's output at this tick was not a finite number
+    ``own_fault``    whether the controller has detected a fault in itself
+    ``goes_forward`` whether the vehicle does, as far as is known
+    """
+
+    arrival_ns: int | None
+    good_run: int
+    law_failed: bool = False
+    own_fault: bool = False
+    goes_forward: bool = True
+
+
+Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
+
+
+def is_fresh(p: Supervision, _state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether there is a measurement recent enough to steer by."""
+    return seen.arrival_ns is not None and now_ns - seen.arrival_ns <= p.measurement_timeout_ns
+
+
+def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether the newest measurement is too old to steer by."""
+    return not is_fresh(p, state, seen, now_ns)
+
+
+def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether measurements are fresh again, enough of them good, and nothing else is wrong."""
+    is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
+    return is_back and seen.goes_forward and not seen.own_fault
+
+
+def is_not_forward(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the vehicle stands or reverses, which no law is for."""
+    return not seen.goes_forward
+
+
+def is_at_fault(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the controller has detected a fault in itself."""
+    return seen.own_fault
+
+
+def is_held_enough(p: Supervision, state: ModeState, _seen: Evidence, now_ns: int) -> bool:
+    """Whether the mode has lasted for the hold time."""
+    return now_ns - state.entered_ns >= p.hold_ns
+
+
+def is_law_failed(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the law's command was not finite."""
+    return seen.law_failed
+
+
+TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
+    Mode.WAITING: ((is_fresh, Mode.ACTIVE),),
+    Mode.ACTIVE: (
+        (is_at_fault, Mode.SAFE_STOP),
+        (is_law_failed, Mode.HOLDING),
+        (is_stale, Mode.HOLDING),
+        (is_not_forward, Mode.HOLDING),
+    ),
+    Mode.HOLDING: (
+        (is_at_fault, Mode.SAFE_STOP),
+        (is_trusted, Mode.ACTIVE),
+        (is_held_enough, Mode.SAFE_STOP),
+    ),
+    Mode.SAFE_STOP: ((is_trusted, Mode.ACTIVE),),
+}
+
+
+def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> ModeState:
+    """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
+    for guard, following in TRANSITIONS[state.mode]:
+        if guard(p, state, seen, now_ns):
+            return ModeState(following, now_ns)
+    return state
+
+
+_ACTIVE = Mode.ACTIVE
+
+
+class Supervisor:
+    """Keeps the mode, and the number of good measurements.
+
+    ``start_ns``  when WAITING begins [ns]
+
+    ``mode``      the present mode
+    ``goes_forward``  whether the vehicle does, as far as is known
+    """
+
+    def __init__(self, supervision: Supervision, start_ns: int) -> None:
+        self._supervision = supervision
+        self._timeout_ns = supervision.measurement_timeout_ns
+        self._state = ModeState(Mode.WAITING, start_ns)
+        self.mode = Mode.WAITING
+        self._good_run = 0
+        self._own_fault = False
+        self.goes_forward = True
+
+    def stays_active(self, arrival_ns: int | None, now_ns: int) -> bool:
+        """Whether the mode is ACTIVE and no guard of the table's is true: the usual case.
+
+        ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
+        """
+        return (
+            self.mode is _ACTIVE
+            and arrival_ns is not None
+            and now_ns - arrival_ns <= self._timeout_ns
+            and self.goes_forward
+            and not self._own_fault
+        )
+
+    def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
+        """Record a good measurement; one after a gap starts a new run.
+
+        ``before_ns``  when the previous one arrived, None for the first [ns]
+        """
+        continues = before_ns is not None and now_ns - before_ns <= self._timeout_ns
+        self._good_run = self._good_run + 1 if continues else 1
+
+    def on_rejection(self) -> None:
+        """Record a damaged measurement, which takes a good one back."""
+        self._good_run = max(self._good_run - 1, 0)
+
+    def on_own_fault(self) -> None:
+        """Record a fault of the controller itself, which is permanent."""
+        self._own_fault = True
+
+    def move_on(
+        self, arrival_ns: int | None, now_ns: int, *, law_failed: bool = False
+    ) -> Mode | None:
+        """Take at most one transition; returns the mode entered, None for no change.
+
+        ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
+        """
+        before = self._state.mode
+        seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward)
+        self._state = mode_step(self._supervision, self._state, seen, now_ns)
+        self.mode = self._state.mode
+        if self.mode is before:
+            return None
+        if self.mode is Mode.HOLDING:
+            self._good_run = 0
+        return self.mode

@@ -1,0 +1,300 @@
+"""The controller as a node: measurements in, one command each control period out.
+
+At every tick: mode table → law → limits → STEERING_COMMAND. The law does not know the age of its
+sample; freshness, modes and fallback are decided here, around it.
+
+    controller.received        received values and their arrival times
+    controller.modes           the mode table
+    controller.law_runner      the law, and the fading in of its commands
+    controller.command_frames  the commands, and when each was sent
+    controller.status_frames   status messages for monitoring
+    controller.safety_watch    what CONTROLLER_SAFETY must report
+    controller.run_figures     figures for the report
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...dbc.codec.protection import SequenceResult
+from ...dbc.messages import (
+    CAN_IDS,
+    ControllerFault,
+    LateralError,
+    Mode,
+    PathAhead,
+    Rejection,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+)
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_S
+from ...runtime.node.overruns import OverrunSupervision
+from ...runtime.node.periodic import PeriodicTimer
+from ...runtime.node.view import View
+from ...runtime.record import new_record
+from ..interface.law import VehicleReading
+from ..interface.limits import limit_name, limit_step, ramp_step
+from ..interface.validity import NOT_FORWARD_M_S
+from ..settings import ControllerSettings, limits_of, supervision_of
+from .command_frames import CommandFrames
+from .control_sample import ControlSample
+from .delay_watch import delay_watch_of
+from .law_runner import LawRunner
+from .modes import Supervisor
+from .received import RECEIVED, SENT, Received
+from .run_figures import RunFigures
+from .safety import SafetyFacts
+from .safety_watch import SafetyWatch
+from .status_frames import StatusFrames
+from .view import controller_view
+
+__all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
+
+_WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
+_NO_FAULT = ControllerFault.NONE
+_NO_COMMAND = SteeringStatusCode.NO_COMMAND
+_NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
+_ERROR_ID = CAN_IDS[LateralError]
+
+STATUS_PERIOD_NS = 100_000_000
+"""Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
+
+
+class ControllerNode:
+    """Controls one vehicle over the bus.
+
+    ``settings``     law, rate, limits and supervision
+    ``start_ns``     first tick [ns]
+    ``samples_max``  how many control periods are kept in ``samples``, from the first command on
+
+    ``deadline_ns``  when the next tick is due [ns]
+    ``finished``     whether it has detected a fault in itself and no longer steers
+    """
+
+    def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
+        self._law_name = settings.law
+        self._period_s = settings.period_ns / NS_PER_S
+        self._rate_hz = NS_PER_S / settings.period_ns
+        self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
+        self._limits = limits_of(settings)
+        self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
+        self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
+        self.deadline_ns = start_ns
+        self.finished = False
+        self._overruns = OverrunSupervision.of(settings.overruns)
+        self._received = Received(settings)
+        self._supervisor = Supervisor(supervision_of(settings), start_ns)
+        self._law = LawRunner(settings, self._ramp_step_rad)
+        self._sent_steer_rad = 0.0
+        periods_per_sample = settings.link.sensor_period_s / self._period_s
+        self._commands = CommandFrames(self._limits, periods_per_sample)
+        self._delay = delay_watch_of(settings)
+        self._statuses = StatusFrames(settings.law_record.number)
+        self._steering_acts = True
+        self._safety = SafetyWatch(settings.validity, self._received, start_ns)
+        self._figures = RunFigures(start_ns, samples_max)
+
+    @property
+    def samples(self) -> Sequence[ControlSample]:
+        """The control periods kept, oldest first."""
+        return self._figures.samples
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Process a frame; the response to a measurement is sent at the next tick."""
+        received, memory = self._received, self._law.memory
+        before_ns = received.errors.arrival_ns
+        message = received.reception.take(frame, now_ns)
+        if type(message) is LateralError:
+            received.lateral_error_m = message.lateral_error_m
+            self._supervisor.on_measurement(before_ns, now_ns)
+            if memory is not None:
+                memory.on_error(message, received.errors.counter, now_ns)
+        elif type(message) is SteeringStatus:
+            self._on_echo(message, now_ns)
+            if memory is not None:
+                memory.on_echo(message, received.statuses.counter, now_ns)
+        elif type(message) is VehicleState:
+            received.vehicle = new_record(VehicleReading, (*message, False))
+            speed_m_s = message.speed_m_s
+            self._law.on_speed(speed_m_s)
+            self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
+            if memory is not None:
+                memory.on_vehicle(now_ns)
+        elif type(message) is PathAhead and memory is not None:
+            memory.on_path(message, received.vehicle.speed_m_s)
+        elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
+            self._supervisor.on_rejection()
+        elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
+            received.on_dispute()
+        return ()
+
+    def on_unauthenticated(self) -> None:
+        """Record that authentication has refused a frame."""
+        self._received.unauthenticated += 1
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Compute and send a command, and report the status if due."""
+        frames = []
+        is_safety_due = False
+        if self._control_timer.deadline_ns <= now_ns:
+            period = self._control_timer.advance(now_ns)
+            if not self._overruns.on_tick(self._control_timer):
+                self._supervisor.on_own_fault()
+            self._figures.last_tick_ns = now_ns
+            before_rad = self._sent_steer_rad
+            if self._commands.sent.count:
+                self._delay.on_tick(now_ns, period, before_rad, self._received)
+            wanted_rad = self._wanted_rad(now_ns, period)
+            mode = self._supervisor.mode
+            sent_rad = limit_step(self._limits, before_rad, wanted_rad)
+            self._sent_steer_rad = sent_rad
+            if mode is _ACTIVE:
+                limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
+                self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
+            if mode is not _WAITING:
+                frames.append(self._command_frame(mode, now_ns, period, before_rad))
+            facts = self._safety_facts(now_ns)
+            is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
+            self.finished = facts.fault is not _NO_FAULT and sent_rad == 0.0
+        if self._status_timer.deadline_ns <= now_ns:
+            self._status_timer.advance(now_ns)
+            self._safety.judge_validity(self._delay.echo_s(now_ns))
+            self._figures.on_validity(self._safety.validity)
+            mode, skipped = self._supervisor.mode, self._control_timer.skipped
+            frames.append(self._statuses.status(mode, self._law.output, skipped))
+            frames.append(self._safety_frame(now_ns))
+            frames.append(self._statuses.delay(self._delay.status(now_ns)))
+        elif is_safety_due:
+            frames.append(self._safety_frame(now_ns))
+        control_ns, status_ns = self._control_timer.deadline_ns, self._status_timer.deadline_ns
+        self.deadline_ns = control_ns if control_ns < status_ns else status_ns
+        return frames
+
+    def view(self, now_ns: int) -> View:
+        """Return what a user should see now."""
+        counts = {
+            "control periods skipped": self._control_timer.skipped,
+            "failures of the law": self._law.failures,
+        }
+        return controller_view(
+            self._supervisor.mode,
+            self._failure,
+            self._received,
+            now_ns,
+            counts,
+            self._sent_steer_rad,
+            self._delay.echo_s(now_ns),
+            self._safety.facts,
+        )
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures of the run so far, ready for JSON: those of ``RunFigures``, and
+
+        ``failure``     the fault it has detected in itself, empty for none
+        ``stale``       how often each message exceeded its age limit
+        ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
+        ``delay``       from command to measurement, by echo and by estimate
+        ``lost``        frames that never arrived or arrived too late; ``rejected`` by cause
+        """
+        timer, law, reception = self._control_timer, self._law, self._received.reception
+        return {
+            "law": self._law_name,
+            "rate_hz": self._rate_hz,
+            "ticks": timer.index - timer.skipped,
+            "skipped_ticks": timer.skipped,
+            "failure": self._failure,
+            "commands_sent": self._commands.sent.count,
+            "plans_sent": self._commands.plans,
+            "peak_steer_rad": self._figures.peak_steer_rad,
+            "law_failures": law.failures,
+            **self._figures.report(self._failure),
+            "stale": self._statuses.safety.went_stale,
+            "sensor_period": None if law.memory is None else law.memory.sensor_period(),
+            "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),
+            "accepted": reception.accepted,
+            "lost": reception.lost,
+            "rejected": reception.rejected,
+            "resynchronised": reception.resynchronised,
+            "second_senders": reception.second_senders,
+        }
+
+    @property
+    def _failure(self) -> str:
+        """The fault it has detected in itself, which is permanent."""
+        return self._law.failure or self._overruns.failure
+
+    def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
+        """Process the counter of the command that is applied now, and whether the steering acts."""
+        code = status.status
+        self._steering_acts = code < _NOBODY_STEERS_FROM
+        if code is _NO_COMMAND:
+            return
+        echo = self._commands.sent.on_echo(status.applied_counter)
+        if echo is not None:
+            sent_ns, is_first = echo
+            self._delay.echo.on_echo(sent_ns, now_ns)
+            if is_first:
+                self._figures.round_trip.record(now_ns - sent_ns)
+
+    def _wanted_rad(self, now_ns: int, period: int) -> float:
+        """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
+        supervisor, arrival_ns = self._supervisor, self._received.errors.arrival_ns
+        if not supervisor.stays_active(arrival_ns, now_ns):
+            self._move_on(now_ns, law_failed=False)
+        mode = supervisor.mode
+        if mode is _ACTIVE and arrival_ns is not None:
+            self._figures.sample_age.record(now_ns - arrival_ns)
+            law_rad = self._law.run(self._received, self._sent_steer_rad, period, now_ns)
+            if law_rad is not None:
+                return law_rad
+            if self._law.is_distrusted:
+                supervisor.on_own_fault()
+            self._move_on(now_ns, law_failed=True)
+        elif mode is _SAFE_STOP:
+            return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
+        return self._sent_steer_rad
+
+    def _move_on(self, now_ns: int, *, law_failed: bool) -> None:
+        """Take a transition of the mode table, and prepare for the new mode."""
+        before, arrival_ns = self._supervisor.mode, self._received.errors.arrival_ns
+        entered = self._supervisor.move_on(arrival_ns, now_ns, law_failed=law_failed)
+        if entered is not None:
+            self._figures.on_mode(entered)
+        if entered is _ACTIVE:
+            self._law.start(before, self._received.lateral_error_m)
+
+    def _command_frame(self, mode: Mode, now_ns: int, period: int, before_rad: float) -> Frame:
+        """Return the command of this period or its plan, and record that it was sent.
+
+        ``before_rad``  the command of the period before
+        """
+        steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
+        memory, acting, arrival_ns = law.memory, law.acting, self._received.errors.arrival_ns
+        is_planned = acting >= 0 and mode is _ACTIVE
+        if is_planned and memory is not None:
+            row = memory.plan_of(period)
+            frame = self._commands.plan(row, acting, before_rad, mode, now_ns)
+        else:
+            frame = self._commands.command(steer_rad, mode, now_ns)
+        if memory is not None:
+            memory.on_command(period, steer_rad, is_planned=is_planned)
+        if figures.samples_left and arrival_ns is not None:
+            seen = self._received.lateral_error_m, now_ns - arrival_ns
+            figures.keep(ControlSample(now_ns, mode, *seen, law.output, steer_rad))
+        return frame
+
+    def _safety_facts(self, now_ns: int) -> SafetyFacts:
+        """Return the facts that CONTROLLER_SAFETY must report in time."""
+        fault, supervisor = _NO_FAULT, self._supervisor
+        if self._law.is_distrusted:
+            fault = ControllerFault.LAW_FAILED
+        elif self._overruns.failure:
+            fault = ControllerFault.OVERRUNS
+        is_stopping = supervisor.mode is _SAFE_STOP or not supervisor.goes_forward
+        must_stop = is_stopping or not self._steering_acts
+        return self._safety.facts_at(fault, must_stop, now_ns)
+
+    def _safety_frame(self, now_ns: int) -> Frame:
+        lost = self._received.reception.lost
+        return self._statuses.safety.frame(self._safety_facts(now_ns), lost, now_ns)

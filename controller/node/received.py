@@ -1,0 +1,89 @@
+"""The newest received value of each message, and whether it is fresh.
+
+The arrival time of a frame is stored once, by the check of its message's counters. The mode table,
+the law, the delay watch and CONTROLLER_SAFETY all use it.
+"""
+
+from ...dbc.messages import (
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    Freshness,
+    LateralError,
+    Message,
+    PathAhead,
+    SteeringCommand,
+    SteeringPlan,
+    SteeringStatus,
+    VehicleState,
+)
+from ...dbc.reception import Reception
+from ..history.freshness import freshness
+from ..interface.law import NO_VEHICLE, VehicleReading
+from ..settings import ControllerSettings, age_limits_of, counters_of
+
+SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
+"""The messages without which the controller falls back."""
+RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
+"""The messages that the controller receives."""
+SENT: tuple[type[Message], ...] = (
+    SteeringCommand,
+    SteeringPlan,
+    ControllerStatus,
+    ControllerSafety,
+    DelayStatus,
+)
+"""The messages that the controller alone sends."""
+
+
+class Received:
+    """Checks frames and stores their values.
+
+    ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
+    ``lateral_error_m``, ``vehicle``      the newest values; 0 and NO_VEHICLE before the first
+    ``unauthenticated``                   frames refused by authentication
+    """
+
+    def __init__(self, settings: ControllerSettings) -> None:
+        self.reception = Reception(RECEIVED, counters_of(settings), SENT)
+        self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
+        self._limits = age_limits_of(settings)
+        self._vehicle_limit_ns = self._limits.vehicle_state_ns
+        self.lateral_error_m = 0.0
+        self.vehicle = NO_VEHICLE
+        self.unauthenticated = 0
+
+    @property
+    def refused(self) -> int:
+        """Frames refused so far, for any cause."""
+        return self.reception.refused + self.unauthenticated
+
+    def on_dispute(self) -> None:
+        """Return to the lateral error before a dispute: the newest may be the second sender's."""
+        undisputed = self.reception.undisputed(LateralError)
+        if isinstance(undisputed, LateralError):
+            self.lateral_error_m = undisputed.lateral_error_m
+
+    def vehicle_at(self, now_ns: int) -> VehicleReading:
+        """Return the newest motion of the vehicle, marked if it is stale."""
+        arrival_ns = self.states.arrival_ns
+        if arrival_ns is not None and now_ns - arrival_ns > self._vehicle_limit_ns:
+            return self.vehicle._replace(is_stale=True)
+        return self.vehicle
+
+    def freshness(self, now_ns: int) -> tuple[Freshness, Freshness, Freshness]:
+        """Return the freshness of each message of SUPERVISED."""
+        limits = self._limits
+        return (
+            freshness(self.errors.arrival_ns, limits.lateral_error_ns, now_ns),
+            freshness(self.statuses.arrival_ns, limits.steering_status_ns, now_ns),
+            freshness(self.states.arrival_ns, limits.vehicle_state_ns, now_ns),
+        )
+
+    def fresh_until_ns(self) -> int:
+        """Return until when all of SUPERVISED, fresh now, stay fresh without new frames [ns]."""
+        checks = (self.errors, self.statuses, self.states)
+        return min(
+            (check.arrival_ns or 0) + limit_ns
+            for check, limit_ns in zip(checks, self._limits, strict=True)
+        )

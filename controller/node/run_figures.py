@@ -1,0 +1,122 @@
+"""Figures of a run of the controller, for its report."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Any
+
+from ...dbc.messages import Mode, Validity
+from ...runtime.node.node import NS_PER_S
+from ...runtime.node.statistics import DurationStatistics, durations_report
+from .control_sample import ControlSample
+
+
+class ControlVerdict(StrEnum):
+    """The controller's verdict on its own work; how the path was held is the plant's to judge."""
+
+    NO_START = "no start"  # no measurement ever arrived
+    FAULT = "fault"  # it has found a fault in itself
+    SAFE_STOP = "safe stop"  # measurements have stopped
+    HOLDING = "holding"  # measurements have just stopped
+    IN_CONTROL = "in control"  # the run ends with the law steering
+
+
+_OF_MODE: Mapping[Mode, ControlVerdict] = {
+    Mode.WAITING: ControlVerdict.NO_START,
+    Mode.ACTIVE: ControlVerdict.IN_CONTROL,
+    Mode.HOLDING: ControlVerdict.HOLDING,
+    Mode.SAFE_STOP: ControlVerdict.SAFE_STOP,
+}
+"""Verdict on a run that ends in a mode without a fault of its own."""
+
+
+class RunFigures:
+    """Collects the figures.
+
+    ``start_ns``     when the first mode begins [ns]
+    ``samples_max``  how many control periods are kept in ``samples``, oldest first
+
+    ``samples_left``    how many more there is room for
+    ``peak_steer_rad``  the largest command sent, to either side [rad]
+    ``last_tick_ns``    when the last control tick was [ns]
+    """
+
+    def __init__(self, start_ns: int, samples_max: int) -> None:
+        self.last_tick_ns = start_ns
+        self.round_trip = DurationStatistics()
+        self.sample_age = DurationStatistics()
+        self.samples: list[ControlSample] = []
+        self.samples_left = samples_max
+        self._mode_ns = dict.fromkeys(Mode, 0)
+        self._mode, self._entered_ns = Mode.WAITING, start_ns
+        self._holds = 0
+        self.peak_steer_rad = 0.0
+        self._law_ticks = 0
+        self._squares_m2 = 0.0
+        self._measured_peak_m = 0.0
+        self._limited: Counter[str] = Counter()
+        self._validity: Counter[Validity] = Counter()
+
+    def on_mode(self, entered: Mode) -> None:
+        """Add the time up to this tick to the mode that ends with it."""
+        self._mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
+        self._mode, self._entered_ns = entered, self.last_tick_ns
+        self._holds += entered is Mode.HOLDING
+
+    def on_law(self, measured_m: float, sent_rad: float, limit: str) -> None:
+        """Record a tick of the law: its measurement, its command, and the limit that bound that.
+
+        The other modes hold the law's commands or ramp them down, and never exceed their peak.
+        """
+        if abs(sent_rad) > self.peak_steer_rad:
+            self.peak_steer_rad = abs(sent_rad)
+        self._law_ticks += 1
+        self._squares_m2 += measured_m * measured_m
+        if abs(measured_m) > self._measured_peak_m:
+            self._measured_peak_m = abs(measured_m)
+        if limit:
+            self._limited[limit] += 1
+
+    def on_validity(self, validity: Validity) -> None:
+        """Record a status period in which the settings held, or did not."""
+        self._validity[validity] += 1
+
+    def keep(self, sample: ControlSample) -> None:
+        """Store a control period in ``samples``."""
+        self.samples.append(sample)
+        self.samples_left -= 1
+
+    def report(self, failure: str) -> Mapping[str, Any]:
+        """Return the figures, ready for JSON.
+
+        ``verdict``     what the controller knows of its own work (``ControlVerdict``)
+        ``active_share``   of the time since the first measurement in which the law steered
+        ``measured_*``     of the lateral error that the law used
+        ``limited_share``  of the law's commands that ``[limits]`` changed, and by which limit
+        ``validity_share``  of the run's time in each state of VALIDITY
+        ``holds``       how often measurements stopped, or the law failed
+        ``mode_s``      time spent in each mode up to the last tick
+        ``round_trip``  from sending a command to the first echo of its counter
+        ``sample_age``  of the measurement in use, at each tick of the law
+        """
+        mode_ns = dict(self._mode_ns)
+        mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
+        since_start_ns = sum(ns for mode, ns in mode_ns.items() if mode is not Mode.WAITING)
+        ticks = max(self._law_ticks, 1)
+        return {
+            "verdict": str(ControlVerdict.FAULT if failure else _OF_MODE[self._mode]),
+            "active_share": mode_ns[Mode.ACTIVE] / since_start_ns if since_start_ns else 0.0,
+            "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
+            "measured_peak_m": self._measured_peak_m,
+            "limited_share": sum(self._limited.values()) / ticks,
+            "limited_share_by": {name: n / ticks for name, n in self._limited.most_common()},
+            "validity_share": {
+                state.name.lower(): count / self._validity.total()
+                for state, count in sorted(self._validity.items())
+            },
+            "holds": self._holds,
+            "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
+            "round_trip": durations_report(self.round_trip.summary()),
+            "sample_age": durations_report(self.sample_age.summary()),
+        }

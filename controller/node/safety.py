@@ -1,0 +1,100 @@
+"""Content of CONTROLLER_SAFETY, and when it is sent between its cycles.
+
+    at the next tick   a message becomes stale, a fault is detected, or more is asked of the
+                       vehicle's drive. This must be on the bus
+                       within the fault tolerant time, of which the age limit leaves one period
+    at intervals       any other change since the last report, such as a refused frame or a
+                       message that is back: at the first tick INTERVAL_NS after the last report.
+                       Without this limit a flood of bad frames would cause a flood of reports
+
+A message that stops and returns repeatedly is reported as stale again only after it was reported as
+back, so that the number of reports is bounded. Lost frames alone wait for the next cycle, because a
+network loses some all the time.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from ...dbc.messages import (
+    ControllerFault,
+    ControllerSafety,
+    Freshness,
+    MotionRequest,
+    SecondSender,
+    Validity,
+    limits,
+)
+from ...dbc.sending import Sender
+from ...runtime.frame.frame import Frame
+
+INTERVAL_NS = 20_000_000
+"""50 frames a second are 1.4 % of a 500 kbit/s bus, and 20 ms is a seventh of the 150 ms within
+which a refusal must be reported."""
+_AGES = ("lateral_error", "steering_status", "vehicle_state")
+_LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
+
+
+class SafetyFacts(NamedTuple):
+    """Facts that may have to be reported at once."""
+
+    rejected: int
+    lateral_error: Freshness
+    steering_status: Freshness
+    vehicle_state: Freshness
+    fault: ControllerFault
+    second_sender: SecondSender
+    validity: Validity
+    motion_request: MotionRequest
+
+    def is_worse_than(self, reported: "SafetyFacts") -> bool:
+        """Whether more went wrong since the last report, or more is asked of the vehicle's drive.
+
+        More went wrong where a message has become stale or a fault was detected.
+        """
+        return (
+            self.fault is not reported.fault
+            or self.motion_request > reported.motion_request
+            or any(self.newly_stale(reported))
+        )
+
+    def newly_stale(self, before: "SafetyFacts") -> Iterator[str]:
+        """Return which messages have become stale since."""
+        stale = Freshness.STALE
+        for name in _AGES:
+            if getattr(self, name) is stale and getattr(before, name) is not stale:
+                yield name
+
+
+class SafetyStatus:
+    """Keeps the last reported facts, and makes the frames."""
+
+    def __init__(self) -> None:
+        self._before: SafetyFacts | None = None
+        self._went_stale = dict.fromkeys(_AGES, 0)
+        self._reported: SafetyFacts | None = None
+        self._reported_ns = 0
+        self._sender = Sender(ControllerSafety)
+
+    @property
+    def went_stale(self) -> Mapping[str, int]:
+        """How often each message has become stale."""
+        return dict(self._went_stale)
+
+    def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
+        """Process the facts of a tick; returns whether to report them before the next cycle."""
+        before, reported = self._before, self._reported
+        if facts is before and facts is reported:
+            return False
+        if before is not None and facts != before:
+            for name in facts.newly_stale(before):
+                self._went_stale[name] += 1
+        self._before = facts
+        if reported is None or facts == reported:
+            return False
+        return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
+
+    def frame(self, facts: SafetyFacts, lost: int, now_ns: int) -> Frame:
+        """Return the frame that reports ``facts`` and the frames lost so far."""
+        self._reported, self._reported_ns = facts, now_ns
+        counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
+        return self._sender.frame((*counts, *facts[1:]))

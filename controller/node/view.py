@@ -1,0 +1,73 @@
+"""What the controller shows of itself while it runs: a row for each thing worth a line."""
+
+from collections.abc import Mapping
+
+from ...dbc.messages import Freshness, Mode, MotionRequest
+from ...dbc.reception import second_sender_line
+from ...runtime.node.view import View
+from ..interface.validity import in_words
+from .received import Received
+from .safety import SafetyFacts
+
+_MODES: Mapping[Mode, str] = {
+    Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",
+    Mode.ACTIVE: "ACTIVE: the law steers",
+    Mode.HOLDING: "HOLDING the last command: no measurements, no motion forward, or the law failed",
+    Mode.SAFE_STOP: "SAFE_STOP: the command ramps to zero",
+}
+_REQUESTS: Mapping[MotionRequest, str] = {
+    MotionRequest.NONE: "",
+    MotionRequest.SLOW_DOWN: "asks the vehicle to slow down",
+    MotionRequest.STOP: "asks the vehicle to stop",
+}
+_MESSAGES = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
+
+
+def controller_view(
+    mode: Mode,
+    failure: str,
+    received: Received,
+    now_ns: int,
+    counts: Mapping[str, int],
+    steer_rad: float,
+    delay_s: float | None,
+    facts: SafetyFacts,
+) -> View:
+    """Return the view.
+
+    ``failure``    the fault it has detected in itself, empty for none
+    ``counts``     what else has happened, beside what was received
+    ``steer_rad``  the command sent last [rad]
+    ``facts``      validity of the settings, and what is asked of the vehicle's drive
+    ``delay_s``    from command to measurement, by the echo [s]; None while unknown
+    """
+    reception = received.reception
+    states = {
+        "mode": _MODES[mode],
+        "plant": _plant(received.freshness(now_ns)),
+        "second sender": second_sender_line(reception),
+        "validity": in_words(facts.validity),
+        "request": _REQUESTS[facts.motion_request],
+        "failure": failure and f"fault of this program: {failure}",
+    }
+    events = {
+        **{f"frames rejected, {cause}": n for cause, n in reception.rejected.items()},
+        "restarts of the plant accepted": reception.resynchronised,
+        **counts,
+    }
+    delay = "unknown" if delay_s is None else f"{1e3 * delay_s:.0f} ms"
+    now = (
+        f"{mode.name}  error {1e3 * received.lateral_error_m:+.1f} mm  steer {steer_rad:+.3f}"
+        f"  delay {delay}  rejected {received.refused}  lost {reception.lost}"
+    )
+    return View(states, events, now)
+
+
+def _plant(freshness: tuple[Freshness, ...]) -> str:
+    """Return which messages of the plant have stopped."""
+    stale = [name for name, age in zip(_MESSAGES, freshness, strict=True) if age is Freshness.STALE]
+    if len(stale) == len(_MESSAGES):
+        return "plant lost: all its messages have stopped"
+    if stale:
+        return f"plant: {' and '.join(stale)} stopped"
+    return "plant present" if Freshness.FRESH in freshness else ""

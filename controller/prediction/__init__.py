@@ -1,0 +1,1 @@
+"""Kalman filter, its gains, and the prediction to the time at which a command acts."""

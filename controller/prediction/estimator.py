@@ -1,0 +1,264 @@
+"""Kalman filter for the vehicle and its disturbances, stepped by the plant's sample numbers.
+
+State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2018-01-1086 (1), and
+
+    ρ   curvature of the path      random walk
+    d   steering offset            random walk; a side force, a bank or a wrong mass look like it
+    δ   angle of the wheel         lag from the command to the wheel, if there is one
+
+    x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
+    x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
+
+K is the steady-state gain of the filter, from ``controller.prediction.gains`` for each speed. u[k]
+is what the plant reported as applied from sample k to k + 1: the command named by the echo, or the
+wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator lag
+the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
+
+A measurement is used at the sample at which it was taken. The filter stays at the newest sample
+whose measurement and echo are both known or definitely lost. From there it runs ahead, anew at
+every tick, through data that arrived early.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ...runtime.record import new_record
+from ..history.link import LinkParams
+from ..history.plan import value_at
+from ..interface.law import History, Link
+
+STARTS_ANEW_AFTER = 256
+"""Samples without an echo and a measurement after which the estimate is discarded."""
+
+
+class VehicleGains(NamedTuple):
+    """F, G and K at one speed, by row and column; and the feedback, zeros where there is none.
+
+    Entries of F that are 0 or 1 for every vehicle are omitted.
+    """
+
+    beta_beta: float
+    beta_r: float
+    beta_d: float
+    beta_delta: float
+    beta_u: float
+    r_beta: float
+    r_r: float
+    r_d: float
+    r_delta: float
+    r_u: float
+    psi_beta: float
+    psi_r: float
+    psi_rho: float
+    psi_d: float
+    psi_delta: float
+    psi_u: float
+    y_beta: float
+    y_r: float
+    y_psi: float
+    y_rho: float
+    y_d: float
+    y_delta: float
+    y_u: float
+    delta_delta: float
+    delta_u: float
+    beta_from_y: float
+    beta_from_psi: float
+    r_from_y: float
+    r_from_psi: float
+    psi_from_y: float
+    psi_from_psi: float
+    y_from_y: float
+    y_from_psi: float
+    rho_from_y: float
+    rho_from_psi: float
+    d_from_y: float
+    d_from_psi: float
+    steer_beta: float
+    steer_r: float
+    steer_psi: float
+    steer_y: float
+    steer_delta: float
+    steer_rho: float
+    steer_d: float
+
+
+def row_of(table: Sequence[VehicleGains], index: int) -> VehicleGains:
+    """Return one of many gains; compiled code has the table's address in its place."""
+    return table[index]
+
+
+class EstimatorState(NamedTuple):
+    """The estimate at one sample; ``sample`` is -1 before the first."""
+
+    sample: int
+    side_slip_rad: float
+    yaw_rate_rad_s: float
+    heading_error_rad: float
+    lateral_error_m: float
+    curvature_1_m: float
+    offset_rad: float
+    wheel_rad: float
+
+
+def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
+    """Return the estimate of a vehicle at rest beside its path, before the first sample."""
+    return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
+
+
+def model_step(
+    g: VehicleGains, x: EstimatorState, command_rad: float, change_1_m: float = 0.0
+) -> EstimatorState:
+    """Return the state one sample later, with a mean command of ``command_rad`` in between.
+
+    ``change_1_m``  of the path's curvature until then
+    """
+    sample, beta, r, psi, y, rho, d, delta = x
+    after = (
+        sample + 1,
+        g.beta_beta * beta
+        + g.beta_r * r
+        + g.beta_d * d
+        + g.beta_delta * delta
+        + g.beta_u * command_rad,
+        g.r_beta * beta + g.r_r * r + g.r_d * d + g.r_delta * delta + g.r_u * command_rad,
+        psi
+        + g.psi_beta * beta
+        + g.psi_r * r
+        + g.psi_rho * rho
+        + g.psi_d * d
+        + g.psi_delta * delta
+        + g.psi_u * command_rad,
+        y
+        + g.y_beta * beta
+        + g.y_r * r
+        + g.y_psi * psi
+        + g.y_rho * rho
+        + g.y_d * d
+        + g.y_delta * delta
+        + g.y_u * command_rad,
+        rho + change_1_m,
+        d,
+        g.delta_delta * delta + g.delta_u * command_rad,
+    )
+    return new_record(EstimatorState, after)
+
+
+def step_on_path(
+    g: VehicleGains, link: Link, history: History, x: EstimatorState, command_rad: float
+) -> EstimatorState:
+    """Return the same where the path ahead may be known: its curvature then changes as that does.
+
+    Only the change is taken, so that the estimate still contains what looks like a curvature.
+    """
+    sample, change_1_m = x.sample, 0.0
+    if sample < link.path_end:
+        known_1_m, mask = history.curvature_1_m, history.sample_mask
+        change_1_m = known_1_m[(sample + 1) & mask] - known_1_m[sample & mask]
+    return model_step(g, x, command_rad, change_1_m)
+
+
+def correction_step(
+    g: VehicleGains, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
+) -> EstimatorState:
+    """Return the state corrected by the measurement of its sample."""
+    sample, beta, r, psi, y, rho, d, delta = x
+    e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
+    corrected = (
+        sample,
+        beta + (g.beta_from_y * e_y + g.beta_from_psi * e_psi),
+        r + (g.r_from_y * e_y + g.r_from_psi * e_psi),
+        psi + (g.psi_from_y * e_y + g.psi_from_psi * e_psi),
+        y + (g.y_from_y * e_y + g.y_from_psi * e_psi),
+        rho + (g.rho_from_y * e_y + g.rho_from_psi * e_psi),
+        d + (g.d_from_y * e_y + g.d_from_psi * e_psi),
+        delta,
+    )
+    return new_record(EstimatorState, corrected)
+
+
+def sent_for(history: History, tick: int, sample: int) -> float:
+    """Return what a tick's command or plan lets act at a sample [rad]; 0 before the first."""
+    if tick < 0:
+        return 0.0
+    if history.plan_mask:
+        return value_at(history.plans[tick & history.plan_mask], sample)
+    return history.sent_rad[tick & history.tick_mask]
+
+
+def _input_at(history: History, sample: int) -> float:
+    """Return the wheel's input at a sample with an echo [rad]."""
+    index = sample & history.sample_mask
+    if history.is_overruled[index]:
+        return history.wheel_rad[index]
+    return sent_for(history, history.applied_tick[index], sample)
+
+
+def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
+    """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
+    mask = history.sample_mask
+    if sample < link.echo_sample:
+        before, after = sample & mask, (sample + 1) & mask
+        if history.is_overruled[before] or history.is_overruled[after]:
+            return 0.5 * (_input_at(history, sample) + _input_at(history, sample + 1))
+        tick, tick_after = history.applied_tick[before], history.applied_tick[after]
+        steer_rad = sent_for(history, tick, sample)
+        if tick == tick_after or _begins_at_a_sample(history, tick_after):
+            return steer_rad
+        # The time of the change between the two samples is unknown.
+        return 0.5 * (steer_rad + sent_for(history, tick_after, sample))
+    earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
+    begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
+    if history.plan_mask:
+        tick = min(max(int(begin // 1.0), earliest), link.tick - 1)
+        return sent_for(history, tick, sample)
+    return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)
+
+
+def _begins_at_a_sample(history: History, tick: int) -> bool:
+    """Whether a tick sent a plan: it is played from sample to sample, a command acts at once."""
+    return history.plan_mask != 0 and history.plans[tick & history.plan_mask][1] != 0.0
+
+
+def _mean_command(
+    history: History, begin: float, length: float, earliest: int, latest: int
+) -> float:
+    """Return the mean over ``begin`` to ``begin + length``, in periods of the controller.
+
+    A command older than ``earliest`` is no longer in effect; one newer than ``latest`` is not sent.
+    """
+    tick, position, total = int(begin // 1.0), begin, 0.0
+    while position < begin + length:
+        end = min(tick + 1.0, begin + length)
+        acting = min(max(tick, earliest), latest)
+        sent_rad = history.sent_rad[acting & history.tick_mask] if acting >= 0 else 0.0
+        total += (end - position) * sent_rad
+        tick, position = tick + 1, end
+    return total / length
+
+
+def estimate_to(
+    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, sample: int
+) -> EstimatorState:
+    """Return the estimate at ``sample``, using the measurements up to it."""
+    while x.sample < sample:
+        x = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
+        index = x.sample & history.sample_mask
+        if history.has_error[index]:
+            x = correction_step(
+                g, x, history.lateral_error_m[index], history.heading_error_rad[index]
+            )
+    return x
+
+
+def start_estimate(x: EstimatorState, link: Link, history: History) -> EstimatorState:
+    """Return the state to continue from; a new one if there is none or it is too old."""
+    known = min(link.error_sample, link.echo_sample)
+    if x.sample >= 0 and known - x.sample <= STARTS_ANEW_AFTER:
+        return x
+    index = known & history.sample_mask
+    if known < 0 or not history.has_error[index]:
+        return estimator_at_rest(x.lateral_error_m)
+    heading_rad, error_m = history.heading_error_rad[index], history.lateral_error_m[index]
+    curvature_1_m = history.curvature_1_m[index] if known <= link.path_end else 0.0
+    return EstimatorState(known, 0.0, 0.0, heading_rad, error_m, curvature_1_m, 0.0, 0.0)

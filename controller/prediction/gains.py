@@ -1,0 +1,251 @@
+"""Gains of the predictor's filter and feedback, for every speed.
+
+The model is SAE 2018-01-1086 (1) with (2) corrected as in ``controller.filters.nominal_model``, and with a
+steering offset d and the wheel's lag T_a:
+
+    β'  = a11 β + a12 r + b11 (δ + d)        Δψ' = r - V ρ              ρ' = noise
+    r'  = a21 β + a22 r + b21 (δ + d)        y'  = V β + l_s r + V Δψ   d' = noise
+    δ'  = (u - δ)/T_a,  or δ = u without a lag
+
+The model is sampled exactly for a held command. The filter is the steady-state one for white noise
+on β', r' and the two random walks, and for the noise of the two measurements. The feedback
+minimises the cost (k y_p)² + (u - u_ss)², with the weight k in steer per metre and the deviation
+y_p of the followed point, d behind the preview point:
+
+    y_p = y - d Δψ - d² ρ/2
+
+The gains are tabulated over speed in geometric steps, and interpolated linearly. Beyond the largest
+speed of the settings, V_max, the table continues with the weight k (V_max/V)²: the vehicle's gain
+from steer to lateral acceleration goes with V², and nothing is known of the loop there.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from math import log
+from typing import NamedTuple
+
+import numpy as np
+
+from ...runtime.record import new_record
+from ...runtime.settings.settings import SettingsError
+from ..filters.settings import EstimatorSettings, VehicleModelSettings
+from .estimator import VehicleGains
+from .held_input import held_over
+from .matrices import UnsolvableError, feedback_gain, filter_gain
+from .matrix_arithmetic import Matrix
+
+BETA, R, PSI, Y, RHO, D, DELTA = range(7)
+_SPEEDS_PER_DOUBLING = 8
+SPEED_M_S_MAX = 82.0
+"""Just beyond what VEHICLE_STATE can carry."""
+_MEASURED = (Y, PSI)
+_FREE = (BETA, R, PSI, Y)
+_FILTERED = (BETA, R, PSI, Y, RHO, D)
+
+
+class SampledVehicle(NamedTuple):
+    """F, shape (speeds, 7, 7), and G, (speeds, 7), over one period with a held command; states in
+    the order β r Δψ y ρ d δ.
+    """
+
+    f: Matrix
+    g: Matrix
+
+
+class Feedback(NamedTuple):
+    """What the feedback minimises.
+
+    ``steer_per_error_rad_m``  weight k of the followed point's deviation
+    ``speed_m_s_max``          up to which that weight holds
+    ``behind_m``               d, of the followed point behind the preview point
+    """
+
+    steer_per_error_rad_m: float
+    behind_m: float
+    speed_m_s_max: float = SPEED_M_S_MAX
+
+
+class GainSchedule(NamedTuple):
+    """Gains at rising speeds [m/s]."""
+
+    speeds_m_s: Sequence[float]
+    gains: Sequence[VehicleGains]
+
+
+def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[VehicleGains, ...]]:
+    """Return the gains of each schedule as a function of the speed; all have the same speeds.
+
+    Outside the table the gains are those at its nearer end.
+    """
+    tables = list(schedules)
+    speeds_m_s, size = tables[0].speeds_m_s, len(VehicleGains._fields)
+    rows = np.concatenate([np.array(table.gains) for table in tables], axis=1)
+
+    def at(speed_m_s: float) -> tuple[VehicleGains, ...]:
+        after = bisect_right(speeds_m_s, speed_m_s)
+        row = rows[min(after, len(rows) - 1)]
+        if 0 < after < len(rows):
+            low, high = speeds_m_s[after - 1 : after + 1]
+            before = rows[after - 1]
+            row = before + (speed_m_s - low) / (high - low) * (row - before)
+        values = row.tolist()
+        return tuple(
+            new_record(VehicleGains, values[first : first + size])
+            for first in range(0, len(values), size)
+        )
+
+    return at
+
+
+def design_schedule(
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    period_s: float,
+    sensor_period_s: float,
+    feedback: Feedback | None,
+) -> GainSchedule:
+    """Return the gains from the settings' least speed on; ``period_s`` is the controller's.
+
+    ``feedback``  None for a filter without feedback
+
+    Raises SettingsError if there are no gains at a speed, naming it.
+    """
+    low, high = settings.speed_m_s_min, settings.speed_m_s_max
+    steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
+    beyond = max(0, round(_SPEEDS_PER_DOUBLING * log(SPEED_M_S_MAX / high, 2.0)))
+    speeds = [low * (high / low) ** (step / steps) for step in range(steps + beyond + 1)]
+    try:
+        gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
+    except UnsolvableError as error:
+        raise SettingsError(
+            f"[estimator] has no gains at {speeds[error.place]:.4g} m/s: {error}; take noise and"
+            " walks nearer to their defaults, or another range of speeds"
+        ) from error
+    return GainSchedule(speeds, gains)
+
+
+def sampled_vehicles(
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    speeds_m_s: Sequence[float],
+    period_s: float,
+) -> SampledVehicle:
+    """Return the sampled vehicle at each speed."""
+    models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
+    a, b = map(np.array, zip(*models, strict=True))
+    f, g = held_over(a, b, period_s)
+    if settings.actuator_lag_s == 0.0:
+        f[:, DELTA], f[:, :, DELTA], g[:, DELTA] = 0.0, 0.0, 1.0
+    return SampledVehicle(f, g)
+
+
+def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tuple[Matrix, Matrix]:
+    """Return Q over a sensor period, order β r Δψ y ρ d, and R of (y, Δψ)."""
+    densities = [
+        settings.side_slip_noise_rad_sqrt_s,
+        settings.yaw_rate_noise_rad_s_sqrt_s,
+        0.0,
+        0.0,
+        settings.curvature_walk_1_m_sqrt_s,
+        settings.steering_offset_walk_rad_sqrt_s,
+    ]
+    q = np.diag(np.square(densities)) * sensor_period_s
+    r = np.diag(np.square([settings.lateral_error_noise_m, settings.heading_error_noise_rad]))
+    return q, r
+
+
+def _gains(
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    speeds_m_s: Sequence[float],
+    period_s: float,
+    sensor_period_s: float,
+    feedback: Feedback | None,
+) -> list[VehicleGains]:
+    """Return the gains at each speed; raises UnsolvableError."""
+    f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
+    q, r = noise_covariances(settings, sensor_period_s)
+    measured = np.eye(len(_FILTERED))[list(_MEASURED)]
+    k = filter_gain(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r)
+    steer = np.zeros((len(speeds_m_s), 7))
+    if feedback is not None:
+        steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
+    columns = (BETA, R, D, DELTA)
+    path = (BETA, R, RHO, D, DELTA)
+    entries = (
+        *((BETA, columns), (R, columns), (PSI, path)),
+        *((Y, (BETA, R, PSI, RHO, D, DELTA)), (DELTA, (DELTA,))),
+    )
+    model = [part for row, of in entries for part in (f[:, row, of], g[:, row, np.newaxis])]
+    table = np.concatenate([*model, k.reshape(len(k), -1), steer], axis=1)
+    return [VehicleGains(*row) for row in table.tolist()]
+
+
+def _feedback(
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    speeds_m_s: Sequence[float],
+    period_s: float,
+    feedback: Feedback,
+) -> Matrix:
+    """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
+    steer_per_error_rad_m, behind_m, speed_m_s_max = feedback
+    f, g = sampled_vehicles(settings, vehicle, speeds_m_s, period_s)
+    has_lag = settings.actuator_lag_s > 0.0
+    states = [*_FREE, DELTA] if has_lag else list(_FREE)
+    deviation = np.zeros(len(states))
+    deviation[Y], deviation[PSI] = 1.0, -behind_m
+    ratios = np.minimum(1.0, speed_m_s_max / np.array(speeds_m_s))
+    # The table's speeds are rounded: the last one of the settings may lie above it.
+    ratios[ratios > 1.0 - 1e-9] = 1.0
+    weights_rad_m = steer_per_error_rad_m * ratios * ratios
+    weight = np.outer(deviation, deviation) * (weights_rad_m * weights_rad_m)[:, None, None]
+    system = f[:, states][:, :, states]
+    k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
+    held = np.array([_steady_state(vehicle, speed_m_s, behind_m) for speed_m_s in speeds_m_s])
+    of_wheel = k[:, 4] if has_lag else np.zeros(len(k))
+    # u = u_ss - k (x - x_ss); a steering offset is cancelled by its negative, also in the wheel.
+    by_curvature = held[:, DELTA].copy()
+    for place, state in enumerate(states):
+        by_curvature += k[:, place] * held[:, state]
+    return np.column_stack((k[:, :4], of_wheel, by_curvature, -1.0 - of_wheel))
+
+
+def _steady_state(
+    vehicle: VehicleModelSettings, speed_m_s: float, behind_m: float
+) -> Sequence[float]:
+    """Return the state that holds the followed point on a path of curvature 1/m, as above."""
+    a, b = (m.tolist() for m in _continuous(vehicle, speed_m_s, 0.0))
+    yaw_rate = speed_m_s
+    determinant = a[BETA][BETA] * b[R] - a[R][BETA] * b[BETA]
+    side_slip = yaw_rate * (b[BETA] * a[R][R] - b[R] * a[BETA][R]) / determinant
+    wheel = yaw_rate * (a[R][BETA] * a[BETA][R] - a[BETA][BETA] * a[R][R]) / determinant
+    heading_error = -side_slip - vehicle.preview_distance_m
+    lateral_error = behind_m * heading_error + 0.5 * behind_m * behind_m
+    return side_slip, yaw_rate, heading_error, lateral_error, 1.0, 0.0, wheel
+
+
+def _continuous(
+    vehicle: VehicleModelSettings, speed_m_s: float, lag_s: float
+) -> tuple[Matrix, Matrix]:
+    """Return the model in continuous time; without a lag the wheel angle is the input."""
+    v, m, j = speed_m_s, vehicle.virtual_mass_kg, vehicle.yaw_inertia_kg_m2
+    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
+    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    a, b = np.zeros((7, 7)), np.zeros(7)
+    a[BETA, BETA] = -(c_r + c_f) / (m * v)
+    a[BETA, R] = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
+    a[R, BETA] = (c_r * l_r - c_f * l_f) / j
+    a[R, R] = -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
+    a[PSI, R], a[PSI, RHO] = 1.0, -v
+    a[Y, BETA], a[Y, R], a[Y, PSI] = v, vehicle.preview_distance_m, v
+    steer = np.zeros(7)
+    steer[BETA], steer[R] = c_f / (m * v), c_f * l_f / j
+    a[:, D] = steer
+    if lag_s > 0.0:
+        a[:, DELTA] = steer
+        a[DELTA, DELTA] -= 1.0 / lag_s
+        b[DELTA] = 1.0 / lag_s
+    else:
+        b = steer
+    return a, b

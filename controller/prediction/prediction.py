@@ -1,0 +1,44 @@
+"""Prediction to the time at which a command acts, and the feedback of the state there."""
+
+from ..history.link import LinkParams
+from ..interface.law import History, Link
+from .estimator import EstimatorState, VehicleGains, command_from, step_on_path
+
+
+def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
+    """Return the number of samples from ``sample`` until the command of this tick acts."""
+    acts_ns = link.tick * p.period_ns + link.delay_ns
+    return acts_ns / p.sensor_period_ns - sample
+
+
+def predict(
+    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, horizon: float
+) -> EstimatorState:
+    """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
+    after = x
+    last = x.sample + int(max(horizon, 0.0))
+    while after.sample <= last:
+        x = after
+        after = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
+    part = max(horizon, 0.0) % 1.0
+    return EstimatorState(
+        x.sample,
+        x.side_slip_rad + part * (after.side_slip_rad - x.side_slip_rad),
+        x.yaw_rate_rad_s + part * (after.yaw_rate_rad_s - x.yaw_rate_rad_s),
+        x.heading_error_rad + part * (after.heading_error_rad - x.heading_error_rad),
+        x.lateral_error_m + part * (after.lateral_error_m - x.lateral_error_m),
+        x.curvature_1_m + part * (after.curvature_1_m - x.curvature_1_m),
+        x.offset_rad,
+        x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
+    )
+
+
+def steer_for(g: VehicleGains, x: EstimatorState) -> float:
+    """Return the command for a state [rad]."""
+    return (
+        g.steer_rho * x.curvature_1_m
+        + g.steer_d * x.offset_rad
+        - (g.steer_beta * x.side_slip_rad + g.steer_r * x.yaw_rate_rad_s)
+        - (g.steer_psi * x.heading_error_rad + g.steer_y * x.lateral_error_m)
+        - g.steer_delta * x.wheel_rad
+    )

@@ -1,0 +1,1 @@
+"""What the DBC file says, as Python: enumerations, a record for each message, the generator."""

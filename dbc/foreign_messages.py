@@ -1,0 +1,75 @@
+"""Messages of any database that cantools reads, as traffic: identifier, length, cycle time, sender.
+
+The databases of other people's vehicles: their signals are not decoded here.
+"""
+
+import logging
+from pathlib import Path
+from typing import NamedTuple
+
+import cantools.database
+from cantools.database.can import Database, Message
+
+from ..runtime.frame.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
+from ..runtime.frame.length import DATA_LENGTH_CODE
+from ..runtime.settings.error_text import one_line
+from .transport_protocol import LENGTH_MAX, announcement_id, data_id, source_address
+
+
+class ListedMessage(NamedTuple):
+    """One message of a database.
+
+    ``flags``     format, as in ``runtime.frame.frame``
+    ``length``    payload as sent, in FD frames filled up to a length that these have [bytes]
+    ``cycle_ms``  cycle time; None for a message that is sent on events [ms]
+    """
+
+    name: str
+    can_id: int
+    flags: int
+    length: int
+    cycle_ms: int | None
+    senders: tuple[str, ...]
+
+    @property
+    def is_segmented(self) -> bool:
+        """Whether it is sent in several frames: a long one of J1939."""
+        return self.length > CLASSIC_LENGTH_MAX and not self.flags & FD
+
+
+def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
+    """Read a database; raises OSError, and ValueError for what is not one or holds no frames.
+
+    The frames that carry long messages of J1939 are left out where the database lists them, too.
+    """
+    if path.is_file() and not path.stat().st_size:
+        raise ValueError(f"{path}: is empty")
+    # It warns of identifiers that come twice, which callers refuse in a line of their own.
+    logging.getLogger("cantools").addHandler(logging.NullHandler())
+    try:
+        database = cantools.database.load_file(path, strict=False)
+    except OSError:
+        raise
+    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
+        raise ValueError(f"{path}: {one_line(error)}") from error
+    if not isinstance(database, Database):
+        raise ValueError(f"{path}: not a database of CAN messages")
+    listed = [_listed(message, path) for message in database.messages]
+    sources = {source_address(one.can_id) for one in listed if one.is_segmented}
+    carriers = {*map(announcement_id, sources), *map(data_id, sources)}
+    return tuple(one for one in listed if not (one.flags & EXTENDED and one.can_id in carriers))
+
+
+def _listed(message: Message, path: Path) -> ListedMessage:
+    flags = EXTENDED if message.is_extended_frame else 0
+    length = message.length
+    if message.protocol == "j1939" and not message.is_fd:
+        if length > LENGTH_MAX:
+            raise ValueError(f"{path}: {message.name} has {length} bytes; J1939 has {LENGTH_MAX}")
+    elif message.is_fd or length > CLASSIC_LENGTH_MAX:
+        flags |= FD | BITRATE_SWITCH
+        length = min((fits for fits in DATA_LENGTH_CODE if fits >= length), default=-1)
+        if length < 0:
+            raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
+    cycle_ms, senders = max(message.cycle_time or 0, 0) or None, tuple(message.senders)
+    return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

@@ -1,0 +1,1 @@
+"""Authenticated frames (SecOC): key, frame, and a node behind both; nobody else needs them."""

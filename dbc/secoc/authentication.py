@@ -1,0 +1,208 @@
+"""Authentication after AUTOSAR SecOC: a truncated CMAC over payload and freshness on every frame.
+
+    CMAC_K( data ID | payload | challenge | counter )     every message, 64 bits of it sent
+    CMAC_K( data ID | payload | own challenge | echo | counter )   status messages, all 128 bits
+
+    K          key shared by both ends                      AES-128, RFC 4493
+    data ID    0xA000 + identifier, not sent                16 bits
+    challenge  of the receiver, drawn at its start          64 bits, not sent with the frame
+    counter    of the sender, one more for each frame       64 bits, 32 of them sent
+
+The layout is in ``dbc.secoc.frame``. SecOC does not specify how both ends agree on the freshness
+value. In its examples the high part comes from trip and reset counters, which a synchronisation
+message distributes and every receiver must keep over a power cycle. Here a random number drawn by
+the receiver replaces them, so that nothing has to be stored:
+
+1. The status messages carry the sender's challenge and, as echo, a challenge of the peer's that
+   they answer.
+2. A receiver accepts a frame that is bound to its own challenge and newer than all accepted frames
+   of that identifier. A challenge is never drawn twice, so no frame recorded before the receiver's
+   start is accepted, and no frame is accepted twice.
+3. A sender's counter starts at the wall clock in microseconds, which is at or beyond the counter of
+   its previous run: a restart of the sender does not make old frames new.
+4. A sender binds its frames to the challenge of the last accepted status message: its echo proves
+   that the peer is there now. A status message with another echo (its sender has started, or it is
+   a recording) is not accepted. Its challenge is answered once (``dbc.secoc.challenges``), and before the
+   first proof the frames are bound to it.
+5. The receiver completes a truncated counter to the value nearest to the newest it knows. The
+   status messages carry the whole counter, whatever was lost in between.
+
+Before it has received a challenge, a sender has nothing to bind its frames to. It sends them with a
+CMAC of zeros, which is never accepted.
+
+The DBC is read when this module is imported, so that this does not delay any control period.
+"""
+
+import hmac
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from cantools.autosar.secoc import compute_authenticator
+from cantools.database.can import Message as Definition
+from cantools.database.can.formats.arxml.message_specifics import AutosarMessageSpecifics
+from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
+
+from ...runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from ..contract.dbc_file import load_database
+from ..messages import CAN_IDS, frame_of
+from .challenges import Challenges
+from .frame import (
+    CHALLENGE_LENGTH,
+    COUNTER_BITS,
+    LAYOUTS,
+    PAYLOAD_LENGTH,
+    SYNC,
+    End,
+    Layout,
+    Refused,
+    is_secured,
+)
+
+_DATA_ID_BASE = 0xA000
+_COUNTERS = 1 << COUNTER_BITS
+_ECHO_START = PAYLOAD_LENGTH + CHALLENGE_LENGTH
+_NONE = bytes(CHALLENGE_LENGTH)
+"""The echo of an end that has not received a challenge."""
+
+ComputeMac = Callable[[bytes], bytes]
+"""The CMAC of a text, with a key that only the function holds: ``dbc.secoc.key_file.read_key``."""
+
+
+def _secoc_definitions() -> Mapping[int, Definition]:
+    """Our messages, by identifier, with the properties that cantools needs to secure them."""
+    database = load_database()
+    definitions = {}
+    for can_id, layout in LAYOUTS.items():
+        definition = database.get_message_by_frame_id(can_id)
+        specifics = AutosarMessageSpecifics()
+        # cantools reads these only from ARXML; there is no other way to set them.
+        specifics._secoc = AutosarSecOCProperties(
+            auth_algorithm_name="AES-128-CMAC",
+            freshness_algorithm_name="challenge and counter",
+            payload_length=layout.secured_length,
+            data_id=_DATA_ID_BASE + can_id,
+            auth_tx_bit_length=8 * layout.mac_length,
+            freshness_bit_length=COUNTER_BITS * (1 if layout is SYNC else 2),
+            freshness_tx_bit_length=8 * layout.counter_length,
+        )
+        definition._autosar = specifics
+        definitions[can_id] = definition
+    return MappingProxyType(definitions)
+
+
+SECOC_DEFINITIONS = _secoc_definitions()
+"""By identifier."""
+
+
+class Authentication:
+    """One end of an authenticated connection: secures its own frames, and verifies the peer's.
+
+    ``end``            CONTROLLER or PLANT
+    ``compute_mac``    CMAC with the key
+    ``challenge``      CHALLENGE_LENGTH random bytes, different at each start of the program: the
+                       only protection against frames of earlier runs. Zeros stand for "none"
+    ``first_counter``  counter of the first frame; at each start higher than all before
+
+    ``is_synchronised``  whether the peer has answered this end's challenge
+    """
+
+    def __init__(
+        self, end: End, compute_mac: ComputeMac, challenge: bytes, first_counter: int
+    ) -> None:
+        if len(challenge) != CHALLENGE_LENGTH or challenge == _NONE:
+            raise ValueError(f"a challenge is {CHALLENGE_LENGTH} bytes, not all of them zero")
+        if not 0 <= first_counter < _COUNTERS // 2:
+            raise ValueError(f"first_counter = {first_counter}: allowed is 0 to 2**63 - 1")
+        self._peer_status_id = CAN_IDS[end.peer_status]
+        self._authenticator = lambda _definition, text, _freshness: compute_mac(text)
+        self._challenge = challenge
+        self._counter = first_counter
+        self._peer_challenge = _NONE
+        self._unproven = Challenges()
+        self.is_synchronised = False
+        self._peer_counter = 0
+        self._newest = dict.fromkeys(LAYOUTS, -1)
+
+    def secure(self, frame: Frame) -> Frame:
+        """The secured form of a plain ``frame``; KeyError for what a tool sends."""
+        can_id, payload, _ = frame
+        layout = LAYOUTS[can_id]
+        counter = self._counter
+        self._counter = counter + 1
+        if layout is SYNC:
+            payload += self._challenge + (self._unproven.answer() or self._peer_challenge)
+            mac = self._mac(can_id, payload, counter)
+        elif self._peer_challenge == _NONE:
+            mac = bytes(layout.mac_length)
+        else:
+            mac = self._mac(can_id, payload, _freshness(self._peer_challenge, counter))
+        wire_counter = counter % (1 << 8 * layout.counter_length)
+        data = payload + wire_counter.to_bytes(layout.counter_length, "big")
+        return Frame(can_id, data + mac[: layout.mac_length], FD | BITRATE_SWITCH)
+
+    def verify(self, frame: Frame) -> Frame | Refused:
+        """The plain frame in an authentic new frame of the peer, or why that is refused.
+
+        Never raises. A refused frame changes nothing but which challenges we answer, see rule 4.
+        """
+        if not is_secured(frame):
+            return Refused.UNAUTHENTICATED
+        layout = LAYOUTS[frame.can_id]
+        if layout is not SYNC:
+            return self._verify_data(frame, layout)
+        if frame.can_id != self._peer_status_id:
+            return Refused.UNAUTHENTICATED  # not a message of the peer
+        return self._verify_status(frame)
+
+    def _verify_data(self, frame: Frame, layout: Layout) -> Frame | Refused:
+        can_id, data, _ = frame
+        payload, mac = data[: layout.secured_length], data[layout.mac_start :]
+        low = int.from_bytes(data[layout.secured_length : layout.mac_start], "big")
+        counter = nearest(self._peer_counter, low, 8 * layout.counter_length)
+        expected = self._mac(can_id, payload, _freshness(self._challenge, counter))
+        if not hmac.compare_digest(mac, expected[: layout.mac_length]):
+            # A sender that does not know our challenge yet can only send this: no attack.
+            return Refused.FORGED if self.is_synchronised and any(mac) else Refused.UNSYNCHRONISED
+        if counter <= self._newest[can_id]:
+            return Refused.REPLAYED
+        self._newest[can_id] = counter
+        self._peer_counter = max(self._peer_counter, counter)
+        return frame_of(can_id, payload)
+
+    def _verify_status(self, frame: Frame) -> Frame | Refused:
+        can_id, data, _ = frame
+        secured, mac = data[: SYNC.secured_length], data[SYNC.mac_start :]
+        counter = int.from_bytes(data[SYNC.secured_length : SYNC.mac_start], "big")
+        if not hmac.compare_digest(mac, self._mac(can_id, secured, counter)):
+            return Refused.FORGED
+        if counter <= self._newest[can_id]:
+            return Refused.REPLAYED
+        challenge = secured[PAYLOAD_LENGTH:_ECHO_START]
+        is_proof = secured[_ECHO_START:] == self._challenge
+        if not is_proof and not self._unproven.add(challenge, counter):
+            return Refused.REPLAYED
+        if is_proof or not self.is_synchronised:
+            self._peer_challenge, self._peer_counter = challenge, counter
+        if not is_proof:
+            return Refused.UNSYNCHRONISED
+        self.is_synchronised = True
+        self._newest[can_id] = counter
+        return Frame(can_id, secured[:PAYLOAD_LENGTH])
+
+    def _mac(self, can_id: int, secured: bytes, freshness: int) -> bytes:
+        return compute_authenticator(
+            secured, SECOC_DEFINITIONS[can_id], self._authenticator, freshness
+        )
+
+
+def nearest(known: int, low: int, bits: int) -> int:
+    """The counter nearest to ``known`` whose lowest ``bits`` bits are ``low``; 0 or more."""
+    period = 1 << bits
+    ahead = (low - known) % period
+    counter = known + ahead
+    return counter - period if ahead >= period // 2 and counter >= period else counter
+
+
+def _freshness(challenge: bytes, counter: int) -> int:
+    """The freshness value of a frame that is bound to ``challenge``."""
+    return int.from_bytes(challenge, "big") << COUNTER_BITS | counter

@@ -1,0 +1,224 @@
+"""Record of a run: one sample per sensor period, and figures that need no samples."""
+
+import csv
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
+from pathlib import Path as FilePath
+from typing import NamedTuple
+
+from ...dbc.messages import SteeringCommand
+from ...runtime.node.node import NS_PER_S
+from ...runtime.record import new_record
+from ..path.deviation import cg_deviation_m
+from ..path.path import Path, pose
+from ..settings import PlantSettings
+from ..vehicle.motion import Motion
+from ..vehicle.propagation import LinearState
+from .verdict import samples_judged
+
+SAMPLES_MAX = 1_000_000
+"""Samples stored for a trace: nearly three hours at 100 Hz."""
+_BLOCK = 16
+"""Samples that are processed together: few enough that no tick takes long."""
+
+
+class PlantSample(NamedTuple):
+    """The true state of the rig at one sensor period; NaN if there is no value yet."""
+
+    time_s: float  # since the start of motion
+    arc_length_m: float
+    lateral_error_m: float  # at the preview point, without noise
+    heading_error_rad: float
+    yaw_rate_rad_s: float
+    command_rad: float  # in effect
+    wheel_angle_rad: float
+    downlink_latency_s: float  # of the command in effect
+    uplink_latency_s: float  # of the measurement that left last
+    curvature_1_m: float
+    side_slip_rad: float
+    cg_deviation_m: float  # of the centre of gravity from the path
+
+
+class PlacedSample(NamedTuple):
+    """Position of a sample: the preview point, and the point of the path beside it."""
+
+    x_m: float
+    y_m: float
+    path_x_m: float
+    path_y_m: float
+
+
+_Taken = tuple[int, LinearState, SteeringCommand | None, tuple[float, float], str]
+"""Time [ns] and state of motion, the command in effect, both latencies [s], and the limit."""
+
+
+class RunningFigures:
+    """Figures of a run, taken up sample by sample.
+
+    ``band_m``  in which the error settles
+    ``newest``  how many of the newest errors are kept in ``newest_m``
+
+    ``settled_at``  number of the sample from which the error has stayed in its band
+    ``limited``     samples at which a limit decided about the wheel, by its name
+    """
+
+    def __init__(self, band_m: float = math.inf, newest: int = 0) -> None:
+        self.samples = 0
+        self.lateral_error_peak_m = 0.0
+        self.lateral_error_final_m = 0.0
+        self.cg_deviation_peak_m = 0.0
+        self.wheel_angle_peak_rad = 0.0
+        self.settled_at = 0
+        self.limited: Counter[str] = Counter()
+        self.newest_m: deque[float] = deque(maxlen=newest)
+        self._error_squares_m2 = 0.0
+        self._deviation_squares_m2 = 0.0
+        self._band_m = band_m
+
+    def take(self, samples: Iterable[tuple[float, float, float, str]]) -> None:
+        """Add samples: lateral error, deviation of the centre of gravity and wheel angle of each.
+
+        The fourth value names what decides about the wheel, and is empty if nothing does.
+        """
+        newest_m, band_m, limited = self.newest_m, self._band_m, self.limited
+        count, settled_at = self.samples, self.settled_at
+        squares_m2, cg_squares_m2 = self._error_squares_m2, self._deviation_squares_m2
+        peak_m, cg_peak_m = self.lateral_error_peak_m, self.cg_deviation_peak_m
+        peak_rad, error_m = self.wheel_angle_peak_rad, self.lateral_error_final_m
+        for error_m, cg_m, wheel_rad, limit in samples:
+            count += 1
+            squares_m2 += error_m * error_m
+            cg_squares_m2 += cg_m * cg_m
+            newest_m.append(error_m)
+            distance_m = abs(error_m)
+            if distance_m > peak_m:
+                peak_m = distance_m
+            if distance_m > band_m:
+                settled_at = count
+            if abs(cg_m) > cg_peak_m:
+                cg_peak_m = abs(cg_m)
+            if abs(wheel_rad) > peak_rad:
+                peak_rad = abs(wheel_rad)
+            if limit:
+                limited[limit] += 1
+        self.samples, self.settled_at = count, settled_at
+        self._error_squares_m2, self._deviation_squares_m2 = squares_m2, cg_squares_m2
+        self.lateral_error_peak_m, self.cg_deviation_peak_m = peak_m, cg_peak_m
+        self.wheel_angle_peak_rad, self.lateral_error_final_m = peak_rad, error_m
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """Root mean square of the preview point's lateral error; 0 without samples."""
+        return self._rms_m(self._error_squares_m2)
+
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
+        return self._rms_m(self._deviation_squares_m2)
+
+    def _rms_m(self, squares_m2: float) -> float:
+        return math.sqrt(squares_m2 / self.samples) if self.samples else 0.0
+
+
+class RunRecord:
+    """Figures of a run and, while there is room, its samples.
+
+    ``motion``       of the run
+    ``samples_max``  how many are kept in ``samples``
+
+    ``rules``, ``period_s``  of the verdict, and of the sensors
+    """
+
+    def __init__(self, settings: PlantSettings, motion: Motion, samples_max: int) -> None:
+        self.rules, self.period_s = settings.verdict, settings.sensor_period_ns / NS_PER_S
+        newest = samples_judged(self.rules, settings.duration_s, self.period_s)
+        self._figures = RunningFigures(self.rules.settling_band_m, newest)
+        self._samples: list[PlantSample] = []
+        self._samples_max = samples_max
+        self._motion = motion
+        self._waiting: list[_Taken] = []
+        """Not in figures and samples yet; they are processed in blocks, which is faster."""
+
+    @property
+    def figures(self) -> RunningFigures:
+        """Figures of all samples so far."""
+        self._process_waiting()
+        return self._figures
+
+    @property
+    def samples(self) -> Sequence[PlantSample]:
+        """The samples that are kept, oldest first."""
+        self._process_waiting()
+        return self._samples
+
+    def take(
+        self, command: SteeringCommand | None, latencies_s: tuple[float, float], limit: str
+    ) -> None:
+        """Take a sample of the motion, of the command in effect, and of what limits the wheel.
+
+        ``latencies_s``  of that command, and of the measurement that left last
+        """
+        motion, waiting = self._motion, self._waiting
+        waiting.append((motion.time_ns, motion.linear, command, latencies_s, limit))
+        if len(waiting) >= _BLOCK:
+            self._process_waiting()
+
+    def _process_waiting(self) -> None:
+        """Add the waiting samples to the figures, and keep those for which there is room."""
+        room = self._samples_max - len(self._samples)
+        speed_m_s, path = self._motion.speed_m_s, self._motion.path
+        preview_m = self._motion.preview_distance_m
+        figures = []
+        for time_ns, linear, command, (downlink_s, uplink_s), limit in self._waiting:
+            side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
+            at_m = speed_m_s * (time_ns / NS_PER_S)  # ``Motion.arc_length_m`` at that time
+            cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
+            figures.append((error_m, cg_m, wheel_rad, limit))
+            if len(figures) > room:
+                continue
+            values = (
+                time_ns * 1e-9,
+                at_m,
+                error_m,
+                heading_rad,
+                yaw_rate_rad_s,
+                math.nan if command is None else command.steer_rad,
+                wheel_rad,
+                downlink_s,
+                uplink_s,
+                rho,
+                side_slip_rad,
+                cg_m,
+            )
+            self._samples.append(new_record(PlantSample, values))
+        self._figures.take(figures)
+        self._waiting.clear()
+
+
+def motion_cg_m(motion: Motion) -> float:
+    """Return the deviation of the centre of gravity now [m]."""
+    _, _, heading_rad, error_m, _, _, _, _, _, _ = motion.linear
+    at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
+    return cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
+
+
+def place(path: Path, sample: PlantSample) -> PlacedSample:
+    """Return the position of a sample."""
+    beside = pose(path, sample.arc_length_m)
+    return PlacedSample(
+        beside.x_m - sample.lateral_error_m * math.sin(beside.heading_rad),
+        beside.y_m + sample.lateral_error_m * math.cos(beside.heading_rad),
+        beside.x_m,
+        beside.y_m,
+    )
+
+
+def write_trace(file: FilePath, path: Path, samples: Sequence[PlantSample]) -> None:
+    """Write samples and their places as CSV, one row a sample; missing values are empty."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow((*PlantSample._fields, *PlacedSample._fields))
+        for sample in samples:
+            row = (*sample, *place(path, sample))
+            writer.writerow("" if math.isnan(value) else repr(value) for value in row)

@@ -1,0 +1,182 @@
+"""The verdict on a run, from its lateral error alone (``plant_emulator.evaluation.error_windows``).
+
+The first that applies:
+
+    no start      nothing ever arrived: no measurement, or no command
+    left range    the error exceeded the range of LATERAL_ERROR (±83.88 m)
+    unstable      the law gave no finite command; or an oscillation grows: its amplitude in the last
+                  window is ``growth`` times that in the window before, or more
+    limit cycle   an oscillation lasts: its amplitude is at least ``sustained`` times that before
+    drifts        the mean of the last window is farther from the path than that of the window
+                  before, moves away at ``drift_m_s`` or faster, and is beyond ``off_path_m``
+    left road     the error exceeded ``road_m`` at any time, even if it has come back
+    decays        not on the path in the last window, but the largest error there is less than
+                  ``sustained`` times that in the window before: it comes back, too late
+    off path      not on the path in the last window
+    holds         none of these: on the path from the last window's first sample to its last
+
+A window is on the path if the error stays within ``off_path_m`` and swings by less than
+``swing_m``. So ``holds`` guarantees both for every run, whatever its other figures.
+
+An oscillation is one of two things:
+
+    regular   the standard deviation of the half periods is at most ``irregularity`` of their mean,
+              and the amplitude is ``amplitude_m`` or more
+    a swing   of ``swing_m`` or more, without a rhythm or too slow for the window to show one; it
+              exceeds mean and trend (the window's largest error is at most CREST_MAX times the
+              amplitude), and had an amplitude of ``amplitude_m`` or more in the window before
+
+The last condition excludes a run that a disturbance has just struck: it is off the path, but does
+not oscillate yet. The lateral error here is the true one: noise and resolution do not make a
+vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
+commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from ...dbc.messages import LateralError, limits
+from ...runtime.records import FloatArray, IntArray
+from ...runtime.settings.settings import Settings
+from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
+
+CREST_MAX = 3.0
+"""Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
+where it dies away to a fifth within the window."""
+
+
+class Verdict(StrEnum):
+    """The verdict on a run."""
+
+    NO_START = "no start"
+    LEFT_RANGE = "left range"
+    UNSTABLE = "unstable"
+    LIMIT_CYCLE = "limit cycle"
+    DRIFTS = "drifts"
+    LEFT_ROAD = "left road"
+    DECAYS = "decays"
+    OFF_PATH = "off path"
+    HOLDS = "holds"
+
+
+class RunEnd(StrEnum):
+    """How a run ended; the number of an end is its place in this list."""
+
+    COMPLETE = "complete"
+    LEFT_RANGE = "left range"
+    LAW_FAILED = "law failed"
+    NO_START = "no start"
+
+
+RUN_ENDS = tuple(RunEnd)
+
+
+class VerdictRules(Settings):
+    """``[verdict]``: thresholds, with their defaults."""
+
+    window_s: float = Field(15.0, gt=0.0, le=10_000.0)
+    """Length of each of the two windows at the end of a run; at most a quarter of the run."""
+    settling_band_m: float = Field(0.1, gt=0.0, le=100.0)
+    off_path_m: float = Field(0.25, gt=0.0, le=100.0)
+    """By design PD leaves up to 0.16 m in bends and under lasting disturbances; this is half as
+    much again.
+    """
+    road_m: float = Field(1.75, gt=0.0, le=100.0)
+    """Half a lane of 3.5 m."""
+    amplitude_m: float = Field(0.02, gt=0.0, le=100.0)
+    swing_m: float = Field(0.1, gt=0.0, le=100.0)
+    growth: float = Field(1.5, gt=1.0, le=1000.0)
+    sustained: float = Field(0.8, gt=0.0, le=1.0)
+    irregularity: float = Field(0.4, gt=0.0, le=10.0)
+    drift_m_s: float = Field(0.005, gt=0.0, le=100.0)
+
+
+def verdicts(
+    rules: VerdictRules, ends: IntArray, peaks_m: FloatArray, windows: FloatArray
+) -> list[Verdict]:
+    """Return the verdict of each run.
+
+    ``ends``     shape (runs,), places in ``RUN_ENDS``
+    ``peaks_m``  shape (runs,), largest magnitude of the error in the whole run
+    ``windows``  shape (runs, figures), in the order of ``WindowFigures``
+    """
+
+    def column(name: str) -> Any:
+        return windows[:, WindowFigures._fields.index(name)]
+
+    def ended(end: RunEnd) -> Any:
+        return ends == RUN_ENDS.index(end)
+
+    amplitude_m, before_m = column("amplitude_m"), column("amplitude_before_m")
+    peak_m, peak_before_m = column("end_peak_m"), column("end_peak_before_m")
+    # Comparisons with NaN are false: without the figure a run does not show the behaviour.
+    is_regular = (amplitude_m >= rules.amplitude_m) & (column("irregularity") <= rules.irregularity)
+    swings = amplitude_m >= rules.swing_m
+    is_about_path = (peak_m <= CREST_MAX * amplitude_m) & (before_m >= rules.amplitude_m)
+    oscillates = is_regular | (swings & is_about_path)
+    mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
+    drifts = (np.abs(mean_m) >= rules.off_path_m) & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
+    is_off = swings | ~(peak_m <= rules.off_path_m)
+    conditions = {
+        Verdict.NO_START: ended(RunEnd.NO_START),
+        Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
+        Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
+        | (oscillates & (amplitude_m >= rules.growth * before_m)),
+        Verdict.LIMIT_CYCLE: oscillates & (amplitude_m >= rules.sustained * before_m),
+        Verdict.DRIFTS: drifts,
+        Verdict.LEFT_ROAD: peaks_m > rules.road_m,
+        Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
+        Verdict.OFF_PATH: is_off,
+    }
+    names = list(conditions)
+    chosen = np.select(list(conditions.values()), range(len(names)), default=len(names))
+    return [(*names, Verdict.HOLDS)[place] for place in chosen.tolist()]
+
+
+class JudgedRun(NamedTuple):
+    """A verdict, and the figures that explain it.
+
+    ``window_s``  length of each of the two windows at the end of the run
+    """
+
+    verdict: Verdict
+    window_s: float
+    windows: WindowFigures
+
+    def report(self) -> Mapping[str, Any]:
+        """Return verdict and figures, ready for JSON; None for a figure that there is not."""
+        figures = {
+            name: value if math.isfinite(value) else None
+            for name, value in self.windows._asdict().items()
+        }
+        return {"verdict": str(self.verdict), "windows": {"window_s": self.window_s, **figures}}
+
+
+def samples_judged(rules: VerdictRules, duration_s: float, period_s: float) -> int:
+    """Return how many of its last samples the verdict on a run needs."""
+    return 2 * round(min(rules.window_s, WINDOW_SHARE_MAX * duration_s) / period_s)
+
+
+def judge(
+    rules: VerdictRules, error_m: Sequence[float], samples: int, peak_m: float, period_s: float
+) -> JudgedRun:
+    """Return the verdict on one run.
+
+    ``error_m``   its last samples: all, or those of two windows
+    ``samples``   how many it had in all; 0 for a run that has not started
+    ``peak_m``    largest magnitude of all
+    ``period_s``  between two samples
+    """
+    window = min(round(rules.window_s / period_s), int(samples * WINDOW_SHARE_MAX))
+    windows = window_figures(error_m, window, period_s)
+    end = RunEnd.COMPLETE if samples else RunEnd.NO_START
+    if peak_m > limits(LateralError)["lateral_error_m"].maximum:
+        end = RunEnd.LEFT_RANGE
+    ends = np.array([RUN_ENDS.index(end)])
+    verdict = verdicts(rules, ends, np.array([peak_m]), np.array([windows]))[0]
+    return JudgedRun(verdict, window * period_s, windows)

@@ -1,0 +1,205 @@
+"""Settings tables `[[faults]]`: faults of frames to and from the plant.
+
+    [[faults]]
+    kind = "bit_flips"
+    direction = "uplink"
+    message = "LATERAL_ERROR"
+    onset_s = 3.0
+    duration_s = 1.0
+    magnitude = 0.01              # of each bit, see the table `MAGNITUDES`
+
+Wire faults change, drop, add or reorder frames, and the receiver's checks can detect them. Signal
+faults are those of a sender: the value is wrong, CRC and counter are valid.
+``plant_emulator.faults.stage`` applies them.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Annotated, NamedTuple, Self
+
+from pydantic import Field, model_validator
+
+from ...dbc import messages
+from ...dbc.messages import MESSAGE_TYPES, Message
+from ...runtime.settings.settings import Settings
+
+ALL = "all"
+"""Every message of the direction."""
+WHOLE_PLAN = "steer_rad"
+"""The signal of STEERING_PLAN that stands for each of its angles."""
+FAULTS_MAX = 100
+
+
+class FaultDirection(StrEnum):
+    """Direction of the frames."""
+
+    DOWNLINK = "downlink"
+    """To the plant: commands."""
+    UPLINK = "uplink"
+    """From the plant: measurements."""
+
+
+class FaultKind(StrEnum):
+    """Kind of fault."""
+
+    DROP = "drop"
+    BURST_LOSS = "burst_loss"
+    """A burst starts with one frame in twenty, and may last beyond the fault's end."""
+    DUPLICATE = "duplicate"
+    REORDER = "reorder"
+    """One frame in five is held back."""
+    DELAY_SPIKE = "delay_spike"
+    FREEZE = "freeze"
+    """Each frame is replaced by the last one before the onset."""
+    BIT_FLIPS = "bit_flips"
+    WRONG_LENGTH = "wrong_length"
+    WRONG_IDENTIFIER = "wrong_identifier"
+    """Under the identifier of another message of the same sender."""
+    SPOOF = "spoof"
+    """Each frame is followed by a forged one: next counter, valid CRC, the magnitude as value."""
+    REPLAY = "replay"
+    """Each frame is replaced by the one recorded this long before."""
+    OUT_OF_RANGE = "out_of_range"
+    """A raw value outside the signal's range; valid CRC and counter."""
+    STUCK = "stuck"
+    """The last value before the onset."""
+    OFFSET = "offset"
+    SCALE = "scale"
+    DRIFT = "drift"
+    NOISE = "noise"
+
+
+class Magnitude(NamedTuple):
+    """Meaning of a fault's magnitude, with its unit, and its range."""
+
+    what: str
+    minimum: float
+    maximum: float
+    is_whole: bool = False
+
+
+_SHARE = "share of frames"
+_SIGNAL_UNIT = "in the signal's unit"
+_HUGE = 1e6
+MAGNITUDES: Mapping[FaultKind, Magnitude] = MappingProxyType(
+    {
+        FaultKind.DROP: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.BURST_LOSS: Magnitude("frames in a burst", 1, 1000, True),
+        FaultKind.DUPLICATE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.REORDER: Magnitude("frames of its message that overtake", 1, 50, True),
+        FaultKind.DELAY_SPIKE: Magnitude("s of further latency", 1e-4, 10.0),
+        FaultKind.FREEZE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.BIT_FLIPS: Magnitude("probability that a bit flips", 1e-6, 0.5),
+        FaultKind.WRONG_LENGTH: Magnitude("bytes that are left", 0, 7, True),
+        FaultKind.WRONG_IDENTIFIER: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.SPOOF: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+        FaultKind.REPLAY: Magnitude("s back", 1e-3, 10.0),
+        FaultKind.OUT_OF_RANGE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.STUCK: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.OFFSET: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+        FaultKind.SCALE: Magnitude("factor", -1000.0, 1000.0),
+        FaultKind.DRIFT: Magnitude("in the signal's unit per second", -_HUGE, _HUGE),
+        FaultKind.NOISE: Magnitude("standard deviation in the signal's unit", 0.0, _HUGE),
+    }
+)
+SIGNAL_FAULTS = frozenset(
+    {
+        FaultKind.SPOOF,
+        FaultKind.STUCK,
+        FaultKind.OFFSET,
+        FaultKind.SCALE,
+        FaultKind.DRIFT,
+        FaultKind.NOISE,
+    }
+)
+"""The kinds that need a signal."""
+
+MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
+    {
+        FaultDirection.DOWNLINK: (
+            messages.SteeringCommand,
+            messages.SteeringPlan,
+            messages.ControllerStatus,
+            messages.ControllerSafety,
+            messages.DelayStatus,
+        ),
+        FaultDirection.UPLINK: (
+            messages.LateralError,
+            messages.SteeringStatus,
+            messages.VehicleState,
+            messages.PlantStatus,
+        ),
+    }
+)
+
+
+class FaultSettings(Settings):
+    """One `[[faults]]`."""
+
+    kind: FaultKind
+    direction: FaultDirection
+    message: str = ALL
+    """A message of the DBC, or "all" messages of the direction."""
+    signal: str | None = None
+    """For signal faults: a field of the message, such as ``lateral_error_m``."""
+    onset_s: float = Field(0.0, ge=0.0, le=1e6)
+    """After the first command that arrives at the plant, which starts the motion."""
+    duration_s: float = Field(1e6, gt=0.0, le=1e6)
+    magnitude: float = 1.0
+    """Meaning and range depend on the kind."""
+    stream: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    """Number of its random stream; default: its place in the list."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        what, low, high, is_whole = MAGNITUDES[self.kind]
+        if not low <= self.magnitude <= high or (is_whole and self.magnitude % 1.0):
+            whole = ", whole" if is_whole else ""
+            raise ValueError(
+                f"magnitude of {self.kind} ({what}) must be {low:g} to {high:g}{whole},"
+                f" not {self.magnitude:g}"
+            )
+        known = MESSAGES_OF[self.direction]
+        names = [name for name, kind in MESSAGE_TYPES.items() if kind in known]
+        if self.message != ALL and self.message not in names:
+            raise ValueError(
+                f"message of the {self.direction} must be {', '.join(names)} or {ALL},"
+                f" not {self.message!r}"
+            )
+        self._refuse_a_signal_that_is_none()
+        return self
+
+    def _refuse_a_signal_that_is_none(self) -> None:
+        if self.kind not in SIGNAL_FAULTS:
+            if self.signal is not None:
+                raise ValueError(f"{self.kind} changes no single signal: leave signal out")
+            return
+        if self.message == ALL:
+            raise ValueError(f"{self.kind} needs a message, and a signal of it")
+        fields = quantities_of(MESSAGE_TYPES[self.message])
+        if self.signal not in fields:
+            given = "none" if self.signal is None else repr(self.signal)
+            raise ValueError(
+                f"signal of {self.message} must be {' or '.join(fields) or 'none'}, not {given}"
+            )
+
+
+def quantities_of(message_type: type[Message]) -> tuple[str, ...]:
+    """Return the quantities of a message, which signal faults can change; of a plan, all first."""
+    names = tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
+    return (WHOLE_PLAN, *names) if message_type is messages.SteeringPlan else names
+
+
+def fields_of(message_type: type[Message], signal: str) -> tuple[str, ...]:
+    """Return the fields of a message that a signal stands for."""
+    if message_type is messages.SteeringPlan and signal == WHOLE_PLAN:
+        return quantities_of(messages.SteeringPlan)[1:]
+    return (signal,) if signal in message_type.__annotations__ else ()
+
+
+def message_types_of(fault: FaultSettings) -> tuple[type[Message], ...]:
+    """Return the messages that a fault acts on."""
+    if fault.message == ALL:
+        return MESSAGES_OF[fault.direction]
+    return (MESSAGE_TYPES[fault.message],)

@@ -1,0 +1,128 @@
+"""What the network does to one frame: how long it takes, or that it is lost, or comes twice.
+
+For every frame two uniforms are drawn, in this order, whether they are needed or not:
+
+    1. lost or not   (``plant_emulator.network.loss``)
+    2. latency       (``plant_emulator.network.latency``)
+
+so that runs with the same seed meet the same network, and a distribution with a heavier tail makes
+every frame later. Duplicates draw from a stream of their own.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+
+from ...runtime.node.node import NS_PER_S
+from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
+from .latency_profile import profile_at, read_trace
+from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
+from .settings import LatencySettings
+
+
+class LatencyDraw:
+    """Draws the latency of each frame of one direction.
+
+    ``uniforms``            stream of the loss and latency of each frame
+    ``duplicate_uniforms``  stream of the duplicates
+
+    ``constant_ns``  latency of every frame, whatever is drawn [ns]; empty where draws decide
+    """
+
+    def __init__(
+        self,
+        settings: LatencySettings,
+        uniforms: Iterator[float],
+        duplicate_uniforms: Iterator[float],
+    ) -> None:
+        self._settings = settings
+        self._uniforms = uniforms
+        self._duplicate_uniforms = duplicate_uniforms
+        self._quantile = settings.quantile
+        self._schedule = settings.profile
+        self._trace = None if settings.trace_file is None else read_trace(settings.trace_file)
+        self._mean_s = settings.mean_s
+        self._spread_s = settings.spread_s
+        self._loss = self._loss_params(settings.loss)
+        self._in_burst = False
+        self._score = 0.0
+        self._score_ns: int | None = None
+        self._frames_drawn = 0
+        """Frames whose uniforms have been drawn: those that decide nothing can wait."""
+        self.constant_ns = self._constant_ns()
+
+    def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
+        """Change the network from the next frame on, after ``catch_up``; ends a schedule and a
+        trace.
+        """
+        self._quantile = QUANTILES[model]
+        self._schedule = ()
+        self._trace = None
+        self._mean_s = mean_s
+        self._spread_s = spread_s
+        self._loss = self._loss_params(loss)
+        self.constant_ns = self._constant_ns()
+
+    def catch_up(self, frames: int) -> None:
+        """Draw what frames of the constant latency left, so that the next meets its own draws.
+
+        ``frames``  that came so far
+        """
+        deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
+        self._frames_drawn = frames
+
+    def latencies_ns(self, number: int, now_ns: int, motion_ns: int) -> tuple[int, ...]:
+        """Return the latency of the frame, and that of its duplicate, if any; none if it is lost.
+
+        ``number``  frames that came before
+        """
+        if self._schedule:
+            self._follow_schedule(motion_ns)
+        loss_u, latency_u = next(self._uniforms), next(self._uniforms)
+        self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
+        if self._settings.correlation_time_s > 0.0:
+            latency_u = self._correlated(latency_u, now_ns)
+        latency_ns = self._latency_ns(latency_u, number, motion_ns)
+        latencies_ns: tuple[int, ...] = () if is_lost else (latency_ns,)
+        if self._settings.duplicates > 0.0:
+            chance_u, again_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
+            if not is_lost and chance_u < self._settings.duplicates:
+                latencies_ns = latency_ns, self._latency_ns(again_u, number, motion_ns)
+        self._frames_drawn = number + 1
+        return latencies_ns
+
+    def _follow_schedule(self, motion_ns: int) -> None:
+        shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S
+        _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
+        self._loss = self._loss_params(loss)
+
+    def _constant_ns(self) -> tuple[int, ...]:
+        is_drawn = (
+            self._quantile is not QUANTILES[Distribution.CONSTANT]
+            or self._schedule
+            or self._trace is not None
+            or self._in_burst
+            or self._loss != bernoulli(0.0)
+            or self._settings.duplicates > 0.0
+            or self._settings.correlation_time_s > 0.0
+        )
+        return () if is_drawn else (round(self._mean_s * NS_PER_S),)
+
+    def _latency_ns(self, u: float, number: int, motion_ns: int) -> int:
+        if self._trace is not None:
+            return round(self._trace.latency_s(number, motion_ns / NS_PER_S) * NS_PER_S)
+        return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
+
+    def _correlated(self, u: float, now_ns: int) -> float:
+        """Return the uniform of the AR(1) process, which starts in its stationary state."""
+        # Before the first frame lies all the time in the world: its score is drawn freely.
+        elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
+        self._score = correlated_score(self._score, u, elapsed_s, self._settings.correlation_time_s)
+        self._score_ns = now_ns
+        return uniform_of_score(self._score)
+
+    def _loss_params(self, loss: float) -> LossParams:
+        table = self._settings
+        if table.burst_frames is None:
+            return bernoulli(loss)
+        return gilbert_elliott(loss, table.burst_frames, table.loss_in_good, table.loss_in_burst)

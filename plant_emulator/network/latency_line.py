@@ -1,0 +1,218 @@
+"""A latency line: delays and loses the frames of one direction as a network does.
+
+How long a frame takes, and whether it is lost, is drawn (``plant_emulator.network.latency_draw``). A
+latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
+
+Order (``Order``) is kept per key; frames of one key are those of one message. Where the latency is
+constant, nothing can overtake, and frames that come together stay together.
+"""
+
+from collections import defaultdict, deque
+from collections.abc import Iterator, Sequence
+from heapq import heappop, heappush
+from typing import Generic, NamedTuple, TypeVar
+
+from ...runtime.node.node import NEVER_NS
+from ...runtime.node.statistics import DurationStatistics
+from .latency import Distribution
+from .latency_draw import LatencyDraw
+from .settings import LatencySettings, Order
+
+_BLOCK = 256
+"""Frames after which all is done that can wait."""
+WAITING_MAX = 100_000
+"""Frames that a line holds: three times those of the longest latency at the highest rate."""
+
+Item = TypeVar("Item")
+
+
+Passage = tuple[int, int, Sequence[tuple[int, Item]]]
+"""Frames that leave the line together.
+
+    due_ns   when they leave [ns]
+    came_ns  when they came [ns]
+    frames   the key and the item of each
+"""
+_FRAMES_MAX = 8
+"""More than come together."""
+
+
+class LineCounts(NamedTuple):
+    """Counts of frames: pushed + duplicated = released + lost + superseded + overflowed
+    + those still waiting.
+    """
+
+    pushed: int
+    duplicated: int
+    released: int
+    lost: int
+    superseded: int  # dropped because a newer one of the same key had left before
+    overflowed: int
+
+
+class LatencyLine(Generic[Item]):
+    """Holds the frames of one direction until they are due.
+
+    ``uniforms``            stream of the loss and latency of each frame
+    ``duplicate_uniforms``  stream of the duplicates
+
+    ``next_due_ns``  when the next frame is due [ns]; NEVER_NS with none waiting
+    """
+
+    def __init__(
+        self,
+        settings: LatencySettings,
+        uniforms: Iterator[float],
+        duplicate_uniforms: Iterator[float],
+    ) -> None:
+        self._draw = LatencyDraw(settings, uniforms, duplicate_uniforms)
+        self._newest_wins = settings.order is Order.NEWEST_WINS
+        self._in_order = settings.order is Order.IN_ORDER
+        self._in_turn: deque[Passage[Item]] = deque()
+        """Those of one constant latency."""
+        self._waiting: list[tuple[int, int, int, int, Item]] = []
+        """Due time, number, arrival, key and item of each other frame; a heap."""
+        self.next_due_ns = NEVER_NS
+        self._sequence = 0
+        self._last_due_ns: dict[int, int] = {}
+        self._newest_released: defaultdict[int, int] = defaultdict(int)
+        self._drawn_ns: tuple[int, ...] = (0,)
+        self._pushed = self._duplicated = self._settled = 0
+        self._lost = self._superseded = self._overflowed = 0
+        self._latency, self._injected = DurationStatistics(), DurationStatistics()
+        # Durations not in the statistics yet.
+        self._latencies_ns: list[int] = []
+        self._injected_ns: list[int] = []
+
+    @property
+    def counts(self) -> LineCounts:
+        """Counts of the frames so far."""
+        return LineCounts(
+            self._pushed,
+            self._duplicated,
+            self._settled + len(self._latencies_ns),
+            self._lost,
+            self._superseded,
+            self._overflowed,
+        )
+
+    @property
+    def latest_latency_ns(self) -> int:
+        """Latency drawn for the newest frame that was not lost [ns]."""
+        return self._drawn_ns[0]
+
+    @property
+    def latency(self) -> DurationStatistics:
+        """Latencies of the frames that have left the line: not of those that were overtaken."""
+        self._settle()
+        return self._latency
+
+    @property
+    def injected(self) -> DurationStatistics:
+        """Latencies drawn for every frame that was not lost, duplicates included."""
+        self._settle()
+        return self._injected
+
+    def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
+        """Change the network from the next frame on; this ends a schedule or a trace."""
+        self._settle()
+        self._separate()
+        self._draw.reconfigure(model, mean_s, spread_s, loss)
+
+    def push(self, frames: Sequence[tuple[int, Item]], now_ns: int, motion_ns: int) -> None:
+        """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion.
+
+        ``frames``  the key and the item of each
+        """
+        waiting, injected_ns, constant_ns = self._waiting, self._injected_ns, self._draw.constant_ns
+        if constant_ns:
+            self._drawn_ns = constant_ns
+            in_turn = self._in_turn
+            if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
+                count = len(frames)
+                self._pushed += count
+                injected_ns += constant_ns * count
+                in_turn.append((now_ns + constant_ns[0], now_ns, frames))
+                self.next_due_ns = in_turn[0][0]
+                if len(injected_ns) >= _BLOCK:
+                    self._settle()
+                return
+            self._separate()
+        in_order, sequence = self._in_order, self._sequence
+        for key, item in frames:
+            latencies_ns = constant_ns or self._drawn(now_ns, motion_ns)
+            self._pushed += 1
+            for latency_ns in latencies_ns:
+                injected_ns.append(latency_ns)
+                if len(waiting) >= WAITING_MAX:
+                    self._overflowed += 1
+                    continue
+                due_ns = now_ns + latency_ns
+                if in_order:
+                    due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
+                    self._last_due_ns[key] = due_ns
+                sequence += 1
+                heappush(waiting, (due_ns, sequence, now_ns, key, item))
+        self._sequence = sequence
+        if waiting:
+            self.next_due_ns = waiting[0][0]
+        if len(injected_ns) >= _BLOCK:
+            self._settle()
+
+    def pop_due(self, now_ns: int) -> list[Passage[Item]]:
+        """Return the frames due up to ``now_ns``, in order."""
+        released: list[Passage[Item]] = []
+        in_turn, latencies_ns, self.next_due_ns = self._in_turn, self._latencies_ns, NEVER_NS
+        while in_turn:
+            due_ns, came_ns, frames = passage = in_turn[0]
+            if due_ns > now_ns:
+                self.next_due_ns = due_ns
+                return released
+            latencies_ns += [due_ns - came_ns] * len(frames)
+            released.append(passage)
+            in_turn.popleft()
+        waiting = self._waiting
+        if not waiting:
+            return released
+        newest, newest_wins = self._newest_released, self._newest_wins
+        while waiting:
+            due_ns, sequence, came_ns, key, item = waiting[0]
+            if sequence < newest[key]:  # older than what has left: nobody waits for it
+                self._superseded += 1
+            elif due_ns > now_ns:
+                self.next_due_ns = due_ns
+                break
+            else:
+                latencies_ns.append(due_ns - came_ns)
+                released.append((due_ns, came_ns, ((key, item),)))
+                if newest_wins:
+                    newest[key] = sequence
+            heappop(waiting)
+        return released
+
+    def _drawn(self, now_ns: int, motion_ns: int) -> tuple[int, ...]:
+        """Draw the next frame's latency, and that of its duplicate; none if it is lost."""
+        latencies_ns = self._draw.latencies_ns(self._pushed, now_ns, motion_ns)
+        if latencies_ns:
+            self._drawn_ns = latencies_ns
+        self._lost += not latencies_ns
+        self._duplicated += len(latencies_ns) > 1
+        return latencies_ns
+
+    def _separate(self) -> None:
+        """Prepare the waiting frames for being overtaken."""
+        for due_ns, came_ns, frames in self._in_turn:
+            for key, item in frames:
+                self._sequence += 1
+                self._last_due_ns[key] = due_ns
+                self._waiting.append((due_ns, self._sequence, came_ns, key, item))
+        self._in_turn.clear()
+
+    def _settle(self) -> None:
+        """Do what can wait: draw what decides nothing, and count durations."""
+        self._draw.catch_up(self._pushed)
+        self._settled += len(self._latencies_ns)
+        self._latency.record_all(self._latencies_ns)
+        self._injected.record_all(self._injected_ns)
+        self._latencies_ns.clear()
+        self._injected_ns.clear()

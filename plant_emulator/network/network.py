@@ -1,0 +1,55 @@
+"""The emulated network: a latency line for commands, and one for measurements."""
+
+import math
+
+from ...dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
+from ...runtime.frame.frame import Frame
+from ..settings import PlantSettings
+from .latency import Distribution
+from .latency_line import LatencyLine
+from .random_streams import Channel, uniforms
+
+
+class Network:
+    """Both lines of a run.
+
+    ``measured_latency_s``  latency of the last measurement that left [s]
+    ``configured``          what LATENCY_CONFIG has changed last; None before the first
+    """
+
+    def __init__(self, settings: PlantSettings) -> None:
+        seed, latency = settings.seed, settings.latency
+        self.downlink: LatencyLine[SteeringCommand | SteeringPlan] = LatencyLine(
+            latency.downlink,
+            uniforms(seed, Channel.DOWNLINK),
+            uniforms(seed, Channel.DOWNLINK_DUPLICATES),
+        )
+        self.uplink: LatencyLine[Frame] = LatencyLine(
+            latency.uplink,
+            uniforms(seed, Channel.UPLINK),
+            uniforms(seed, Channel.UPLINK_DUPLICATES),
+        )
+        self.measured_latency_s = math.nan
+        self.configured: LatencyConfig | None = None
+
+    @property
+    def lost(self) -> int:
+        """Frames lost so far."""
+        return self.downlink.counts.lost + self.uplink.counts.lost
+
+    def measured(self, due_ns: int) -> list[Frame]:
+        """Return the measurements that leave for the bus."""
+        measured: list[Frame] = []
+        for left_ns, came_ns, frames in self.uplink.pop_due(due_ns):
+            self.measured_latency_s = (left_ns - came_ns) * 1e-9
+            measured += [frame for _, frame in frames]
+        return measured
+
+    def reconfigure(self, config: LatencyConfig) -> None:
+        """Change the latency as a tool requests."""
+        self.configured = config
+        model = Distribution[config.model.name]
+        if config.direction in (Direction.DOWNLINK, Direction.BOTH):
+            self.downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
+        if config.direction in (Direction.UPLINK, Direction.BOTH):
+            self.uplink.reconfigure(model, config.mean_s, config.spread_s, config.loss)

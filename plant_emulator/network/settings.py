@@ -1,0 +1,129 @@
+"""Settings tables of the two latency lines: [latency.downlink] and [latency.uplink]."""
+
+from enum import StrEnum
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic_core import PydanticKnownError
+
+from ...runtime.settings.settings import Settings
+from ..vehicle.own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
+from .latency import QUANTILES, Distribution, Quantile
+from .latency_profile import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
+
+LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+_TRIED = (0.001, 0.5, 0.999)
+"""Uniforms with which a latency model of another package is tested."""
+
+
+def _known_model(name: Any) -> Distribution | str:
+    if isinstance(name, str) and ":" in name:
+        find_latency_model(name)
+        return name
+    known = [*Distribution]
+    if name not in known:
+        raise PydanticKnownError("enum", {"expected": ", ".join(known)})
+    return Distribution(name)
+
+
+LatencyModelName = Annotated[
+    Distribution | str,
+    PlainValidator(_known_model),
+    WithJsonSchema({"enum": [*Distribution], "type": "string"}),
+]
+"""One of ours, or ``package.module:ATTRIBUTE`` of a ``LatencyModel``."""
+
+
+class Order(StrEnum):
+    """What happens when a frame overtakes an earlier one of the same message."""
+
+    NEWEST_WINS = "newest_wins"
+    """The earlier frame is dropped on arrival, as by a receiver that ignores old data."""
+    IN_ORDER = "in_order"
+    """It waits behind the earlier one, as in a gateway's queue."""
+    AS_ARRIVES = "as_arrives"
+    """The earlier frame arrives after it, as in a network with several routes."""
+
+
+class SchedulePoint(Settings):
+    """One ``[[latency.*.schedule]]``: latency from ``time_s`` of motion on."""
+
+    time_s: float = Field(ge=0.0, le=1e9)
+    mean_s: LatencySeconds
+    spread_s: LatencySeconds = 0.0
+    loss: Probability = 0.0
+
+
+class LatencySettings(Settings):
+    """The network in one direction; by default it changes nothing."""
+
+    model: LatencyModelName = Distribution.CONSTANT
+    own: LatencyTable = OWN_TABLE
+    mean_s: LatencySeconds = 0.0
+    spread_s: LatencySeconds = 0.0
+    """Standard deviation."""
+    correlation_time_s: float = Field(0.0, ge=0.0, le=1e6)
+    """Of the AR(1) process behind the latencies; 0: frames are independent."""
+    loss: Probability = 0.0
+    """Long-run share of lost frames."""
+    burst_frames: float | None = Field(None, ge=1.0, le=1e6)
+    """Mean length of a burst of loss (Gilbert-Elliott); default: independent losses."""
+    loss_in_good: Probability = 0.0
+    loss_in_burst: Probability = 1.0
+    duplicates: Probability = 0.0
+    """Share of frames that arrive twice; the duplicate has its own latency."""
+    order: Order = Order.NEWEST_WINS
+    schedule: tuple[SchedulePoint, ...] = Field((), max_length=100_000)
+    """Replaces mean_s, spread_s and loss."""
+    schedule_shape: Shape = Shape.STEP
+    trace_file: Path | None = None
+    """Recorded latencies (CSV: latency_s, or time_s,latency_s); replaces the model."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.model is Distribution.CONSTANT and self.spread_s > 0.0:
+            raise ValueError("spread_s needs a model other than 'constant'")
+        if self.loss_in_good >= self.loss_in_burst:
+            raise ValueError("loss_in_good must be below loss_in_burst")
+        for earlier, later in pairwise(self.schedule):
+            if later.time_s < earlier.time_s:
+                raise ValueError(
+                    f"schedule must rise in time: {later.time_s} s follows {earlier.time_s} s"
+                )
+        if self.trace_file is not None:
+            if self.schedule:
+                raise ValueError("schedule and trace_file exclude each other")
+            try:
+                read_trace(self.trace_file)
+            except OSError as error:
+                raise ValueError(
+                    f"trace_file {self.trace_file} cannot be read: {error.strerror}"
+                ) from error
+        if not isinstance(self.model, Distribution):
+            for u in _TRIED:
+                self.quantile(u, self.mean_s, self.spread_s)
+        return self
+
+    @property
+    def profile(self) -> tuple[ProfilePoint, ...]:
+        """The points of the schedule."""
+        return tuple(ProfilePoint(**dict(point)) for point in self.schedule)
+
+    @property
+    def quantile(self) -> Quantile:
+        """The quantile function; one of another package raises PartError when it fails."""
+        if isinstance(self.model, Distribution):
+            return QUANTILES[self.model]
+        return own_quantile(self.model, self.own)
+
+
+class BothLatencySettings(Settings):
+    """``[latency]``."""
+
+    downlink: LatencySettings = LatencySettings()
+    """Commands, controller to plant."""
+    uplink: LatencySettings = LatencySettings()
+    """Measurements, plant to controller."""

@@ -1,0 +1,300 @@
+"""The plant emulator as a node: commands in, measurements out, the vehicle in between.
+
+``on_frame`` only checks a command and puts it into the downlink. ``on_tick`` does all that is due,
+each at its exact time and not at that of the tick, in this order at one instant:
+
+1. commands leave the downlink for the steering's control unit, which sets the wheel's target
+2. the control unit reacts to missing commands (``plant_emulator.steering.guard``)
+3. a plan of commands gives the one for this sample (``plant_emulator.steering.plan_buffer``), the sensors
+   sample, and their messages enter the uplink
+4. messages leave the uplink for the bus
+5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
+6. disturbances that a tool has set begin to act
+
+A late tick therefore changes when frames leave, but not how the vehicle moves: a command acts from
+the instant at which it was due.
+
+The vehicle stands at the start of its path until the first valid command arrives on the bus, before
+its latency. So two programs started one after the other drive the same run as two nodes in virtual
+time.
+
+A fault that the plant detects in itself (``plant_emulator.node.self_supervision``) ends the run: the
+steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...dbc.codec.protection import SequenceResult
+from ...dbc.messages import (
+    CAN_IDS,
+    DisturbanceConfig,
+    LatencyConfig,
+    Rejection,
+    SafetyState,
+    SteeringCommand,
+)
+from ...dbc.reception import Reception
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NEVER_NS
+from ...runtime.node.periodic import PeriodicTimer
+from ...runtime.node.view import View
+from ..evaluation.plant_report import line_report, motion_report, reception_report
+from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
+from ..network.network import Network
+from ..path.path import Path
+from ..settings import PlantSettings
+from ..steering.plan_buffer import PlanBuffer
+from ..steering.settings import design_guard
+from ..steering.unit import SteeringUnit
+from ..vehicle.motion_design import MotionParams, motion_params
+from ..vehicle.plugin import make_motion
+from ..vehicle.propagation import DELTA
+from .live_disturbances import Disturbing
+from .messages import RECEIVED, SENT, STEERING, PlantMessages
+from .sampling import Sampling
+from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
+from .status_timing import StatusTiming
+from .view import plant_view
+
+_COMMAND_ID = CAN_IDS[SteeringCommand]
+_STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEERING}
+
+
+class PlantNode:
+    """The rig on the bus.
+
+    ``start_ns``     first sample [ns]
+    ``params``       from ``motion_params(settings)``, which takes tens of milliseconds; computed
+                     here unless given
+    ``samples_max``  largest number of samples stored in ``samples``
+
+    ``motion_start_ns``  start of the motion [ns]; NEVER_NS before
+    ``deadline_ns``      when the next event is due [ns]
+    ``finished``         whether the motion has reached its duration, or a fault has ended it
+    """
+
+    def __init__(
+        self,
+        settings: PlantSettings,
+        start_ns: int,
+        params: MotionParams | None = None,
+        samples_max: int = SAMPLES_MAX,
+    ) -> None:
+        self._seed = settings.seed
+        self._duration_ns = settings.duration_ns
+        self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
+        params = motion_params(settings) if params is None else params
+        self._motion = make_motion(settings.vehicle, params)
+        self._disturbing = Disturbing(settings, params)
+        self._unit = SteeringUnit(
+            design_guard(settings.safety, settings.vehicle, settings.actuator)
+        )
+        self._own = SelfSupervision(settings.overruns)
+        self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
+        self._status_timing = StatusTiming(start_ns)
+        self.deadline_ns = start_ns
+        self._network = Network(settings)
+        self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._unauthenticated = 0
+        self._command: SteeringCommand | None = None
+        self._command_latency_s = math.nan
+        self._plans = PlanBuffer()
+        self._sends_truth = settings.ground_truth
+        self._messages = PlantMessages()
+        self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
+        self._record = RunRecord(settings, self._motion, samples_max)
+        self.finished = False
+
+    @property
+    def samples(self) -> Sequence[PlantSample]:
+        """One sample a sensor period since the start of motion, oldest first."""
+        return self._record.samples
+
+    @property
+    def path(self) -> Path:
+        """The path."""
+        return self._motion.path
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Check a frame; a command enters the downlink."""
+        received = self._reception.take(frame, now_ns)
+        if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
+            received = self._reception.undisputed(_STEERING_TYPES[frame.can_id])
+        if isinstance(received, STEERING):
+            if self.motion_start_ns == NEVER_NS:
+                self.motion_start_ns = now_ns
+            # A plan and a command take each other's place, so they are one stream of frames.
+            self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
+            due_ns = self._network.downlink.next_due_ns
+            if due_ns < self.deadline_ns:
+                self.deadline_ns = due_ns
+        elif isinstance(received, LatencyConfig):
+            self._network.reconfigure(received)
+        elif isinstance(received, DisturbanceConfig):
+            self._disturbing.ask(received)
+            self.deadline_ns = min(self.deadline_ns, now_ns)
+        elif isinstance(received, Rejection) and frame.can_id in _STEERING_TYPES:
+            self._unit.on_rejection()
+        return ()
+
+    def on_unauthenticated(self) -> None:
+        """Count a frame that was refused before the node."""
+        self._unauthenticated += 1
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Do all that is due up to ``now_ns``, in order of time."""
+        frames: list[Frame] = []
+        downlink, uplink = self._network.downlink, self._network.uplink
+        unit, status_timing, sensor_timer = self._unit, self._status_timing, self._sensor_timer
+        while True:
+            command_ns = downlink.next_due_ns
+            sample_ns = sensor_timer.deadline_ns
+            measured_ns = uplink.next_due_ns
+            guard_ns = self.motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
+            due_ns = status_timing.deadline_ns
+            if command_ns < due_ns:
+                due_ns = command_ns
+            if guard_ns < due_ns:
+                due_ns = guard_ns
+            if sample_ns < due_ns:
+                due_ns = sample_ns
+            if measured_ns < due_ns:
+                due_ns = measured_ns
+            if due_ns > now_ns:
+                if self._disturbing.is_asked:
+                    self._advance(now_ns)
+                    self._motion.disturb(self._disturbing.params())
+                self.deadline_ns = due_ns
+                return frames
+            if command_ns == due_ns:
+                self._apply(due_ns)
+            elif guard_ns == due_ns:
+                self._guard(due_ns)
+            elif sample_ns == due_ns:
+                sensor_timer.advance(now_ns)
+                self._sense(due_ns)
+                if self._sends_truth and self._motion.is_finite:
+                    frames.append(self._messages.ground_truth(motion_cg_m(self._motion)))
+                if uplink.next_due_ns == due_ns:
+                    frames += self._network.measured(due_ns)
+            elif measured_ns == due_ns:
+                frames += self._network.measured(due_ns)
+                continue  # the steering's status has not changed
+            else:
+                safety = unit.take_state()
+                status_timing.on_report(safety, due_ns, now_ns)
+                frames.append(self._status_frame(safety, due_ns))
+            if unit.safety is not status_timing.settled:
+                status_timing.on_state(unit.safety, due_ns)
+
+    def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
+        """Return what a user should see now."""
+        return plant_view(
+            self._unit,
+            self._own.failure,
+            self._reception,
+            self._network,
+            self._command,
+            self._record.figures,
+        )
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures of the run so far, ready for JSON.
+
+        ``failure``               the fault it has detected in itself; empty if there is none
+        ``lost``, ``superseded``  frames that the latency lines dropped, by direction
+        ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
+        ``clamped``               other values sent as the end of their signal's range
+        ``safety``                interventions of the steering (``SteeringUnit.report``)
+        """
+        record = self._record
+        return {
+            "seed": self._seed,
+            "failure": self._own.failure,
+            **motion_report(record.figures, self._motion.time_ns, record.rules, record.period_s),
+            "downlink": line_report(self._network.downlink),
+            "uplink": line_report(self._network.uplink),
+            **reception_report(self._reception),
+            "skipped_samples": self._sensor_timer.skipped,
+            "not_available": self._messages.not_available,
+            "clamped": self._messages.clamped,
+            "safety": self._unit.report(),
+        }
+
+    def _motion_ns(self, time_ns: int) -> int:
+        """Return the time since the start of motion [ns], 0 before."""
+        motion_ns = time_ns - self.motion_start_ns
+        return motion_ns if motion_ns > 0 else 0
+
+    def _advance(self, due_ns: int) -> int:
+        """Advance the vehicle to ``due_ns``; returns the time since the start of motion [ns]."""
+        motion, motion_ns = self._motion, due_ns - self.motion_start_ns
+        if motion_ns < 0:
+            motion_ns = 0
+        motion.advance(motion_ns)
+        if not motion.is_finite:
+            self._fail(NOT_FINITE_VEHICLE, due_ns)
+        return motion_ns
+
+    def _fail(self, failure: str, due_ns: int) -> None:
+        """Process a fault of the plant: the steering goes to its safe state."""
+        self._own.on_fault(failure, due_ns)
+        self._unit.on_own_fault(self._own.failure, self._motion_ns(due_ns))
+
+    def _apply(self, due_ns: int) -> None:
+        """Apply the commands that are due."""
+        for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
+            latency_s = (left_ns - came_ns) * 1e-9
+            command = self._plans.take(released, latency_s)
+            if command is not None:  # a plan acts from the next sample on
+                self._follow(command, latency_s, due_ns)
+
+    def _follow(
+        self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
+    ) -> None:
+        """Process a command at ``due_ns``."""
+        motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
+        if not math.isfinite(steer_rad):
+            self._fail(NOT_FINITE_COMMAND, due_ns)
+        elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
+            self._motion.command(self._unit.target_rad)
+            self._command, self._command_latency_s = command, latency_s
+
+    def _guard(self, due_ns: int) -> None:
+        """Let the control unit react to missing commands."""
+        if self._unit.on_timer(self._motion_ns(due_ns)):
+            self._advance(due_ns)
+            self._motion.command(self._unit.target_rad)
+
+    def _sense(self, time_ns: int) -> None:
+        """Sample the vehicle and put the messages into the uplink."""
+        motion_ns = self._advance(time_ns)
+        self._own.on_sample(self._sensor_timer, time_ns)
+        if self._own.failure:
+            self._fail(self._own.failure, time_ns)
+        if self._plans.plan is not None:
+            played = self._plans.play(self._messages.next_sample)
+            if played is not None:
+                command, latency_s, is_new = played
+                self._follow(command, latency_s, time_ns, is_new=is_new)
+        motion, is_limited = self._motion, self._motion.is_limited
+        self._unit.on_wheel(motion.linear[DELTA], motion_ns)
+        if time_ns >= self.motion_start_ns:
+            if motion.is_finite:
+                limit = self._unit.limit or ("actuator" if is_limited else "")
+                latencies_s = (self._command_latency_s, self._network.measured_latency_s)
+                self._record.take(self._command, latencies_s, limit)
+            self.finished = motion_ns >= self._duration_ns
+        if time_ns >= self._own.reported_ns and self._unit.has_fallen_back:
+            self.finished = True
+        applied = 0 if self._command is None else self._command.command_counter
+        code = self._unit.status_code(actuator_is_limited=is_limited)
+        self._sampling.send(motion, applied, code, time_ns, motion_ns)
+
+    def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
+        """Return PLANT_STATUS."""
+        refused = self._reception.refused + self._unauthenticated
+        second_sender = self._reception.second_sender(now_ns)
+        return self._messages.plant_status(self._network, refused, safety, second_sender)

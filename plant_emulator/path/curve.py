@@ -1,0 +1,124 @@
+"""From a smooth curve (x(t), y(t)) to a path: true arc length, linearly interpolated curvature.
+
+The break points have equal distances in arc length. Their number is doubled until the interpolation
+is accurate enough. On a closed curve, equal distances let the sum over them converge faster than
+any power, so that one lap of the interpolated curvature turns by 2π.
+"""
+
+from collections.abc import Callable
+from math import atan2
+from typing import NamedTuple
+
+import numpy as np
+
+from ...runtime.records import FloatArray
+from .path import GAUSS, Path, Pose
+
+CURVATURE_TOLERANCE = 1e-4
+"""Largest error of the interpolated curvature, relative to the curve's largest curvature..."""
+CURVATURE_TOLERANCE_1_M = 1e-6
+"""...or absolute [1/m], for curves that hardly bend."""
+
+_PIECES_MIN = 64
+_PIECES_MAX = 1 << 18
+_CELLS_PER_KNOT = 16
+_NEWTON_STEPS = 4
+"""Linear interpolation starts Newton with an error below 1e-2 of a cell; each step squares it."""
+_TURN_MISSED_MAX_RAD = 0.1
+"""A heading that turns by more than its curvature implies has a cusp between two points."""
+_TOO_SHARP = "the path bends too sharply"
+
+
+class CurvePoints(NamedTuple):
+    """Points of a curve and their first and second derivative by its parameter, as arrays."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    ddx: FloatArray
+    ddy: FloatArray
+
+
+Curve = Callable[[FloatArray], CurvePoints]
+
+
+def path_along(curve: Curve, knots: FloatArray, *, closed: bool) -> Path:
+    """Return the path along a curve, from the first knot to the last.
+
+    Between neighbouring ``knots`` (parameters in rising order) the curve must be smooth. A closed
+    curve ends where and as it starts. Raises ValueError for a curve too sharp to interpolate.
+    """
+    lengths = _ArcLength(curve, knots)
+    pieces = _PIECES_MIN
+    while True:
+        points = curve(lengths.parameters(2 * pieces))
+        curvature = _curvature(points)
+        error = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2])).max()
+        allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
+        # Next to a kink of the curvature, the error can be twice that of the midpoint.
+        if error <= 0.5 * allowed:
+            break
+        pieces *= 2
+        if pieces > _PIECES_MAX:
+            raise ValueError(_TOO_SHARP)
+    heading = np.unwrap(list(map(atan2, points.dy.tolist(), points.dx.tolist())))[::2]
+    curvature = curvature[::2]
+    step_m = lengths.total_m / pieces
+    turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
+    if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
+        raise ValueError(_TOO_SHARP)
+    start_m = (step_m * np.arange(pieces)).tolist()
+    slopes = (np.diff(curvature) / step_m).tolist()
+    poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))
+    total_m, curvatures = lengths.total_m, curvature[:-1].tolist()
+    if closed:
+        lap_turn_rad = poses[-1].heading_rad - poses[0].heading_rad
+        return Path(start_m, curvatures, slopes, poses[:-1], total_m, lap_turn_rad, True)
+    # After the end of an open path the road continues straight.
+    return Path([*start_m, total_m], [*curvatures, 0.0], [*slopes, 0.0], poses, total_m, 0.0, False)
+
+
+def _curvature(points: CurvePoints) -> FloatArray:
+    cross: FloatArray = points.dx * points.ddy - points.dy * points.ddx
+    square: FloatArray = points.dx * points.dx + points.dy * points.dy
+    return cross / (square * np.sqrt(square))
+
+
+def _speed(points: CurvePoints) -> FloatArray:
+    """Return the arc length per unit of the parameter."""
+    speed: FloatArray = np.sqrt(points.dx * points.dx + points.dy * points.dy)
+    return speed
+
+
+class _ArcLength:
+    """Arc length as a function of a curve's parameter, and its inverse."""
+
+    def __init__(self, curve: Curve, knots: FloatArray) -> None:
+        self._curve = curve
+        fractions = np.arange(_CELLS_PER_KNOT) / _CELLS_PER_KNOT
+        inner = (knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * fractions).ravel()
+        self._cells = np.append(inner, knots[-1])
+        pieces = self._between(self._cells[:-1], self._cells[1:])
+        self._length_m = np.concatenate(([0.0], np.cumsum(pieces)))
+        self.total_m = float(self._length_m[-1])
+
+    def parameters(self, pieces: int) -> FloatArray:
+        """Return the parameters of ``pieces`` + 1 points at equal distances."""
+        wanted = np.linspace(0.0, self.total_m, pieces + 1)
+        parameter: FloatArray = np.interp(wanted, self._length_m, self._cells)
+        cell = np.searchsorted(self._cells, parameter, side="right") - 1
+        cell = np.clip(cell, 0, len(self._cells) - 2)
+        start = self._cells[cell]
+        for _ in range(_NEWTON_STEPS):
+            error = self._length_m[cell] + self._between(start, parameter) - wanted
+            parameter = parameter - error / _speed(self._curve(parameter))
+        parameter[0], parameter[-1] = self._cells[0], self._cells[-1]
+        return parameter
+
+    def _between(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the arc lengths from ``start`` to ``end``, each within one cell."""
+        length = np.zeros_like(start)
+        for node, weight in GAUSS:
+            length = length + weight * _speed(self._curve(start + node * (end - start)))
+        return length * (end - start)

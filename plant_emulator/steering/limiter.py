@@ -1,0 +1,163 @@
+"""Safety limiter: limits steering commands to the actuator, whoever sends them.
+
+    a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
+
+    cause                 |δ| at most      change of δ within half a second at most
+    ANGLE                 δ_max
+    ANGLE_RATE                             δ'_max · 0.5 s
+    LATERAL_ACCELERATION  a_max/g
+    LATERAL_JERK                           j_max · 0.5 s/g
+
+    δ   steer_rad   [rad]        V   speed [m/s]        L = l_f + l_r   wheelbase [m]
+    K   understeer gradient [s²/m · rad], in the textbook's form and not from the matrices of (1)
+
+ISO 11270:2014, 5.4, limits the lateral acceleration to 3 m/s² and the moving average over half a
+second of the lateral jerk to 5 m/s³. A command is a step with infinite jerk, so only such an
+average is meaningful. It needs no memory of all commands: the smallest and the largest output of
+the present quarter of a second and of the two before it are those of the last 0.5 to 0.75 s, and an
+output stays within ``sweep`` of both. So no two outputs within 0.5 s differ by more than the limit,
+and commands that keep the limit within 0.75 s pass unchanged, bit for bit.
+
+The second check is of the wheel: if it differs from its target by more than a tolerance for longer
+than a time, it does not follow, and the steering is no longer reliable.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+from ...runtime.record import new_record
+
+AVERAGING_S = 0.5
+"""Averaging time of the two rate limits; for the jerk that of ISO 11270."""
+SLOT_NS = 250_000_000
+"""Half of it: the time over which extremes of the output are stored."""
+
+
+class Cause(IntEnum):
+    """The limit that determined an output."""
+
+    NONE = 0
+    ANGLE = 1
+    ANGLE_RATE = 2
+    LATERAL_ACCELERATION = 3
+    LATERAL_JERK = 4
+    NOT_FINITE = 5
+    """The command was NaN: the output stays."""
+
+
+class LimitRow(NamedTuple):
+    """One row of the table; infinite if there is no limit."""
+
+    cause: int
+    reach_rad: float
+    sweep_rad: float
+
+
+class LimiterParams(NamedTuple):
+    """The table, and the check of the wheel.
+
+    ``tolerance_rad``  largest difference between the wheel and its target
+    ``follow_ns``      how long the difference may be larger [ns]
+    ``stop_rad``       the actuator's stop, which replaces targets beyond
+    """
+
+    rows: tuple[LimitRow, ...]
+    tolerance_rad: float
+    follow_ns: int
+    stop_rad: float
+
+
+class LimiterState(NamedTuple):
+    """State of the limiter.
+
+    ``steer_rad``     the output, held until the next
+    ``cause``         of its last change, NONE if the command passed as it was
+    ``slot``          quarter of a second that the time is in
+    ``low_rad``, ...  extremes of the output in that slot, and in the two before it
+    """
+
+    steer_rad: float
+    cause: int
+    slot: int
+    low_rad: float
+    high_rad: float
+    low_1_rad: float
+    high_1_rad: float
+    low_2_rad: float
+    high_2_rad: float
+
+
+def start_limiter() -> LimiterState:
+    """Return the state at time 0, wheel straight."""
+    return LimiterState(0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def acceleration_gain_m_s2(
+    speed_m_s: float,
+    virtual_mass_kg: float,
+    front_cornering_stiffness_n_rad: float,
+    rear_cornering_stiffness_n_rad: float,
+    front_axle_distance_m: float,
+    rear_axle_distance_m: float,
+) -> float:
+    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
+
+    An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
+    """
+    wheelbase_m = front_axle_distance_m + rear_axle_distance_m
+    compliance = (
+        rear_axle_distance_m / front_cornering_stiffness_n_rad
+        - front_axle_distance_m / rear_cornering_stiffness_n_rad
+    )
+    understeer_s2_m = virtual_mass_kg / wheelbase_m * compliance
+    turning_m = wheelbase_m + understeer_s2_m * speed_m_s * speed_m_s
+    if turning_m <= 0.0:
+        turning_m = wheelbase_m
+    return speed_m_s * speed_m_s / turning_m
+
+
+def limit_rows(
+    gain_m_s2: float, angle: float, angle_rate: float, acceleration: float, jerk: float
+) -> tuple[LimitRow, ...]:
+    """Return the table of four limits [rad, rad/s, m/s², m/s³]; infinite: off."""
+    return (
+        LimitRow(int(Cause.ANGLE), angle, math.inf),
+        LimitRow(int(Cause.ANGLE_RATE), math.inf, angle_rate * AVERAGING_S),
+        LimitRow(int(Cause.LATERAL_ACCELERATION), acceleration / gain_m_s2, math.inf),
+        LimitRow(int(Cause.LATERAL_JERK), math.inf, jerk * AVERAGING_S / gain_m_s2),
+    )
+
+
+def limit_steer(
+    p: LimiterParams, x: LimiterState, steer_rad: float, time_ns: int
+) -> tuple[LimiterState, float]:
+    """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
+    steer_before, _, slot_before, low, high, low_1, high_1, low_2, high_2 = x
+    slot = time_ns // SLOT_NS
+    for passed in (1, 2, 3):  # after three all that was is forgotten
+        if slot - slot_before >= passed:
+            low_2, high_2, low_1, high_1 = low_1, high_1, low, high
+            low = high = steer_before
+    lowest = low if low < low_1 else low_1
+    lowest = lowest if lowest < low_2 else low_2
+    highest = high if high > high_1 else high_1
+    highest = highest if highest > high_2 else high_2
+    steer, cause = steer_rad, 0
+    if not math.isfinite(steer_rad):
+        steer, cause = steer_before, 5
+    for cause_of_row, reach_rad, sweep_rad in p.rows:
+        if steer < -reach_rad or steer < highest - sweep_rad:
+            steer, cause = max(-reach_rad, highest - sweep_rad), cause_of_row
+        elif steer > reach_rad or steer > lowest + sweep_rad:
+            steer, cause = min(reach_rad, lowest + sweep_rad), cause_of_row
+    low = low if low < steer else steer
+    high = high if high > steer else steer
+    state = (steer, cause, slot, low, high, low_1, high_1, low_2, high_2)
+    return new_record(LimiterState, state), steer
+
+
+def is_at_target(p: LimiterParams, steer_rad: float, wheel_rad: float) -> bool:
+    """Whether a measured wheel angle is within the tolerance of the output ``steer_rad``."""
+    target_rad = min(max(steer_rad, -p.stop_rad), p.stop_rad)
+    return abs(wheel_rad - target_rad) <= p.tolerance_rad

@@ -1,0 +1,71 @@
+"""Plan buffer: plays the newest STEERING_PLAN by the plant's own clock, its samples.
+
+A plan says which angle is to act at which sample, by the E2E counter of that sample. At every
+sample the buffer gives the steering's guard the value for now:
+
+    u[k] = u_i + (u_{i+1} - u_i) · part        i, part = quotient, rest of (k - first) / spacing
+
+Only the first of these values counts as a command that has arrived; for how long the later ones
+move the wheel is the guard's to decide. A plan that has run out gives nothing more. Single commands
+end a plan.
+"""
+
+import math
+from collections.abc import Sequence
+
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import SteeringCommand, SteeringPlan
+
+PLAN_VALUES = 18
+_FIRST_VALUE = len(SteeringPlan._fields) - PLAN_VALUES
+
+
+def has_run_out(age: int, spacing: int) -> bool:
+    """Whether a plan has no value for a sample ``age`` samples after its first."""
+    return age > (PLAN_VALUES - 1) * spacing
+
+
+def planned_rad(age: int, spacing: int, steers_rad: Sequence[float]) -> float:
+    """Return the angle of a plan ``age`` samples after its first, before it has run out [rad]."""
+    index, rest = age // spacing, age % spacing
+    if rest == 0:
+        return steers_rad[index]
+    before_rad = steers_rad[index]
+    return before_rad + (steers_rad[index + 1] - before_rad) * (rest / spacing)
+
+
+class PlanBuffer:
+    """Holds the newest plan to play in ``plan``; None without one."""
+
+    def __init__(self) -> None:
+        self.plan: SteeringPlan | None = None
+        self._latency_s = math.nan
+        self._is_new = False
+
+    def take(
+        self, arrived: SteeringCommand | SteeringPlan, latency_s: float
+    ) -> SteeringCommand | None:
+        """Keep a plan in place of the one before; return a single command, which ends it."""
+        if isinstance(arrived, SteeringPlan):
+            self.plan, self._latency_s, self._is_new = arrived, latency_s, True
+            return None
+        self.plan = None
+        return arrived
+
+    def play(self, sample: int) -> tuple[SteeringCommand, float, bool] | None:
+        """Return the command for a sample, by its E2E counter.
+
+        With it come the plan's latency [s], and whether it is the plan's first. None if there is
+        none.
+        """
+        plan, is_new = self.plan, self._is_new
+        if plan is None:
+            return None
+        self._is_new = False
+        age = (sample - plan.first_sample) % COUNTERS
+        if has_run_out(age, plan.spacing):
+            self.plan = None
+            return None
+        steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
+        command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
+        return command, self._latency_s, is_new

@@ -1,0 +1,1 @@
+"""The moving vehicle: actuator, single-track model, disturbances, and their exact propagation."""

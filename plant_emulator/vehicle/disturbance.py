@@ -1,0 +1,69 @@
+"""Disturbances over time: side force, yaw moment, steering offset and friction, in steps.
+
+    wβ = F/(m̃ V) + b11 δ_0              added to β' of (1)
+    wr = (M + F l_F)/J + b21 δ_0        added to r' of (1)
+
+    F    side force [N], l_F ahead of the centre of gravity [m]
+    M    yaw moment [N m]
+    δ_0  steering offset [rad]: on the front wheel, behind the actuator and unseen by its sensor
+    b11, b21   as in (2), with the present friction
+
+The force pushes the virtual mass m̃ = m/μ: on friction μ, a real force counts as F = real/μ. The
+disturbance of the paper, the curvature of the path, comes from the path.
+"""
+
+from typing import NamedTuple
+
+from ...runtime.node.node import NS_PER_S
+from .rig_settings import DisturbanceSettings
+from .vehicle import VehicleParams, on_friction, state_matrices
+
+
+class DisturbanceInterval(NamedTuple):
+    """Disturbance of the vehicle from ``start_ns`` until the next interval."""
+
+    start_ns: int
+    side_slip_disturbance_rad_s: float
+    """wβ."""
+    yaw_disturbance_rad_s2: float
+    """wr."""
+    friction: float
+
+
+class Load(NamedTuple):
+    """What acts on the vehicle beside the curvature of its path."""
+
+    side_force_n: float = 0.0
+    yaw_moment_n_m: float = 0.0
+    steering_offset_rad: float = 0.0
+    friction: float = 1.0
+
+
+def disturbance_intervals(
+    settings: DisturbanceSettings, vehicle: VehicleParams
+) -> list[DisturbanceInterval]:
+    """Return the profile; its first interval starts at 0, with the motion."""
+    load = Load()
+    intervals = [disturbance_interval(0, load, settings.side_force_arm_m, vehicle)]
+    for step in settings.all_steps:
+        load = load._replace(**step.model_dump(exclude={"at_s"}, exclude_none=True))
+        start_ns = round(step.at_s * NS_PER_S)
+        if intervals[-1].start_ns == start_ns:
+            intervals.pop()
+        intervals.append(disturbance_interval(start_ns, load, settings.side_force_arm_m, vehicle))
+    return intervals
+
+
+def disturbance_interval(
+    start_ns: int, load: Load, side_force_arm_m: float, vehicle: VehicleParams
+) -> DisturbanceInterval:
+    """Return the interval in which a load acts."""
+    _, b = state_matrices(on_friction(vehicle, load.friction))
+    yaw_moment = load.yaw_moment_n_m + load.side_force_n * side_force_arm_m
+    return DisturbanceInterval(
+        start_ns,
+        load.side_force_n / (vehicle.virtual_mass_kg * vehicle.speed_m_s)
+        + float(b[0, 0]) * load.steering_offset_rad,
+        yaw_moment / vehicle.yaw_inertia_kg_m2 + float(b[1, 0]) * load.steering_offset_rad,
+        load.friction,
+    )

@@ -1,0 +1,109 @@
+"""Who may start a frame when: pauses of error passive senders, and bus-off.
+
+An error passive sender pauses 8 bits after each frame of its own. In bus-off one takes no part for
+128 times 11 recessive bits, which is how long that takes on an idle bus: traffic makes it longer,
+which is not modelled here.
+"""
+
+from collections.abc import Sequence
+
+from ..frame.length import INTERMISSION_BITS
+from .bit_ticks import BitTicks
+from .bus_records import Waiting
+from .errors import BusErrors
+
+_SUSPEND_BITS = 8
+_BUS_OFF_BITS = 128 * 11
+
+
+class Participation:
+    """The senders of one bus; without ``errors`` all may start whenever it is free."""
+
+    def __init__(self, errors: BusErrors | None, ticks: BitTicks) -> None:
+        self._errors = errors
+        self._ticks = ticks
+        self._paused_until_ticks: dict[int, int] = {}
+        self._off_until_ticks: dict[int, int] = {}
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether all may start whenever the bus is free."""
+        return self._errors is None or (self._errors.is_calm and not self._paused_until_ticks)
+
+    def next_start(self, queue: Sequence[Waiting], free_ticks: int) -> tuple[int, Waiting]:
+        """When the next frame of a heap starts, as far as is known, and which."""
+        paused = self._paused_until_ticks
+        if not paused:
+            return free_ticks, queue[0]
+        start_ticks, _, _, waiting = min(
+            (max(free_ticks, paused.get(one.sender, 0)), one.arbitration, one.sequence, one)
+            for one in queue
+        )
+        return start_ticks, waiting
+
+    def is_calm_at(self, now_ticks: int) -> bool:
+        """Whether all may start once the pauses are over that have ended by now."""
+        if self._paused_until_ticks:
+            self._paused_until_ticks = {
+                sender: until_ticks
+                for sender, until_ticks in self._paused_until_ticks.items()
+                if until_ticks > now_ticks
+            }
+        return self.is_calm
+
+    def goes_off(self, sender: int, end_ticks: int) -> bool:
+        """Note the end of a transmission; returns whether its sender is in bus-off now."""
+        self._paused_until_ticks.pop(sender, None)
+        if self._errors is None or not self._errors.is_passive(sender):
+            return False
+        if self._errors.is_off(sender):
+            self._off_until_ticks[sender] = end_ticks + _BUS_OFF_BITS * self._ticks.nominal
+            return True
+        pause_ticks = (INTERMISSION_BITS + _SUSPEND_BITS) * self._ticks.nominal
+        self._paused_until_ticks[sender] = end_ticks + pause_ticks
+        return False
+
+    def is_off_at(self, sender: int, now_ns: int) -> bool:
+        """Whether a sender is in bus-off; lets it take part again when that is over."""
+        return self.is_off(sender, now_ns * self._ticks.per_ns)
+
+    def off_until_ns(self, sender: int) -> int:
+        """When a sender in bus-off takes part again [ns]."""
+        return self._ticks.whole_ns(self._off_until_ticks[sender])
+
+    def forget(self, sender: int) -> None:
+        """Forget a sender that has left and has no frame on the bus."""
+        self._paused_until_ticks.pop(sender, None)
+        self._off_until_ticks.pop(sender, None)
+        if self._errors is not None:
+            self._errors.leave(sender)
+
+    def come_back(self, now_ticks: int) -> None:
+        """Let all take part again whose bus-off is over."""
+        if self._off_until_ticks:
+            for sender in tuple(self._off_until_ticks):
+                self.is_off(sender, now_ticks)
+
+    def is_off(self, sender: int, now_ticks: int) -> bool:
+        """Return the same for a time in ticks."""
+        if self._errors is None:
+            return False
+        self._errors.join(sender)
+        until_ticks = self._off_until_ticks.get(sender)
+        if until_ticks is None:
+            return False
+        if now_ticks < until_ticks:
+            return True
+        del self._off_until_ticks[sender]
+        self._errors.restart(sender)
+        return False
+
+
+def is_awaited(on_wire: Waiting | None, queue: Sequence[Waiting]) -> bool:
+    """Whether a frame is there that is not of the traffic."""
+    if on_wire is not None and on_wire.sender >= 0:
+        return True
+    for waiting in queue:  # noqa: SIM110 - asked for twice a frame; any() takes longer
+        if waiting.sender >= 0:
+            return True
+    return False

@@ -1,0 +1,294 @@
+"""A CAN bus: frames occupy the wire for their length, one after the other, by identifier.
+
+Rules:
+
+1. Whenever the bus is free, all waiting frames compete, including those submitted at that instant.
+   The lowest arbitration field wins; of equal ones, the first submitted. ``transmit_queue`` says
+   which frames of a sender compete.
+2. A frame on the wire is never interrupted.
+3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
+   later. Someone always acknowledges; clock tolerance is not modelled.
+4. With ``errors``, a frame that noise destroys ends with its error frame and competes again, first
+   in its transmit buffer. Bus-off takes the sender's frames off the bus until it has recovered.
+
+Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
+
+Times are integer nanoseconds at the interface, and ticks (``bit_ticks``) inside. An end is rounded
+up to the next nanosecond only when it is returned.
+
+It serves the emulated bus, by the real clock, and virtual time where ``quiet_bus`` does not do.
+"""
+
+from collections.abc import Callable
+
+from ..frame.arbitration import NO_FIELD, arbitration_field
+from ..frame.frame import Frame
+from ..frame.length import INTERMISSION_BITS, frame_bits
+from ..node.node import NEVER_NS
+from ..record import new_record
+from .bit_ticks import bit_ticks
+from .bus_access import Participation, is_awaited
+from .bus_records import BusLoad, Delivery, Waiting
+from .disturbed_frame import Disturbed
+from .errors import BusErrors
+from .rest_bus import BackgroundTraffic
+from .transmit_queue import TransmitQueue
+
+
+class BusModel:
+    """A bus. ``now_ns`` must never decrease from one call to the next.
+
+    ``bitrate_bit_s``       nominal bit rate [bit/s]
+    ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
+    ``queue_limit``         size of each transmit buffer [frames]
+    ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
+                            the time from its submission to its start of frame [ns]
+    ``is_fifo``             whether the frames of one sender keep their order
+    ``errors``              noise and error counters; without them every frame is sent whole
+    ``traffic``             what else is sent, by nodes of negative numbers, which is not returned
+
+    ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
+                       Until the bus is free this may change with every submission. With
+                       ``traffic`` no frame is complete before
+
+    ``participation``  who is in bus-off
+    ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever
+                       delivers takes them out
+
+    Raises ValueError for a rate or a limit that is not positive.
+    """
+
+    def __init__(
+        self,
+        bitrate_bit_s: int,
+        data_bitrate_bit_s: int | None = None,
+        queue_limit: int = 1000,
+        on_start: Callable[[Frame, int], None] | None = None,
+        *,
+        is_fifo: bool = False,
+        errors: BusErrors | None = None,
+        traffic: BackgroundTraffic | None = None,
+    ) -> None:
+        data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
+        ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
+        self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
+        self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
+        self._on_start, self._queue = on_start, TransmitQueue(queue_limit, traffic, is_fifo=is_fifo)
+        self._errors, self._traffic = errors, traffic
+        if traffic is not None:
+            traffic.join(ticks)
+            if errors is not None:
+                for sender in traffic.sent:
+                    errors.join(sender)
+                traffic.sent = errors.sent
+        self._disturbed: Disturbed | None = None
+        self.participation = Participation(errors, ticks)
+        self.missed: set[tuple[int, int]] = set()
+        self._on_wire: Waiting | None = None
+        self._end_ticks = self._next_start_ticks = 0
+        self._settled_ticks, self._completed = -1, list[Delivery]()
+        self._frames = self._busy_ticks = self.lost_in_bus_off = 0
+        self._look_ahead()
+
+    @property
+    def load(self) -> BusLoad:
+        """Totals so far."""
+        frames, busy_ticks, refused = self._frames, self._busy_ticks, self._queue.refused
+        if (traffic := self._traffic) is not None:
+            frames, busy_ticks = frames + traffic.frames, busy_ticks + traffic.busy_ticks
+            refused += traffic.refused
+        return BusLoad(frames, self._ticks.whole_ns(busy_ticks), refused)
+
+    @property
+    def load_until_ns(self) -> int:
+        """Time that the totals cover, up to the last instant asked for or intermission."""
+        return self._ticks.whole_ns(max(self._settled_ticks, self._next_start_ticks))
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
+
+        Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
+        """
+        nominal_bits, data_bits = frame_bits(frame)
+        now_ticks = now_ns * self._ticks_per_ns
+        if now_ticks > self._decided_until_ticks:
+            self._settle(now_ticks)
+            self._look_ahead()
+        if self._errors is not None and self.participation.is_off(sender, now_ticks):
+            self.lost_in_bus_off += 1
+            return
+        duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
+        queue, arbitration = self._queue, arbitration_field(frame)
+        entry = queue.push(arbitration, duration_ticks, sender, frame, now_ticks)
+        if self._next_start_ticks < now_ticks:
+            self._next_start_ticks = now_ticks
+        if entry is not None:
+            is_next = self._on_wire is None and queue.competing[0] is entry
+            if is_next or self.next_event_ns == NEVER_NS or not self.participation.is_calm:
+                self._look_ahead()
+
+    def withdraw(self, sender: int) -> list[Frame]:
+        """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
+        withdrawn = self._queue.withdraw(sender)
+        self._look_ahead()
+        return withdrawn
+
+    def advance(self, now_ns: int) -> list[Delivery]:
+        """Return the frames completed up to ``now_ns`` and not returned before, in order."""
+        now_ticks = now_ns * self._ticks_per_ns
+        if now_ticks > self._decided_until_ticks:
+            self._settle(now_ticks)
+        completed, self._completed = self._completed, []
+        self._look_ahead()
+        return completed
+
+    def _look_ahead(self) -> None:
+        """Find the next end of a frame, and the time up to which there is no arbitration."""
+        if self._on_wire is not None:
+            end_ticks = self._end_ticks
+            self._decided_until_ticks = end_ticks - 1
+        elif competing := self._queue.competing:
+            start_ticks, winner = self.participation.next_start(competing, self._next_start_ticks)
+            self._decided_until_ticks = start_ticks
+            end_ticks = start_ticks + winner.duration_ticks
+        else:
+            self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
+        if self._traffic is not None:
+            if self._on_wire is None:
+                self._decided_until_ticks = self._settled_ticks
+            if not is_awaited(self._on_wire, self._queue.competing):
+                end_ticks = NEVER_NS * self._ticks_per_ns
+        if self._completed:
+            self.next_event_ns = self._completed[0].end_ns
+        else:
+            self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
+
+    def _settle(self, now_ticks: int) -> None:
+        """Complete frames that have ended by now, and decide all arbitrations before now.
+
+        One at this instant stays open, because a frame submitted at this instant still competes.
+        """
+        competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
+        errors, traffic, next_start = self._errors, self._traffic, self.participation.next_start
+        while True:
+            if on_wire is None:
+                if traffic is not None and self._next_start_ticks < now_ticks:
+                    self._send_traffic(traffic, now_ticks)
+                if not competing:
+                    break
+                start_ticks, on_wire = next_start(competing, self._next_start_ticks)
+                if start_ticks >= now_ticks:
+                    on_wire = None
+                    break
+                self._next_start_ticks = start_ticks
+                end_ticks = start_ticks + on_wire.duration_ticks
+                self._on_arbitration(on_wire)
+                if errors is not None:
+                    hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
+                    if hit_ns * self._ticks_per_ns < end_ticks:
+                        end_ticks = self._end_with_errors(on_wire, end_ticks, errors)
+            if end_ticks > now_ticks:
+                break
+            if traffic is not None and self._disturbed is not None:
+                self._admit(traffic, end_ticks)  # before the frame is back in its buffer
+            if errors is not None:
+                if self._disturbed is None and self.participation.is_calm:
+                    errors.sent[on_wire.sender] += 1
+                elif self._end_attempt(on_wire, end_ticks, errors):
+                    on_wire = None
+                    continue
+            _, _, duration_ticks, sender, frame, _, _ = on_wire
+            end_ns = -(-end_ticks // self._ticks_per_ns)
+            if traffic is None:
+                self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+            else:
+                self._complete(end_ns, sender, frame)
+            self._frames += 1
+            self._busy_ticks += duration_ticks + self._intermission_ticks
+            self._next_start_ticks = end_ticks + self._intermission_ticks
+            on_wire = None
+        self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
+
+    def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
+        """Let the traffic have the bus until a frame of the queue is next, and before now."""
+        free_ticks, errors, competing = self._next_start_ticks, self._errors, self._queue.competing
+        if not self.participation.is_calm_at(free_ticks):
+            self._take_all(traffic)
+            while (due_ticks := traffic.next_due_ticks) < now_ticks:
+                if (
+                    competing
+                    and due_ticks
+                    > self.participation.next_start(competing, self._next_start_ticks)[0]
+                ):
+                    return
+                self._next_start_ticks = max(self._next_start_ticks, due_ticks)
+                self._admit(traffic, due_ticks + 1)
+            return
+        rival = competing[0].arbitration if competing else NO_FIELD
+        free_ns = free_ticks // self._ticks_per_ns
+        hit_ns = NEVER_NS if errors is None else errors.next_hit_ns(free_ns)
+        hit_ticks = hit_ns * self._ticks_per_ns
+        self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
+        if self._next_start_ticks < now_ticks and traffic.best < rival:
+            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
+
+    def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
+        """Let messages compete that are released before ``until_ticks``."""
+        if self.participation.is_calm:
+            traffic.carry(until_ticks - 1, until_ticks, -1, 0)
+            return
+        while traffic.next_due_ticks < until_ticks:
+            ready = traffic.take_next(self.participation.is_off)
+            if ready is not None:
+                self._queue.push_traffic(traffic, ready)
+
+    def _take_all(self, traffic: BackgroundTraffic) -> None:
+        """Put the frames of the traffic that wait into the queue."""
+        while traffic.best < NO_FIELD:
+            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
+
+    def _on_arbitration(self, winner: Waiting) -> None:
+        self._queue.take(winner)
+        if self._on_start is not None:
+            delay_ticks = self._next_start_ticks - winner.submitted_ticks
+            self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
+
+    def _end_with_errors(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> int:
+        """When a frame that starts now leaves the bus, be it whole or destroyed."""
+        start_ticks = self._next_start_ticks
+        self.participation.come_back(start_ticks)
+        found = errors.transmission(sent.frame, sent.sender, start_ticks, end_ticks, self._ticks)
+        self._disturbed = found
+        return end_ticks if found is None else start_ticks + self._ticks.of(found.bits)
+
+    def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
+        """Count the end of a transmission; returns whether the frame must be sent again."""
+        disturbed, self._disturbed = self._disturbed, None
+        sender = sent.sender
+        if disturbed is None:
+            errors.on_whole(sender)
+        else:
+            end_ns = self._ticks.whole_ns(end_ticks)
+            self.participation.come_back(end_ticks)
+            errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
+            if disturbed.is_received:
+                self._complete(end_ns, sender, sent.frame)
+                if disturbed.only_at is not None:
+                    self.missed.add((end_ns, disturbed.only_at))
+            self._frames += not disturbed.is_repeated
+            self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
+            self._next_start_ticks = end_ticks + self._intermission_ticks
+            if disturbed.is_repeated:
+                self._queue.put_back(sent)
+        if self.participation.goes_off(sender, end_ticks):
+            if self._traffic is not None:
+                self._take_all(self._traffic)
+            self.lost_in_bus_off += len(self.withdraw(sender))
+        return disturbed is not None
+
+    def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
+        """Return a received frame to whom it concerns."""
+        if self._traffic is None or sender >= 0:
+            self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+        elif self._traffic.on_wire is not None:
+            self._traffic.on_wire(end_ns, sender, frame)

@@ -1,0 +1,148 @@
+"""Error frames of SocketCAN: what a CAN controller reports of the bus, read and written.
+
+Classes are bits of the identifier, details bits of the payload (linux/can/error.h); the last two
+bytes are the error counters. Ours are without the class CAN_ERR_CNT of Linux 6.0, which says so and
+which ``candump`` before 2023 takes for an invalid frame. They are the same through ``AF_CAN`` and
+through python-can's ``socketcan``; other interfaces of python-can have their own codes.
+"""
+
+from typing import TYPE_CHECKING
+
+from ..frame.frame import ERROR, Frame
+from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
+
+if TYPE_CHECKING:  # the model of a bus, which no live program needs
+    from .errors import ErrorEvent
+
+BUS_OFF = "bus_off"
+FORGED_BUS_OFF = "forged_bus_off"
+"""An error frame reports bus-off, but according to the kernel the controller is not."""
+RESTARTED = "restarted"
+UNSPECIFIED = "unspecified"
+"""No bit names a cause; also all error frames of interfaces other than SocketCAN."""
+
+_LOST_ARBITRATION, _CONTROLLER, _PROTOCOL, _NO_ACKNOWLEDGE = 0x002, 0x004, 0x008, 0x020
+_BUS_OFF, _BUS_ERROR, _RESTARTED = 0x040, 0x080, 0x100
+_CLASSES = (
+    (0x001, "transmit_timeout"),
+    (_LOST_ARBITRATION, "lost_arbitration"),
+    (0x010, "transceiver"),
+    (_NO_ACKNOWLEDGE, "no_acknowledge"),
+    (_BUS_OFF, BUS_OFF),
+    (_BUS_ERROR, "bus_error"),
+    (_RESTARTED, RESTARTED),
+)
+_CONTROLLER_DETAILS = (  # of byte 1
+    (0x01, "receive_overflow"),
+    (0x02, "transmit_overflow"),
+    (0x04 | 0x08, "error_warning"),
+    (0x10 | 0x20, "error_passive"),
+    (0x40, "error_active"),
+)
+_PROTOCOL_DETAILS = (  # of byte 2
+    (0x01 | 0x08 | 0x10, "bit_error"),
+    (0x02, "form_error"),
+    (0x04, "stuff_error"),
+    (0x20, "overload"),
+)
+_LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
+_LOCATIONS = {
+    "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
+    "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
+    "CRC": 0x08, "stuff count": 0x08, "CRC delimiter": 0x18, "ACK": 0x19, "ACK delimiter": 0x1B,
+    "EOF": 0x1A,
+}  # fmt: skip
+"""Byte 3, by the field's name in ``frame_on_wire``."""
+_STATES = {
+    BUS_OFF: ControllerState.BUS_OFF,
+    RESTARTED: ControllerState.ERROR_ACTIVE,
+    "error_passive": ControllerState.ERROR_PASSIVE,
+    "error_warning": ControllerState.ERROR_WARNING,
+    "error_active": ControllerState.ERROR_ACTIVE,
+}
+"""By cause; of several, the first holds."""
+BUS_OFF_FRAME = Frame(_BUS_OFF, bytes(8), ERROR)
+RESTARTED_FRAME = Frame(_RESTARTED, bytes(8), ERROR)
+
+
+def error_frame(event: "ErrorEvent") -> Frame:
+    """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
+    counts = event.transmit_errors, event.receive_errors
+    is_lost = event.cause == "arbitration lost"
+    classes = _LOST_ARBITRATION if is_lost else _PROTOCOL | _BUS_ERROR
+    if event.field == "ACK":
+        classes |= _NO_ACKNOWLEDGE
+    state = event.state if event.has_changed else None
+    return _frame(classes, counts, state, b"" if is_lost else _place(0x01, event))
+
+
+def receiver_error_frame(
+    event: "ErrorEvent", counters: ErrorCounters, *, has_changed: bool
+) -> Frame:
+    """Return what it reports of the same error to a node that receives.
+
+    Where the frame was, and no more: which rule a receiver saw violated is not modelled.
+
+    ``counters``     of that node, after the error; ``has_changed`` its state
+    """
+    counts = counters.transmit, counters.receive
+    state = counters.state if has_changed else None
+    return _frame(_PROTOCOL | _BUS_ERROR, counts, state, _place(0x00, event))
+
+
+def state_frame(counters: ErrorCounters) -> Frame:
+    """Return what it reports of a controller whose state has changed without an error."""
+    return _frame(0, (counters.transmit, counters.receive), counters.state)
+
+
+def _place(kind: int, event: "ErrorEvent") -> bytes:
+    """Bytes 2 and 3: what was violated, and where."""
+    return bytes((kind, _LOCATIONS.get(event.field, 0)))
+
+
+def _frame(
+    classes: int, counts: tuple[int, int], state: ControllerState | None, place: bytes = b""
+) -> Frame:
+    """Return an error frame.
+
+    ``counts``  transmit and receive error counter
+    ``state``   of the controller, if it has changed
+    ``place``   bytes 2 and 3
+    """
+    details = 0
+    if state is ControllerState.BUS_OFF:
+        classes |= _BUS_OFF
+    elif state is not None:
+        classes |= _CONTROLLER
+        details = _state_details(state, *counts)
+    data = bytes((0, details)) + place.ljust(4, b"\0") + bytes(min(count, 255) for count in counts)
+    return Frame(classes, data, ERROR)
+
+
+def _state_details(state: ControllerState, transmit: int, receive: int) -> int:
+    """Byte 1: the state, and which of the counters has led there."""
+    if state is ControllerState.ERROR_ACTIVE:
+        return 0x40
+    is_passive = state is ControllerState.ERROR_PASSIVE
+    low = PASSIVE_MIN if is_passive else WARNING_MIN
+    by_transmit, by_receive = (0x20, 0x10) if is_passive else (0x08, 0x04)
+    return by_transmit * (transmit >= low) | by_receive * (receive >= low)
+
+
+def state_of(frame: Frame) -> ControllerState | None:
+    """Return the state of the receiving controller that an error frame reports, if it does."""
+    causes = error_causes(frame)
+    return next((state for cause, state in _STATES.items() if cause in causes), None)
+
+
+def error_causes(frame: Frame) -> tuple[str, ...]:
+    """Return all causes that an error frame names, at least UNSPECIFIED."""
+    error_class, data = frame.can_id, frame.data.ljust(8, b"\0")
+    causes = [cause for bit, cause in _CLASSES if error_class & bit]
+    if error_class & _CONTROLLER:
+        causes += [cause for bits, cause in _CONTROLLER_DETAILS if data[1] & bits]
+    if error_class & _PROTOCOL:
+        causes += [cause for bits, cause in _PROTOCOL_DETAILS if data[2] & bits]
+        if data[3] in _LOCATIONS_OF_CRC:
+            causes.append("crc_error")
+    return tuple(causes) or (UNSPECIFIED,)

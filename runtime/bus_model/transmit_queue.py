@@ -1,0 +1,113 @@
+"""The frames that wait for a bus, in the transmit buffers of their senders.
+
+A sender has a buffer for each identifier, so that none of its frames waits behind one of lower
+priority. With a FIFO, as SocketCAN has, it has a single one, of which the oldest frame competes.
+"""
+
+from collections import deque
+from heapq import heapify, heappop, heappush
+
+from ..frame.frame import Frame
+from ..record import new_record
+from .bus_records import Waiting
+from .rest_bus import BackgroundTraffic, Ready
+
+
+class BusOverflowError(RuntimeError):
+    """A sender's transmit buffer is full."""
+
+
+class TransmitQueue:
+    """All buffers of one bus; ``limit`` is the size of each, for senders other than ``traffic``.
+
+    ``competing``  a heap of the frames that compete for the bus
+    ``refused``    frames that found their buffer full
+    """
+
+    def __init__(self, limit: int, traffic: BackgroundTraffic | None, *, is_fifo: bool) -> None:
+        if limit <= 0:
+            raise ValueError(f"the limit of a transmit buffer must be positive, not {limit}")
+        self._limit, self._traffic, self._is_fifo = limit, traffic, is_fifo
+        self.competing: list[Waiting] = []
+        self._sequence = self.refused = 0
+        # By sender and identifier; with FIFOs by sender, without its oldest frame.
+        self._waiting_of: dict[tuple[int, int], int] = {}
+        self._behind: dict[int, deque[Waiting]] = {}
+
+    def push(
+        self, arbitration: int, duration_ticks: int, sender: int, frame: Frame, now_ticks: int
+    ) -> Waiting | None:
+        """Queue a frame; returns it if it competes, None if it waits behind an older one.
+
+        Raises BusOverflowError for a full buffer.
+        """
+        buffer = (sender, 0 if self._is_fifo else arbitration)
+        waiting = self._waiting_of.get(buffer, 0)
+        if waiting >= self._limit:
+            self.refused += 1
+            of = "" if self._is_fifo else f"of identifier 0x{frame.can_id:03X} "
+            raise BusOverflowError(f"sender {sender} has {waiting} frames {of}waiting for the bus")
+        self._waiting_of[buffer] = waiting + 1
+        self._sequence += 1
+        entry = new_record(
+            Waiting, (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer)
+        )
+        if waiting and self._is_fifo:
+            self._behind.setdefault(sender, deque()).append(entry)
+            return None
+        heappush(self.competing, entry)
+        return entry
+
+    def push_traffic(self, traffic: BackgroundTraffic, ready: Ready) -> None:
+        """Queue a frame of the traffic."""
+        rank, arbitration, duration_ticks, sender, frame, due_ticks = ready
+        traffic.hold(rank)
+        self._sequence += 1
+        buffer = (sender, rank)
+        self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
+        entry = (arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
+        heappush(self.competing, new_record(Waiting, entry))
+
+    def take(self, winner: Waiting) -> None:
+        """Take out the frame that has won the bus; the next of its FIFO competes from now on."""
+        if winner is self.competing[0]:
+            heappop(self.competing)
+        else:
+            self.competing.remove(winner)
+            heapify(self.competing)
+        # Removed when zero: senders and identifiers come and go, and memory must not grow.
+        still_waiting = self._waiting_of.pop(winner.buffer) - 1
+        if still_waiting:
+            self._waiting_of[winner.buffer] = still_waiting
+            if self._is_fifo and winner.sender >= 0:
+                behind = self._behind[winner.sender]
+                heappush(self.competing, behind.popleft())
+                if not behind:
+                    del self._behind[winner.sender]
+        elif self._traffic is not None and winner.sender < 0:
+            self._traffic.release(winner.buffer[1])
+
+    def put_back(self, sent: Waiting) -> None:
+        """Put a destroyed frame back into its buffer, in front."""
+        waiting = self._waiting_of.get(sent.buffer, 0)
+        self._waiting_of[sent.buffer] = waiting + 1
+        if self._traffic is not None and sent.sender < 0:
+            self._traffic.hold(sent.buffer[1])
+        if waiting and self._is_fifo and sent.sender >= 0:
+            (following,) = (one for one in self.competing if one.sender == sent.sender)
+            self.competing.remove(following)
+            heapify(self.competing)
+            self._behind.setdefault(sent.sender, deque()).appendleft(following)
+        heappush(self.competing, sent)
+
+    def withdraw(self, sender: int) -> list[Frame]:
+        """Take back every frame of ``sender``; returns them."""
+        withdrawn = [waiting.frame for waiting in self.competing if waiting.sender == sender]
+        withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
+        self.competing[:] = [one for one in self.competing if one.sender != sender]
+        heapify(self.competing)
+        for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
+            del self._waiting_of[buffer]
+            if self._traffic is not None and sender < 0:
+                self._traffic.release(buffer[1])
+        return withdrawn

@@ -1,0 +1,1 @@
+"""One CAN frame: as the nodes see it (`frame.py`), its bits, its length, its reception."""

@@ -1,0 +1,203 @@
+"""Runs one node in real time: waits for a frame or the node's deadline, whichever comes first.
+
+A wake-up, in this order:
+
+1. Read the clock. This reading is the time of all that follows.
+2. Pass all waiting frames to the node, oldest first, but at most FRAMES_PER_WAKE_UP_MAX, so that a
+   flood cannot keep the node from ticking. The others wait for the next wake-up, which follows at
+   once. Error frames are not passed on.
+   A frame comes with its arrival time if the port knows it, limited to between the last reading and
+   this one: times passed to a node are never in the future, and never decrease.
+   A frame that may have arrived since the reading has the clock read again, so that no frame
+   arrives before it was sent, on a machine however late.
+3. Tick while the node's deadline is due.
+
+Deadlines are absolute, so that one late tick makes no later tick late. The last part of a wait may
+be spinning: it polls clock and port without sleeping. This occupies a processor, and avoids the
+time that the host needs to wake up a program.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+from ..frame.frame import ERROR, Frame
+from .node import NS_PER_S, Node
+from .statistics import DurationStatistics, DurationSummary
+
+FRAMES_PER_WAKE_UP_MAX = 256
+TICKS_PER_WAKE_UP_MAX = 10_000
+"""Ticks at one reading of the clock before the node counts as stuck. Without this limit such a node
+could not even be interrupted, because signals only request the end of the run."""
+WAIT_NS_MAX = 50_000_000
+"""Longest wait, so that a request to stop is noticed."""
+
+
+def unobserved(_now_ns: int) -> None:
+    """Observe nothing."""
+
+
+class Received(NamedTuple):
+    """A frame, and when it arrived on the monotonic clock [ns]; None where that is unknown."""
+
+    frame: Frame
+    arrival_ns: int | None
+
+
+class Port(Protocol):
+    """Where a node sends and receives."""
+
+    def recv(self, timeout_s: float) -> Received | None:
+        """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
+        ...
+
+    def send(self, frame: Frame) -> bool:
+        """Send ``frame`` without waiting; returns whether the bus had room."""
+        ...
+
+
+class LoopFigures(NamedTuple):
+    """Statistics of a run.
+
+    ``lateness``         how long after its deadline each tick ran
+    ``unwaited``         wake-ups at whose end the next deadline had passed already. Deadlines that
+                         are close together cause this in a healthy node too; the node itself
+                         counts missed periods
+    ``wake_ups``         turns of the loop
+    ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
+    ``frames_refused``   frames of the node for which the bus had no room; they are lost
+    ``duration_ns``      from the first reading of the clock to the last [ns]
+    ``busy_ns``          part of it spent outside of waiting [ns]
+    """
+
+    lateness: DurationSummary
+    unwaited: int
+    wake_ups: int
+    full_wake_ups: int
+    frames_received: int
+    frames_sent: int
+    frames_refused: int
+    duration_ns: int
+    busy_ns: int
+
+
+class RealTimeExecutor:
+    """Runs ``node`` on ``port``.
+
+    ``clock_ns``  monotonic clock [ns]
+    ``spin_ns``   how long before a deadline to start spinning [ns]
+    ``observe``   called with the time after each wake-up that leaves time to the next deadline
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        port: Port,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        spin_ns: int = 0,
+        observe: Callable[[int], None] = unobserved,
+    ) -> None:
+        self._node = node
+        self._port = port
+        self._clock_ns = clock_ns
+        self._spin_ns = spin_ns
+        self._observe = observe
+        self._lateness = DurationStatistics()
+        self._unwaited = self._wake_ups = self._full_wake_ups = 0
+        self._frames_received = self._frames_sent = self._frames_refused = 0
+        self._duration_ns = self._busy_ns = 0
+
+    @property
+    def figures(self) -> LoopFigures:
+        """Figures of the run so far."""
+        return LoopFigures(
+            self._lateness.summary(),
+            self._unwaited,
+            self._wake_ups,
+            self._full_wake_ups,
+            self._frames_received,
+            self._frames_sent,
+            self._frames_refused,
+            self._duration_ns,
+            self._busy_ns,
+        )
+
+    def run(self, should_stop: Callable[[], bool]) -> None:
+        """Run until the node has finished or ``should_stop()``; raises what the port raises.
+
+        ``should_stop`` is called once per wake-up, at least every WAIT_NS_MAX.
+        """
+        start_ns = self._clock_ns()
+        before_ns = passed_ns = start_ns
+        while not (self._node.finished or should_stop()):
+            first = self._wait(before_ns)
+            woken_ns = now_ns = self._clock_ns()
+            self._wake_ups += 1
+            if first is not None:
+                now_ns = self._drain(first, passed_ns, now_ns)
+            self._tick(now_ns)
+            passed_ns = now_ns
+            # Read again, because the next wait starts here and not at now_ns.
+            before_ns = self._clock_ns()
+            if self._node.deadline_ns <= before_ns:
+                self._unwaited += 1
+            else:
+                self._observe(before_ns)
+            self._busy_ns += before_ns - woken_ns
+            self._duration_ns = before_ns - start_ns
+
+    def _wait(self, before_ns: int) -> Received | None:
+        """Return the next frame, or None after the deadline or WAIT_NS_MAX."""
+        deadline_ns = self._node.deadline_ns
+        wait_ns = min(deadline_ns - before_ns - self._spin_ns, WAIT_NS_MAX)
+        received = self._port.recv(max(wait_ns, 0) / NS_PER_S)
+        if self._spin_ns and wait_ns < WAIT_NS_MAX:
+            while received is None and self._clock_ns() < deadline_ns:
+                received = self._port.recv(0.0)
+        return received
+
+    def _drain(self, first: Received, passed_ns: int, now_ns: int) -> int:
+        """Pass ``first`` and the frames waiting behind it to the node, up to the limit.
+
+        ``passed_ns``  the last time that was passed to the node [ns]
+        ``now_ns``     the reading of the clock, later than ``first`` [ns]
+
+        Returns a reading of the clock that is later than all of them [ns].
+        """
+        received: Received | None = first
+        taken = 0
+        while received is not None:
+            frame, arrival_ns = received
+            passed_ns = now_ns if arrival_ns is None else min(max(arrival_ns, passed_ns), now_ns)
+            if not frame.flags & ERROR:
+                self._send(self._node.on_frame(frame, passed_ns))
+                self._frames_received += 1
+            taken += 1
+            if taken == FRAMES_PER_WAKE_UP_MAX:
+                self._full_wake_ups += 1
+                break
+            received = self._port.recv(0.0)
+            if received is not None and (
+                received.arrival_ns is None or received.arrival_ns > now_ns
+            ):
+                now_ns = self._clock_ns()
+        return now_ns
+
+    def _tick(self, now_ns: int) -> None:
+        """Tick while the node's deadline is due; raises RuntimeError if that does not end."""
+        for _ in range(TICKS_PER_WAKE_UP_MAX):
+            lateness_ns = now_ns - self._node.deadline_ns
+            if lateness_ns < 0:
+                return
+            self._lateness.record(lateness_ns)
+            self._send(self._node.on_tick(now_ns))
+        raise RuntimeError(
+            f"the node's deadline does not move on: {TICKS_PER_WAKE_UP_MAX} ticks at {now_ns} ns"
+        )
+
+    def _send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            if self._port.send(frame):
+                self._frames_sent += 1
+            else:
+                self._frames_refused += 1

@@ -1,0 +1,1 @@
+"""What live programs share: options, signals, the screen, the report and the exit status."""

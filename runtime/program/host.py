@@ -1,0 +1,181 @@
+"""Requests real-time properties of the host for a program, and reports what it grants.
+
+No refusal is an error: it may make the program late at times, which the report shows.
+"""
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from ..settings.error_text import cause_of
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
+_PR_SET_TIMERSLACK = 29  # linux/prctl.h
+PRIORITY_MAX = 99  # of SCHED_FIFO, sched(7)
+_STAT = Path("/proc/stat")
+_STEAL_FIELD = 7
+"""Of the cpu line of /proc/stat: time that the hypervisor gave to other guests, proc(5)."""
+
+
+class RealTimeRequest(NamedTuple):
+    """What to request.
+
+    ``priority``     of SCHED_FIFO, 1 to 99; 0: the ordinary one
+    ``cpu``          the only processor to run on; None: any
+    ``lock_memory``  whether no page may be swapped out
+    """
+
+    priority: int = 0
+    cpu: int | None = None
+    lock_memory: bool = False
+
+
+class HostAnswer(NamedTuple):
+    """One request, whether it was granted, and details or the reason why not."""
+
+    name: str
+    got: bool
+    detail: str
+
+
+@contextmanager
+def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
+    """Run the block in real time, as far as the host grants it; yields the answers.
+
+    Afterwards the program has its ordinary priority again, so that writing its report does not
+    delay others. Affinity, memory lock and timer slack stay: they delay nobody.
+    """
+    answers = [_timer_slack()]
+    if request.cpu is not None:
+        answers.append(_affinity(request.cpu))
+    if request.lock_memory:
+        answers.append(_locked_memory())
+    with _without_garbage_collection():
+        answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
+        fifo = _fifo(request.priority) if request.priority else None
+        if fifo is not None:
+            answers.append(fifo)
+        try:
+            yield answers
+        finally:
+            if fifo is not None and fifo.got:
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+@contextmanager
+def _without_garbage_collection() -> Iterator[None]:
+    """Collect now, and not again until the end of the block: a collection takes milliseconds.
+
+    Reference counting still frees everything outside of reference cycles.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        with no_collections():
+            yield
+    finally:
+        gc.unfreeze()
+
+
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Collect no garbage until the end of the block; nodes make no reference cycles."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+class StealClock:
+    """Measures the share of processor time that the hypervisor has given to other guests.
+
+    It makes a program late that is not slow. Only Linux reports it.
+    """
+
+    def __init__(self, stat: Path = _STAT) -> None:
+        self._stat = stat
+        self._start = _read_steal(stat)
+
+    def fraction(self) -> float | None:
+        """Stolen share of all processors' time, 0 to 1; None if unknown."""
+        now = _read_steal(self._stat)
+        if self._start is None or now is None:
+            return None
+        stolen, total = now[0] - self._start[0], now[1] - self._start[1]
+        return stolen / total if total > 0 else 0.0
+
+
+def _read_steal(stat: Path) -> tuple[int, int] | None:
+    """Return stolen and total time of all processors together [clock ticks]."""
+    try:
+        with stat.open(encoding="ascii") as file:
+            times = [int(field) for field in file.readline().split()[1:]]
+        # The last two fields, guest time, are included in the first two.
+        return times[_STEAL_FIELD], sum(times[: _STEAL_FIELD + 1])
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _fifo(priority: int) -> HostAnswer:
+    name = "real-time priority"
+    if sys.platform != "linux":
+        return HostAnswer(name, False, "only on Linux")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, ValueError) as error:
+        return HostAnswer(name, False, f"SCHED_FIFO {priority}: {cause_of(error)}")
+    return HostAnswer(name, True, f"SCHED_FIFO {priority}")
+
+
+def _affinity(cpu: int) -> HostAnswer:
+    name = "processor"
+    if sys.platform != "linux":
+        return HostAnswer(name, False, "only on Linux")
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError, OverflowError) as error:
+        return HostAnswer(name, False, f"{cpu}: {cause_of(error)}")
+    return HostAnswer(name, True, f"runs on {cpu} only")
+
+
+def _locked_memory() -> HostAnswer:
+    name = "memory lock"
+    # Under a limit, locking future pages too would make allocations fail during the run.
+    limited = _lock_limit_bytes() is not None
+    detail = _call_libc("mlockall", _MCL_CURRENT if limited else _MCL_CURRENT | _MCL_FUTURE)
+    got = "no page of the start" if limited else "no page"
+    return HostAnswer(name, not detail, detail or f"{got} leaves the memory")
+
+
+def _lock_limit_bytes() -> int | None:
+    """Return how much memory may be locked [bytes]; None without limit, as for root."""
+    if sys.platform != "linux" or os.geteuid() == 0:
+        return None
+    import resource  # only Unix has it
+
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def _timer_slack() -> HostAnswer:
+    """Request precise wake-ups; by default Linux may add 50 µs to save power."""
+    detail = _call_libc("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    return HostAnswer("timer slack", not detail, detail or "1 ns")
+
+
+def _call_libc(function: str, *arguments: int) -> str:
+    """Call a function of the C library; returns the reason of a failure, or an empty text."""
+    if sys.platform != "linux":
+        return "only on Linux"
+    call = getattr(ctypes.CDLL(None, use_errno=True), function)
+    if call(*(ctypes.c_ulong(argument) for argument in arguments)) == 0:
+        return ""
+    return os.strerror(ctypes.get_errno())

@@ -1,0 +1,114 @@
+"""The options that both programs have, and the settings that they name."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from ..bus_model.settings import ClockSettings
+from ..command_line import add_overrides_argument, command_parser, seconds
+from ..port.python_can import add_bus_arguments
+from ..settings.settings import Settings, SharedTable, load_settings, preset_names, read_preset
+from .option_types import SPIN_US_MAX, output_file, priority, recording_file, spin_us
+from .options import clock
+
+_S = TypeVar("_S", bound=Settings)
+PATIENCE_S = 60.0
+"""How long ``--reconnect`` waits for the bus by default."""
+
+
+def make_parser(
+    name: str, doc: str | None, example: str, preset_package: str
+) -> argparse.ArgumentParser:
+    """Return a parser with the common options; see ``command_parser`` for the arguments."""
+    parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
+    add_settings_arguments(parser, preset_package)
+    parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
+    parser.add_argument(
+        "--record",
+        type=recording_file,
+        metavar="FILE",
+        help="write every frame: .log .asc .blf .csv .db .trc .mf4",
+    )
+    parser.add_argument(
+        "-q", "--quiet", action="store_true", help="print nothing while running but errors"
+    )
+    parser.add_argument(
+        "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
+    )
+    parser.add_argument(
+        "--clock",
+        type=clock,
+        default=ClockSettings(),
+        metavar="PPM[:PPM_S]",
+        help="by which the program's timers run fast, and its change",
+    )
+    add_real_time_arguments(parser)
+    add_bus_arguments(parser)
+    group = parser.add_argument_group("a bus that fails")
+    group.add_argument(
+        "--reconnect", action="store_true", help="reopen a bus that was lost, and continue"
+    )
+    group.add_argument(
+        "--reconnect-limit",
+        type=seconds,
+        default=PATIENCE_S,
+        metavar="SECONDS",
+        help="how long the bus may stay away (default: %(default)g)",
+    )
+    group.add_argument(
+        "--no-fast-socketcan",
+        dest="fast_socketcan",
+        action="store_false",
+        help="use python-can for SocketCAN too",
+    )
+    return parser
+
+
+def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str) -> None:
+    """Add the options that ``load_program_settings`` reads."""
+    presets = ", ".join(preset_names(preset_package))
+    parser.add_argument(
+        "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
+    )
+    parser.add_argument("--preset", metavar="NAME", help=f"settings below the file's: {presets}")
+    add_overrides_argument(parser)
+
+
+def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the requests to the host, for the programs and the probe."""
+    group = parser.add_argument_group("real time, as far as the host grants it")
+    group.add_argument(
+        "--priority",
+        type=priority,
+        default=50,
+        metavar="0..99",
+        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
+    )
+    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
+    group.add_argument(
+        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
+    )
+    group.add_argument(
+        "--spin-us",
+        type=spin_us,
+        default=0,
+        metavar="US",
+        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
+    )
+
+
+def load_program_settings(
+    model: type[_S],
+    preset_package: str,
+    options: argparse.Namespace,
+    overrides: Sequence[str] = (),
+    shared: SharedTable | None = None,
+) -> _S:
+    """Return the settings of the command line; raises SettingsError.
+
+    ``overrides``  further ``table.key=value``, on top of those of ``--set``
+    """
+    preset = read_preset(preset_package, options.preset) if options.preset else None
+    own = [*options.overrides, *overrides]
+    return load_settings(model, preset, options.settings, own, shared)

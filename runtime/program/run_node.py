@@ -1,0 +1,162 @@
+"""A run of a node in real time: from the open bus to the report and the exit status.
+
+After the line "ready" every run ends with its report: when the node has finished, the time is up, a
+signal comes, the bus fails or the node detects a fault in itself. Options that could lose a report
+are refused before the run.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+from ..bus_model.settings import ClockSettings
+from ..node.drifting_clock import DriftingClock
+from ..node.node import NS_PER_S, NS_PER_US, N, Node
+from ..node.real_time import LoopFigures, RealTimeExecutor, unobserved
+from ..port.connection import Connection, ConnectionFigures
+from ..port.port import open_port
+from ..port.python_can import BusError, shutting_down
+from ..recording.recording import Recording, RecordingPort
+from ..settings.plugin import PartError
+from ..settings.settings import Settings
+from .host import RealTimeRequest, StealClock, real_time
+from .program import ExitStatus, StopRequest, fail_status, say
+from .report import connection_report, host_report, run_report, write_json
+from .screen import Observer, Screen
+from .summary import summary_lines
+from .thresholds import Ending
+
+FINISHED = "finished"
+"""``ended_by`` of a run that the node itself has ended."""
+
+
+class _Run(NamedTuple):
+    """Result of a run, without the node's own report.
+
+    ``failure``  of the bus or of a part from another package; empty if there is none
+    ``status``   exit status of the failure
+    """
+
+    ended_by: str
+    failure: str
+    status: ExitStatus
+    loop: LoopFigures
+    connection: ConnectionFigures
+    host: Mapping[str, Any]
+
+
+def run_node(
+    name: str,
+    options: argparse.Namespace,
+    settings: Settings,
+    make_node: Callable[[int], N],
+    conclude: Callable[[N], None] = lambda _node: None,
+    can_ids: Collection[int] | None = None,
+    notice: str = "",
+    ending: Ending | None = None,
+) -> ExitStatus:
+    """Open the bus, run the node to its end in real time, print and write the report.
+
+    ``make_node``  called as ``make_node(start_ns)`` on the monotonic clock [ns]; must be quick,
+                   because the first tick is due at this time
+    ``conclude``   writes and prints the program's own additions, after the report
+    ``can_ids``    identifiers the node receives; None: all
+    ``notice``     printed on standard error when the bus is open
+    ``ending``     the verdict, printed last, and the quantities of ``--fail-if``
+
+    Returns the exit status. A failing bus, node, part of another package or recording leaves a
+    report too. Raises BusError if the bus cannot be opened, OSError if a file cannot be written.
+    """
+    opened = open_port(options, can_ids, fast=options.fast_socketcan)
+    screen = Screen(name, sys.stderr)
+    connection = Connection(
+        opened, options.reconnect_limit if options.reconnect else 0.0, screen.line
+    )
+    stop = StopRequest()
+    # Report and recording are written before the shut-down, which may take seconds or fail.
+    with shutting_down(connection), ExitStack() as stack:
+        # Before the signals are handled: opening a file may block, and Ctrl-C has to end that;
+        # and before the run, whose priority the recorder must not inherit.
+        recording = None
+        if options.record is not None:
+            recording = Recording(options.record, opened.channel.replace(" ", "_"))
+        stack.enter_context(stop.on_signals())
+        if notice:
+            say(name, notice, sys.stderr)
+        say(name, f"ready on {opened.description}")
+        try:
+            node, run = _run_in_real_time(options, connection, stop, make_node, recording, screen)
+        finally:
+            recorded = None if recording is None else recording.close()
+        if run.failure:
+            say(name, f"error: {run.failure}", sys.stderr)
+        figures = node.report()
+        fault = str(figures.get("failure", ""))
+        if fault:
+            say(name, f"error: safe state: {fault}", sys.stderr)
+        ended_by = f"safe state: {fault}" if fault and run.ended_by == FINISHED else run.ended_by
+        report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
+        report["connection"] = connection_report(run.connection)
+        report["host"] = run.host
+        report["clock"] = options.clock.model_dump()
+        report["recording"] = None if recorded is None else recorded._asdict()
+        if options.report is not None:
+            write_json(options.report, report)
+        for line in summary_lines(report):
+            say(name, line)
+        if recorded is not None and recorded.failure:
+            say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
+        conclude(node)
+        status = ExitStatus.OK
+        if ending is not None:
+            status = fail_status(name, options.fail_if, ending.quantities, report)
+            say(name, f"verdict: {ending.verdict(report)}")
+    if run.failure:
+        return run.status
+    if fault:
+        return ExitStatus.SAFE_STATE
+    if status is ExitStatus.OK and recorded is not None and recorded.failure:
+        return ExitStatus.OUTPUT
+    return status
+
+
+def _run_in_real_time(
+    options: argparse.Namespace,
+    connection: Connection,
+    stop: StopRequest,
+    make_node: Callable[[int], N],
+    recording: Recording | None,
+    screen: Screen,
+) -> tuple[N, _Run]:
+    request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
+    failure, status = "", ExitStatus.OK
+    with real_time(request) as answers:
+        steal = StealClock()
+        start_ns = time.monotonic_ns()
+        if options.duration is not None:
+            stop.end_at(start_ns + round(options.duration * NS_PER_S))
+        node = make_node(start_ns)
+        port = connection if recording is None else RecordingPort(connection, recording)
+        clock: ClockSettings = options.clock
+        drifting = DriftingClock(node, clock.ppm, clock.drift_ppm_s, start_ns)
+        timed: Node = node if clock == ClockSettings() else drifting
+        observer = Observer(lambda now_ns: node.view(drifting.local_ns(now_ns)), screen, start_ns)
+        observe = unobserved if options.quiet else observer
+        executor = RealTimeExecutor(
+            timed, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
+        )
+        screen.start()
+        try:
+            executor.run(stop)
+        except BusError as error:
+            failure, status = str(error), ExitStatus.BUS
+        except PartError as error:
+            failure, status = str(error), ExitStatus.SETTINGS
+        finally:
+            screen.close()
+    ended_by = failure or stop.reason or FINISHED
+    host = host_report(answers, steal.fraction())
+    return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)

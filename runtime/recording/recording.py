@@ -1,0 +1,257 @@
+"""Records the frames of a program in any of python-can's log formats, off the control path.
+
+    control path ── one non-blocking write ──► pipe (bounded) ──► recorder process ──► file
+
+The recorder is a separate process, so that formatting, compressing and waiting for a disk share
+neither interpreter nor priority with the control loop. Frames that do not fit into the pipe are not
+recorded, but counted. The file is complete however the program ends, even if it is killed: the
+recorder sees the end of the pipe and closes the file.
+
+A frame's time is its arrival (if the port knows it, otherwise when the program took it) or when it
+was handed to the bus. It is read from the monotonic clock and converted to wall-clock time with the
+difference at the start, so that setting the clock leaves no gap in a recording.
+"""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from ..command_line import installation
+from ..frame.frame import ERROR, FD, REMOTE, Frame
+from ..node.real_time import Port, Received
+
+SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
+"""The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""
+LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD, ".db": FD}
+"""Flags of frames that python-can's writer of a format drops, or writes as other frames."""
+STOP_TIMEOUT_S = 30.0
+"""How long the recorder may take to finish the file; the disk may stall."""
+RECORD = struct.Struct("<qIBBBx")
+"""Head of a frame in the pipe: time [ns], identifier, flags, whether received, payload length."""
+PROGRESS = struct.Struct("=Q")
+"""Number of frames in the file, which the recorder writes to an unnamed file."""
+_PIPE_BYTES = 1 << 20
+"""The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
+_SENT, _RECEIVED = 0, 1
+_QUEUED_MAX = 20_000
+
+
+class RecordingFigures(NamedTuple):
+    """Result of a recording.
+
+    ``frames``    frames in the file; after a killed recorder, those that it had reported
+    ``dropped``   frames for which there was no room on the way to the recorder
+    ``left_out``  frames that the format cannot represent
+    ``failure``   why the recorder failed; empty if it did not
+    """
+
+    file: str
+    frames: int
+    dropped: int
+    left_out: int
+    failure: str
+
+
+class RecordingError(OSError):
+    """The recorder cannot start; the text is one line for the user."""
+
+
+def recording_obstacle(path: Path) -> str:
+    """Why nothing can be recorded into a file of this name; empty when it can."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        return f"{path}: records as {', '.join(SUFFIXES)} only, by the end of the name"
+    if suffix == ".mf4" and find_spec("asammdf") is None:
+        return f"{path}: .mf4 needs asammdf: {installation('asammdf')}"
+    return ""
+
+
+def fd_obstacle(path: Path) -> str:
+    """Why CAN FD frames cannot be recorded into a file of this name; empty when they can."""
+    suffix = path.suffix.lower()
+    if not LEFT_OUT.get(suffix, 0) & FD:
+        return ""
+    able = ", ".join(one for one in SUFFIXES if not LEFT_OUT.get(one, 0) & FD)
+    return f"{path}: {suffix} has no place for CAN FD frames: record as {able}"
+
+
+class Recording:
+    """Takes the frames of one run; ``close`` it at the end.
+
+    ``path``     file to write, replaced if it is there
+    ``channel``  name of the bus in the recording
+
+    ``recorder``  the process that writes
+
+    Raises RecordingError when the recorder does not start, and OSError when the file cannot be
+    written. To be made before a program asks for real-time priority, which the recorder would
+    inherit.
+    """
+
+    def __init__(self, path: Path, channel: str) -> None:
+        self._path = path
+        self._dropped = 0
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+        self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
+        progress = -1 if sys.platform == "win32" else self._progress.fileno()
+        program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording.recording_file"]
+        self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
+            [*program, str(path), channel, str(progress)],
+            pass_fds=() if progress < 0 else (progress,),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # what libraries have to say about themselves
+            start_new_session=True,  # Ctrl-C is for this process; the recorder ends after it
+        )
+        pipe, answer = self.recorder.stdin, self.recorder.stdout
+        if pipe is None or answer is None:
+            raise RecordingError("the recorder has no pipe")
+        try:
+            first = answer.readline()
+        except BaseException:  # Ctrl-C, where opening the file does not come to an end
+            self.recorder.kill()
+            self.recorder.wait()
+            raise
+        if first.strip() != b"ready":
+            self.recorder.communicate()
+            failure = _summary(first).get("failure") or "the recorder does not start"
+            raise RecordingError(f"{path}: {failure}")
+        self._pipe, self._answer = pipe, answer
+        self._offer, self._flush = _offering(pipe)
+
+    def take(self, frame: Frame, time_ns: int, direction: int) -> None:
+        """Hand over one frame, in a few microseconds and without waiting.
+
+        ``time_ns``  on the monotonic clock [ns]
+        """
+        can_id, data, flags = frame
+        head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, direction, len(data))
+        if not self._offer(head + data):
+            self._dropped += 1
+
+    def close(self) -> RecordingFigures:
+        """Let the recorder finish the file."""
+        self._flush()
+        with suppress(OSError):  # it has ended already, and reports why
+            self._pipe.close()
+        try:
+            rest = self._answer.read() if _ends(self.recorder) else b""
+        finally:
+            self._answer.close()
+        with self._progress as noted:
+            frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
+        ended = "the recorder was ended before it could finish the file"
+        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": ended}
+        return RecordingFigures(str(self._path), dropped=self._dropped, **summary | _summary(rest))
+
+
+class RecordingPort:
+    """A port that records what passes through it."""
+
+    def __init__(
+        self, port: Port, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._port = port
+        self._recording = recording
+        self._clock_ns = clock_ns
+
+    def recv(self, timeout_s: float) -> Received | None:
+        """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
+        received = self._port.recv(timeout_s)
+        if received is not None:
+            frame, arrival_ns = received
+            time_ns = self._clock_ns() if arrival_ns is None else arrival_ns
+            self._recording.take(frame, time_ns, _RECEIVED)
+        return received
+
+    def send(self, frame: Frame) -> bool:
+        """Hand ``frame`` to the bus without waiting; returns whether it had room."""
+        time_ns = self._clock_ns()
+        had_room = self._port.send(frame)
+        if had_room:
+            self._recording.take(frame, time_ns, _SENT)
+        return had_room
+
+
+def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
+    """Return what offers a record to the pipe without waiting, and what ends that."""
+    descriptor = pipe.fileno()
+    if sys.platform == "win32":
+        return _offering_by_thread(descriptor)  # its pipes always wait
+    if sys.platform == "linux":
+        import fcntl  # only Unix has it
+
+        with suppress(OSError):  # a user over the limit of all pipes keeps the ordinary 64 KiB
+            fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    os.set_blocking(descriptor, False)
+
+    def offer(record: bytes) -> bool:
+        try:
+            # At most PIPE_BUF bytes are written as a whole or not at all.
+            os.write(descriptor, record)
+        except OSError:  # full, or the recorder has ended
+            return False
+        return True
+
+    return offer, lambda: None
+
+
+def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
+    """Return the same where a pipe cannot be written without waiting: a thread waits."""
+    queue: deque[bytes] = deque()
+    ended = threading.Event()
+
+    def pump() -> None:
+        is_last = False
+        while not is_last:
+            is_last = ended.wait(0.01)  # before the queue is looked at, which then is complete
+            batch = b"".join(queue.popleft() for _ in range(len(queue)))
+            try:
+                while batch:
+                    batch = batch[os.write(descriptor, batch) :]
+            except OSError:
+                return
+
+    def offer(record: bytes) -> bool:
+        if len(queue) >= _QUEUED_MAX:
+            return False
+        queue.append(record)
+        return True
+
+    def end() -> None:
+        ended.set()
+        thread.join(STOP_TIMEOUT_S)
+
+    thread = threading.Thread(target=pump, daemon=True)
+    thread.start()
+    return offer, end
+
+
+def _ends(recorder: subprocess.Popen[bytes]) -> bool:
+    """Wait for the recorder's end; returns whether it came in time."""
+    try:
+        recorder.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        recorder.kill()
+        recorder.wait()
+        return False
+    return True
+
+
+def _summary(line: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(line)
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,1 @@
+"""Settings of any program: from TOML to frozen models, any mistake in one line."""

@@ -1,0 +1,104 @@
+"""Parts from other packages, named ``package.module:ATTRIBUTE``.
+
+Settings name such a part and may have a table for it, whose model is the part's own.
+"""
+
+import json
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, Protocol, TypeVar
+
+from pydantic import ValidationError, ValidationInfo
+
+from .mistakes import explain, schema_of
+from .settings import Settings, SettingsError
+
+PLACE = "package.module:ATTRIBUTE"
+
+
+class Part(Protocol):
+    """A part that may have a table of settings."""
+
+    @property
+    def settings(self) -> type[Settings] | None:
+        """Model of the part's own table; None: it has none."""
+        ...
+
+
+class PartError(SettingsError):
+    """A part has failed or has returned an invalid value; the text is one line."""
+
+
+P = TypeVar("P", bound=Part)
+R = TypeVar("R")
+
+
+def find_part(place: str, kind: type[P], noun: str) -> P:
+    """Return the part at a place; raises ValueError in one line.
+
+    ``noun``  the kind of part, such as "latency model"
+    """
+    module_name, colon, attribute = place.partition(":")
+    if not colon:
+        raise ValueError(f"there is no {noun} {place}; one of your own is named {PLACE}")
+    try:
+        part: Any = import_module(module_name)
+    except (Exception, SystemExit) as error:
+        raise ValueError(f"the module {module_name} cannot be imported: {cause(error)}") from error
+    for name in attribute.split("."):
+        try:
+            part = getattr(part, name)
+        except AttributeError as error:
+            raise ValueError(f"the module {module_name} has no {attribute}") from error
+    if not isinstance(part, kind):
+        raise ValueError(
+            f"is no {noun} but of type {type(part).__name__}: it has to be a"
+            f" steer_by_wire.{kind.__name__}"
+        )
+    return part
+
+
+def own_table(
+    place_key: str, find: Callable[[str], Part]
+) -> Callable[[Any, ValidationInfo], Settings | None]:
+    """Return the validator of a part's own table, which follows the key that names the part.
+
+    ``find``  returns the part at a place
+    """
+
+    def validate(value: Any, info: ValidationInfo) -> Settings | None:
+        place = info.data.get(place_key)
+        is_named = isinstance(place, str) and ":" in place
+        kind = find(str(place)).settings if is_named else None
+        if kind is None:
+            if value and place_key in info.data:
+                raise ValueError(f"{place_key} = {place} has no table of its own")
+            return None
+        if isinstance(value, kind):
+            return value
+        try:
+            return kind.model_validate_json(json.dumps(value, default=str), strict=True)
+        except ValidationError as error:
+            mistakes = explain(error, schema_of(kind), value, {(): ""})
+            # For an omitted table the message does not name it.
+            prefix = "" if value else "own."
+            lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]
+            raise ValueError("; ".join(lines)) from error
+
+    return validate
+
+
+def asked(what: str, function: Callable[..., R], *arguments: object) -> R:
+    """Return the result of a part's function; its exceptions become a PartError.
+
+    ``what``  the part, such as "latency model package.module:ATTRIBUTE"
+    """
+    try:
+        return function(*arguments)
+    except Exception as error:
+        raise PartError(f"{what} raises {cause(error)}") from error
+
+
+def cause(error: BaseException) -> str:
+    """Return an exception as one line."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]

@@ -1,0 +1,281 @@
+"""Settings files: from TOML to frozen pydantic models, with one line for each mistake.
+
+Layers, later ones on top:
+
+1. a preset, TOML shipped inside a package
+2. the user's file
+3. a table of another file that both programs read (``SharedTable``)
+4. ``--set table.key=value``
+
+Tables merge key by key, anything else is replaced as a whole. A table whose ``kind`` changes is
+replaced too: the keys below belong to the other kind.
+
+Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused instead of guessed.
+"""
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
+
+from .mistakes import KeyPath, Schema, dotted, explain, hint, printable, schema_of
+
+OffWord = Annotated[Literal["off"], Tag("word")]
+"""Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""
+NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
+"""Selects one of the two, so that a mistake is reported once."""
+COMMAND_LINE = "command line"
+"""The source of ``--set`` and of the options that are short for it."""
+_KIND = "kind"
+"""Key that distinguishes the members of a union of tables."""
+_MISTAKES_MAX = 20
+_FILE_BYTES_MAX = 1 << 25
+"""More than any settings file has; a device may have no end."""
+_DEPTH_MAX = 30
+"""Nesting of tables and lists."""
+_INTEGER_BITS_MAX = 1024
+"""TOML guarantees 64; Python refuses to convert thousands of digits."""
+
+
+class Settings(BaseModel):
+    """Base of every settings table: frozen, unknown keys refused, numbers finite.
+
+    A field that may be None has None as its default, because TOML can only omit the key.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:  # noqa: ARG003
+        """Return the JSON schema that explains mistakes in ``data``."""
+        return schema_of(cls)
+
+
+class SettingsError(ValueError):
+    """Settings that cannot be used; the text has one line for each of ``mistakes``."""
+
+    def __init__(self, *mistakes: str) -> None:
+        self.mistakes = tuple(map(printable, mistakes))
+        super().__init__("\n".join(self.mistakes))
+
+
+class Preset(NamedTuple):
+    """Settings shipped inside a package: the name the user knows it by, and its TOML text."""
+
+    name: str
+    text: str
+
+
+class SharedTable(NamedTuple):
+    """A table of a file that several programs read, under the name each has for it.
+
+    ``source``   the file, for error messages
+    ``content``  the table by that name, as settings have it
+    """
+
+    source: str
+    content: Mapping[str, Any]
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def preset_names(package: str) -> list[str]:
+    """Return the presets in ``package``, in alphabetical order."""
+    files = (Path(entry.name) for entry in resources.files(package).iterdir())
+    return sorted(file.stem for file in files if file.suffix == ".toml")
+
+
+def read_preset(package: str, name: str) -> Preset:
+    """Return the preset ``name`` of ``package``; raises SettingsError that lists all presets."""
+    names = preset_names(package)
+    if name not in names:
+        raise SettingsError(f"preset {name}: there is none of this name ({hint(name, names)})")
+    file = resources.files(package) / f"{name}.toml"
+    return Preset(name, file.read_text(encoding="utf-8"))
+
+
+def read_table(file: Path, name: str) -> Mapping[str, Any]:
+    """Return the table ``name`` of a TOML file; raises SettingsError."""
+    table = _parse(read_text(file), str(file)).get(name)
+    if not isinstance(table, dict):
+        raise SettingsError(f"{file}: has no table [{name}]")
+    return table
+
+
+def load_settings(
+    model: type[S],
+    preset: Preset | None = None,
+    file: Path | None = None,
+    overrides: Sequence[str] = (),
+    shared: SharedTable | None = None,
+) -> S:
+    """Return the checked settings: ``preset``, ``file``, ``shared``, ``overrides`` in layers.
+
+    ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
+
+    Raises SettingsError.
+    """
+    merged: dict[str, Any] = {}
+    sources: dict[KeyPath, str] = {(): "settings"}
+    if preset is not None:
+        source = f"preset {preset.name}"
+        _merge(merged, _parse(preset.text, source), source, (), sources)
+    if file is not None:
+        _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
+    if shared is not None:
+        _merge(merged, shared.content, shared.source, (), sources)
+    if overrides:
+        _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
+    return _checked(model, merged, sources)
+
+
+def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
+    """Return ``settings`` with other ``values``, each by its dotted key, as ``table.key``.
+
+    ``values``  any TOML value, NumPy's numbers, paths, or settings
+    ``source``  origin of the values, for error messages
+
+    Raises SettingsError.
+    """
+    merged: dict[str, Any] = {}
+    sources: dict[KeyPath, str] = {(): "settings"}
+    _merge(merged, settings.model_dump(mode="json", exclude_none=True), "settings", (), sources)
+    tables: dict[str, Any] = {}
+    for key, value in values.items():
+        if value is None:
+            raise SettingsError(f"{source}: {key} = None: settings have no such value")
+        _set(tables, key.split("."), json.loads(json.dumps(value, default=_plain)), source)
+    _merge(merged, tables, source, (), sources)
+    return _checked(type(settings), merged, sources)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value in a form that JSON has."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_none=True)
+    return value.tolist() if hasattr(value, "tolist") else str(value)  # NumPy's
+
+
+def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]) -> S:
+    """Return the settings of merged tables; raises SettingsError."""
+    try:
+        # As JSON: there "strict" still accepts lists for tuples and words for enums.
+        return model.model_validate_json(json.dumps(merged, default=str), strict=True)
+    except ValidationError as error:
+        mistakes = explain(error, model.json_schema_for(merged), merged, sources)
+    more = len(mistakes) - _MISTAKES_MAX
+    if more > 0:
+        mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
+    raise SettingsError(*mistakes)
+
+
+def read_text(file: Path) -> str:
+    """Return the text of a file of the user; raises SettingsError."""
+    try:
+        with file.open("rb") as opened:
+            raw = opened.read(_FILE_BYTES_MAX + 1)
+        if len(raw) > _FILE_BYTES_MAX:
+            raise SettingsError(f"{file}: is longer than {_FILE_BYTES_MAX} bytes")
+        return raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as error:
+        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
+    except ValueError as error:  # a NUL in its name
+        raise SettingsError(f"{file}: cannot be read: {error}") from error
+
+
+def _parse(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a TOML ``text``; raises SettingsError naming the line."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        # Only Python 3.14 has the line as an attribute; the text has it in all versions.
+        found = re.fullmatch(r"(.*) \(at line (\d+), column \d+\)", str(error), re.DOTALL)
+        what, place = (found[1], f":{found[2]}") if found else (str(error), "")
+        raise SettingsError(f"{source}{place}: is not TOML: {what}") from error
+    except RecursionError as error:
+        raise SettingsError(f"{source}: is nested more than {_DEPTH_MAX} deep") from error
+    except ValueError as error:
+        raise SettingsError(f"{source}: is not TOML: {error}") from error
+    _refuse_monsters(tables, source)
+    return tables
+
+
+def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
+    """Refuse nesting and integers beyond the limits; raises SettingsError."""
+    waiting: list[tuple[KeyPath, Any]] = [((), tables)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > _DEPTH_MAX:
+            raise SettingsError(f"{source}: {path[0]} is nested more than {_DEPTH_MAX} deep")
+        if isinstance(value, int) and value.bit_length() > _INTEGER_BITS_MAX:
+            raise SettingsError(f"{source}: {dotted(path)} has more than {_INTEGER_BITS_MAX} bits")
+        if isinstance(value, dict):
+            waiting += [((*path, key), item) for key, item in value.items()]
+        elif isinstance(value, list):
+            waiting += [((*path, index), item) for index, item in enumerate(value)]
+
+
+def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return ``table.key=value`` texts as tables, later ones on top; raises SettingsError."""
+    tables: dict[str, Any] = {}
+    for override in overrides:
+        if override != override.encode(errors="ignore").decode():  # its other bytes are surrogates
+            raise SettingsError(f"{COMMAND_LINE}: {override}: is not UTF-8 text")
+        place, equals, text = override.partition("=")
+        *parents, key = (part.strip() for part in place.split("."))
+        if not equals or not text.strip() or not all((*parents, key)):
+            raise SettingsError(f"{COMMAND_LINE}: {override}: is not of the form table.key=value")
+        _set(tables, [*parents, key], _parse_value(text), f"{COMMAND_LINE}: {override}")
+    _refuse_monsters(tables, COMMAND_LINE)
+    return tables
+
+
+def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -> None:
+    """Set a value by the keys that lead to it; raises SettingsError."""
+    *parents, key = keys
+    for parent in parents:
+        tables = tables.setdefault(parent, {})
+        if not isinstance(tables, dict):
+            raise SettingsError(f"{source}: {parent} is set to a value before")
+    tables[key] = value
+
+
+def _parse_value(text: str) -> Any:
+    """Return the TOML value that ``text`` is, or else ``text`` as a string."""
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):  # TOMLDecodeError, or an int with too many digits
+        return text.strip()
+    # A line break in the text could add further keys.
+    return document["value"] if len(document) == 1 else text
+
+
+def _merge(
+    below: dict[str, Any],
+    above: Mapping[str, Any],
+    source: str,
+    path: KeyPath,
+    sources: dict[KeyPath, str],
+) -> None:
+    """Merge ``above`` into ``below``, and write the source of each key into ``sources``.
+
+    ``path``  of both tables; the source of a table is all sources of its keys
+    """
+    sources[path] = f"{sources[path]}, {source}" if below else source
+    for key, value in above.items():
+        old = below.get(key)
+        if isinstance(value, dict):
+            keep = isinstance(old, dict) and value.get(_KIND, old.get(_KIND)) == old.get(_KIND)
+            below[key] = old if keep else {}
+            _merge(below[key], value, source, (*path, key), sources)
+        else:
+            below[key] = value
+            sources[(*path, key)] = source

@@ -1,0 +1,77 @@
+"""Compiled functions on disk: one process compiles what several need."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.compiled.compilation import _forget_unused
+
+COMPILE_AND_COUNT = """
+import numba
+from steer_by_wire.closed_loop.compiled.network import _run_scores
+array = numba.float64[::1]
+print("ready", flush=True)
+input()
+_run_scores.compile((array, array))
+print(sum(_run_scores.stats.cache_misses.values()), sum(_run_scores.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
+def test_processes_that_need_the_same_function_compile_it_once(tmp_path: Path) -> None:
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", COMPILE_AND_COUNT],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+    assert sorted(process.communicate()[0] for process in processes) == ["0 1\n", "1 0\n"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
+def test_a_process_compiles_on_when_its_folder_has_been_removed(tmp_path: Path) -> None:
+    """The oldest folders go when there are newer sources, and a design runs for minutes."""
+    command = [sys.executable, "-c", COMPILE_AND_COUNT]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        shutil.rmtree(tmp_path / "steer-by-wire-emulator")
+        assert process.communicate("\n")[0] == "1 0\n"
+
+
+def test_code_that_a_process_may_use_yet_stays_on_disk(tmp_path: Path) -> None:
+    """The newest folders stay, and of the others those that somebody began with lately."""
+    age_s = {"now": 0, "a": 100, "b": 200, "c": 7200, "d": 3500, "e": 7300, "f": 90000}
+    for name, age in age_s.items():
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    _forget_unused(tmp_path)
+    assert sorted(folder.name for folder in tmp_path.iterdir()) == ["a", "b", "d", "now"]
+
+
+def test_two_processes_may_forget_the_same_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "gone"
+    monkeypatch.setattr(Path, "iterdir", lambda _folder: iter([gone, tmp_path]))
+    _forget_unused(tmp_path)
+    assert tmp_path.exists()

@@ -1,0 +1,181 @@
+"""Which roots are where they should be: by hand, and for a delayed loop by Lambert's W."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.special import lambertw
+
+from steer_by_wire.closed_loop.parameter_space.d_stability import (
+    DStability,
+    d_stability,
+    delayed_loop_satisfies,
+    in_s_plane,
+    judge,
+    paper_d_stability,
+    roots_within,
+)
+from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
+from steer_by_wire.controller.filters.nominal_model import paper_eq19
+
+SPEC = paper_d_stability()
+STRICT = SPEC._replace(every_root_in_cone=True)
+GOOD = (-0.5 + 0.2j, -0.5 - 0.2j)
+FAST = (-90.0, -300.0)
+PUBLISHED = np.array([[1.0596, 0.939]])
+
+
+def pair(re: float, im: float) -> tuple[complex, complex]:
+    return complex(re, im), complex(re, -im)
+
+
+def verdict(*roots: complex, spec: DStability = SPEC) -> tuple[bool, ...]:
+    judged = judge(spec, np.array(roots, dtype=np.complex128))
+    return tuple(bool(part) for part in judged)
+
+
+@pytest.mark.parametrize(
+    ("roots", "settled", "damped", "dominant"),
+    [
+        ((*GOOD, *FAST), True, True, True),
+        # σ = 0.3 1/s, for every root, however fast
+        ((*pair(-0.301, 0.1), *FAST), True, True, True),
+        ((*pair(-0.299, 0.1), *FAST), False, True, True),
+        ((*GOOD, *pair(-0.29, 90.0)), False, True, True),
+        # θ = 135°, for roots within R
+        ((*pair(-0.5, 0.499), *FAST), True, True, True),
+        ((*pair(-0.5, 0.501), *FAST), True, False, True),
+        ((*GOOD, *pair(-5.0, 90.0)), True, True, True),
+        # R = 1.3 rad/s, for the two roots nearest the origin
+        ((*pair(-1.0, 0.83), *FAST), True, True, True),
+        ((*pair(-1.0, 0.84), *FAST), True, True, False),
+        ((-0.5, -1.29, *FAST), True, True, True),
+        ((-0.5, -1.31, *FAST), True, True, False),
+        ((-0.5, -0.6, -0.7, -90.0), True, True, True),
+    ],
+)
+def test_each_demand_is_met_on_one_side_of_its_bound_and_not_on_the_other(
+    roots: tuple[complex, ...], settled: bool, damped: bool, dominant: bool
+) -> None:
+    *demands, _, satisfied = verdict(*roots)
+    assert demands == [settled, damped, dominant]
+    assert satisfied == (settled and damped and dominant)
+
+
+def test_fast_roots_outside_the_cone_are_reported_and_refused_only_on_demand() -> None:
+    *_, every_root_damped, satisfied = verdict(*GOOD, *pair(-20.0, 90.0))
+    assert (every_root_damped, satisfied) == (False, True)
+    assert not verdict(*GOOD, *pair(-20.0, 90.0), spec=STRICT)[-1]
+    assert verdict(*GOOD, *pair(-90.0, 20.0), spec=STRICT)[-1]
+
+
+def test_sets_of_roots_are_judged_one_by_one() -> None:
+    judged = judge(SPEC, np.array([[*GOOD, *FAST], [*pair(0.1, 0.2), *FAST]]))
+    assert judged.satisfied.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("sigma_1_s", "cone_angle_deg", "radius_rad_s", "message"),
+    [
+        (-0.1, 135.0, 1.3, "sigma = -0.1 1/s must be at least 0"),
+        (0.3, 90.0, 1.3, "must be above 90° and below 180°"),
+        (0.3, 180.0, 1.3, "must be above 90° and below 180°"),
+        (0.3, 135.0, 0.3, "must be above sigma = 0.3 1/s"),
+        (0.3, 135.0, math.nan, "must be above sigma"),
+    ],
+)
+def test_a_specification_that_no_roots_can_meet_is_refused(
+    sigma_1_s: float, cone_angle_deg: float, radius_rad_s: float, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        d_stability(sigma_1_s, cone_angle_deg, radius_rad_s)
+
+
+def test_a_root_of_a_sampled_loop_stands_for_its_logarithm() -> None:
+    s = np.array([-0.5 + 0.2j, -3.0 + 300.0j, -40.0])
+    np.testing.assert_allclose(in_s_plane(np.exp(0.01 * s), 10_000_000), s, rtol=1e-12)
+    negative, at_zero = in_s_plane(np.array([-0.5 + 0j, 0j]), 10_000_000)
+    assert negative == pytest.approx(complex(100.0 * math.log(0.5), 100.0 * math.pi))
+    assert at_zero.real < -1e4
+
+
+# The published loop
+
+
+def test_the_published_gains_place_the_dominant_pair_as_specified() -> None:
+    plant = control.tf([227.6, 8.479e4, 3.627e4], [1.0, 459.2, 3.329e4, 0.0, 0.0])
+    loop = control.feedback(plant * control.tf([0.939, 1.0596], [1.0]))
+    by_control = np.sort_complex(control.poles(loop))
+    ours = np.sort_complex(ContinuousGainLoop(paper_eq19()).roots(PUBLISHED)[0])
+    np.testing.assert_allclose(ours, by_control, rtol=1e-7)
+    dominant = ours[np.argmin(abs(ours - (-0.55 + 0.2j)))]
+    assert -0.5502 < dominant.real < -0.5500
+    assert 0.1981 < dominant.imag < 0.1983
+    assert all(verdict(*ours))
+
+
+def test_no_gains_bring_all_four_roots_of_the_nominal_loop_within_r() -> None:
+    """|e_k| ≤ C(4, k) R^k for the coefficients of a polynomial with all roots within R: linear."""
+    r = SPEC.radius_rad_s
+    rows = np.array([[0.0, 227.6], [227.6, 84790.0], [84790.0, 36270.0], [36270.0, 0.0]])
+    offsets = np.array([459.2, 33290.0, 0.0, 0.0])
+    bounds = np.array([4.0 * r, 6.0 * r**2, 4.0 * r**3, r**4])
+    demands, limits = np.vstack([rows, -rows]), np.concatenate([bounds - offsets, bounds + offsets])
+    found = linprog(np.zeros(2), demands, limits, bounds=(None, None))
+    assert found.status == 2  # infeasible
+    enough = np.concatenate([1e6 * bounds - offsets, 1e6 * bounds + offsets])
+    assert linprog(np.zeros(2), demands, enough, bounds=(None, None)).status == 0
+
+
+# Counting roots
+
+
+@pytest.mark.parametrize(("radius", "count"), [(0.5, 0), (1.5, 1), (2.5, 3), (4.0, 4)])
+def test_a_contour_counts_the_roots_it_goes_around(radius: float, count: int) -> None:
+    roots = [-1.0, 2.0j, -2.0j, 3.0]
+
+    def polynomial(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.asarray(np.polyval(np.poly(roots), s), dtype=np.complex128)
+
+    assert roots_within(polynomial, lambda x: radius * np.exp(2j * math.pi * x)) == count
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    gain_delay=st.floats(0.05, 1.8),
+    delay_s=st.floats(0.01, 2.0),
+    sigma=st.floats(0.0, 1.5),
+    cone_angle_deg=st.floats(100.0, 170.0),
+    radius=st.floats(1.6, 8.0),
+)
+def test_an_integrator_behind_a_delay_is_judged_as_the_roots_of_lamberts_w_are(
+    gain_delay: float, delay_s: float, sigma: float, cone_angle_deg: float, radius: float
+) -> None:
+    """s + k e^(-sT) = 0 has the roots W_n(-kT)/T; the judged numbers are in units of 1/T."""
+    spec = d_stability(sigma / delay_s, cone_angle_deg, radius / delay_s)
+    roots = np.array([lambertw(-gain_delay, n) / delay_s for n in range(-8, 9)], np.complex128)
+    for off in (1.0 - 1e-6, 1.0 + 1e-6):  # no root so near a bound that rounding decides
+        near = spec._replace(
+            sigma_1_s=spec.sigma_1_s * off + (off - 1.0),
+            cone_angle_rad=spec.cone_angle_rad * off,
+            radius_rad_s=spec.radius_rad_s * off,
+        )
+        assume(judge(near, roots).satisfied == judge(spec, roots).satisfied)
+    found = delayed_loop_satisfies(
+        spec, np.array([1.0, 0.0]), np.array([gain_delay / delay_s]), delay_s
+    )
+    assert found == judge(spec, roots).satisfied
+
+
+def test_a_delayed_loop_never_has_every_root_in_the_cone() -> None:
+    roots = np.array([lambertw(-0.3, n) for n in range(-8, 9)], dtype=np.complex128)
+    assert not judge(STRICT, roots).every_root_damped
+    loose = d_stability(0.1, 135.0, 5.0)
+    assert delayed_loop_satisfies(loose, np.array([1.0, 0.0]), np.array([0.3]), 1.0)
+    strict = loose._replace(every_root_in_cone=True)
+    assert not delayed_loop_satisfies(strict, np.array([1.0, 0.0]), np.array([0.3]), 1.0)

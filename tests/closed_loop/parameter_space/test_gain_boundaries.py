@@ -1,0 +1,158 @@
+"""Boundaries in the plane of the gains: closed forms, and roots where they should be."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
+from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
+    Bound,
+    BoundaryCurve,
+    RootKind,
+    Window,
+    boundary_curves,
+)
+from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
+from steer_by_wire.controller.filters.nominal_model import paper_eq19
+from steer_by_wire.runtime.records import FloatArray
+from tests.support.gain_loops import (
+    DOUBLE_INTEGRATOR,
+    EVERY_LOOP,
+    LEAD,
+    LOOPS,
+    SPEC,
+    STRICT,
+    WINDOW,
+    Loop,
+)
+
+# Closed form: 1/s² with a PD has the roots of s² + K_d s + K_p
+
+
+def test_the_boundaries_of_a_double_integrator_are_those_computed_by_hand() -> None:
+    spec = d_stability(0.3, 120.0, 1.3)
+    sigma, radius = spec.sigma_1_s, spec.radius_rad_s
+    zero_on: dict[tuple[Bound, RootKind], Callable[[FloatArray], FloatArray]] = {
+        (Bound.SIGMA, RootKind.COMPLEX): lambda k: k[:, 1] - 2.0 * sigma,
+        (Bound.SIGMA, RootKind.REAL): lambda k: k[:, 0] - sigma * k[:, 1] + sigma**2,
+        (Bound.CONE, RootKind.COMPLEX): lambda k: k[:, 1] - np.sqrt(k[:, 0]),  # ζ = 1/2
+        (Bound.RADIUS, RootKind.COMPLEX): lambda k: k[:, 0] - radius**2,
+        (Bound.RADIUS, RootKind.REAL): lambda k: k[:, 0] - radius * k[:, 1] + radius**2,
+    }
+    loop = ContinuousGainLoop(DOUBLE_INTEGRATOR)
+    curves = boundary_curves(loop, spec, Window(-1, 3, -1, 4))
+    assert {(curve.bound, curve.kind) for curve in curves} == set(zero_on)
+    for curve in curves:
+        off = zero_on[curve.bound, curve.kind](curve.gains)
+        assert np.max(np.abs(off)) < 1e-9
+    ends = {curve.bound: curve.gains for curve in curves if curve.kind is RootKind.COMPLEX}
+    np.testing.assert_allclose(ends[Bound.SIGMA][0], [sigma**2, 2.0 * sigma], rtol=1e-9)
+    np.testing.assert_allclose(ends[Bound.RADIUS][0], [radius**2, 2.0 * radius], rtol=1e-9)
+
+
+def test_the_infinite_root_boundary_is_where_a_root_passes_through_infinity() -> None:
+    """(1 + K_d) s² + ... for (s + 2)/(s² + s + 1): its leading coefficient vanishes at K_d = -1."""
+    loop = ContinuousGainLoop(LEAD)
+    curves = boundary_curves(loop, d_stability(0.1, 135.0, 3.0), Window(-2.0, 2.0, -2.0, 2.0))
+    (line,) = (curve for curve in curves if curve.kind is RootKind.INFINITE)
+    np.testing.assert_allclose(line.gains[:, 1], -1.0)
+    before, after = (loop.roots(np.array([[2.0, -1.0 + off]]))[0].real for off in (1e-6, -1e-6))
+    assert min(before) < -1e5
+    assert max(after) > 1e5
+
+
+@pytest.mark.parametrize(
+    "loop", [ContinuousGainLoop(paper_eq19()), ContinuousGainLoop(LEAD, 5.0), LOOPS["sampled"]]
+)
+def test_there_is_no_infinite_root_boundary_where_the_gains_are_not_in_the_leading_coefficient(
+    loop: Loop,
+) -> None:
+    assert loop.infinite_root_line() is None
+    orders = {np.count_nonzero(np.isfinite(roots)) for roots in loop.roots(some_gains(20, 1))}
+    assert len(orders) == 1
+
+
+# Boundaries are where roots are
+
+
+def some_gains(count: int, seed: int) -> FloatArray:
+    return WINDOW.origin + WINDOW.sides * np.random.default_rng(seed).random((count, 2))
+
+
+def finite_curves(loop: Loop, spec: DStability) -> list[BoundaryCurve]:
+    curves = boundary_curves(loop, spec, WINDOW)
+    return [curve for curve in curves if curve.kind is not RootKind.INFINITE]
+
+
+def value_of_bound(bound: Bound, spec: DStability, s: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Which of the roots are on the far side of one boundary."""
+    if bound is Bound.SIGMA:
+        return np.asarray(s.real >= -spec.sigma_1_s)
+    if bound is Bound.RADIUS:
+        return np.asarray(np.abs(s) > spec.radius_rad_s)
+    return np.asarray(s.real > np.abs(s) * math.cos(spec.cone_angle_rad))
+
+
+@EVERY_LOOP
+@pytest.mark.parametrize("spec", [SPEC, STRICT], ids=["", "strict"])
+def test_at_every_boundary_point_a_root_is_on_the_boundary(loop: Loop, spec: DStability) -> None:
+    for curve in finite_curves(loop, spec):
+        bound, s = curve.bound, curve.s_rad_s
+        if bound is Bound.SIGMA:
+            np.testing.assert_allclose(s.real, -spec.sigma_1_s, rtol=1e-9)
+        if bound is Bound.RADIUS:
+            np.testing.assert_allclose(np.abs(s), spec.radius_rad_s, rtol=1e-9)
+        if bound is Bound.CONE:
+            np.testing.assert_allclose(np.angle(s), spec.cone_angle_rad, rtol=1e-9)
+        # Without feedback the commands on their way are a multiple root z = 0, ill-conditioned.
+        fed_back = np.abs(curve.gains).sum(axis=1) > 1e-6
+        roots, s = loop.roots(curve.gains[fed_back]), s[fed_back]
+        nearest = np.min(np.abs(roots - s[:, None]), axis=1)
+        double = np.abs(s.imag) < 1e-2 * np.abs(s)  # rounding moves a nearly double root by √ε
+        if math.isfinite(loop.omega_rad_s_max):
+            double |= s.imag > 0.99 * loop.omega_rad_s_max
+        assert np.max(nearest / np.abs(s), where=~double, initial=0.0) < 1e-7
+        assert np.max(nearest / np.abs(s)) < 1e-3
+
+
+@EVERY_LOOP
+@pytest.mark.parametrize("spec", [SPEC, STRICT], ids=["", "strict"])
+def test_across_a_boundary_one_real_root_changes_sides_or_a_pair_of_complex_ones(
+    loop: Loop, spec: DStability
+) -> None:
+    away = 1e-5
+    for curve in finite_curves(loop, spec):
+        unit = (curve.gains - WINDOW.origin) / WINDOW.sides
+        long = np.hypot(*np.diff(unit, axis=0).T) > 10.0 * away
+        long &= (
+            np.abs(curve.gains[:-1]).sum(axis=1) > 0.05
+        )  # else boundaries lie too close together
+        start, chord = unit[:-1][long], np.diff(unit, axis=0)[long]
+        if not len(chord):
+            continue
+        middles = start + np.array([0.2, 0.6])[:, None, None] * chord
+        normals = np.column_stack([-chord[:, 1], chord[:, 0]]) / np.hypot(*chord.T)[:, None]
+        sides = [
+            np.concatenate(middles + sign * away * normals) * WINDOW.sides + WINDOW.origin
+            for sign in (1.0, -1.0)
+        ]
+        counts = [
+            np.count_nonzero(value_of_bound(curve.bound, spec, loop.roots(gains)), axis=1)
+            for gains in sides
+        ]
+        changes = np.abs(counts[0] - counts[1])
+        expected = 1 if curve.kind is RootKind.REAL else 2
+        assert np.mean(changes == expected) > 0.97  # the others cross a second boundary nearby
+
+
+def test_the_real_root_boundary_at_the_end_of_the_strip_is_the_one_computed_by_hand() -> None:
+    """1/s held, h = 10 ms: z (z - 1) + (h K_p + K_d) z - K_d = 0, here at z = -e^(-σh)."""
+    curves = boundary_curves(LOOPS["sampled integrator"], SPEC, WINDOW)
+    (line,) = (curve for curve in curves if curve.s_rad_s[0].imag == curve.s_rad_s[1].imag > 0.0)
+    assert (line.bound, line.kind) == (Bound.SIGMA, RootKind.REAL)
+    k_p, k_d = line.gains.T
+    z = -math.exp(-SPEC.sigma_1_s * 0.01)
+    np.testing.assert_allclose(z * (z - 1.0) + (0.01 * k_p + k_d) * z - k_d, 0.0, atol=1e-12)

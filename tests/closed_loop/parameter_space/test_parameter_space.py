@@ -1,0 +1,274 @@
+"""The region of gains: closed forms, roots computed anew, other people's discretisation."""
+
+import math
+from itertools import pairwise, product
+
+import control
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
+from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
+    Bound,
+    RootKind,
+    Window,
+)
+from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
+from steer_by_wire.closed_loop.parameter_space.gain_regions import (
+    GainRegion,
+    d_stable_region,
+    sampled_region,
+    verified,
+    well_centred_gains,
+)
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.controller.filters.nominal_model import (
+    NominalVehicle,
+    paper_eq19,
+    steer_to_lateral_error,
+)
+from steer_by_wire.controller.filters.transfer_function import TransferFunction
+from steer_by_wire.runtime.node.node import NS_PER_MS
+from tests.support.gain_loops import (
+    CORNERS,
+    DOUBLE_INTEGRATOR,
+    EVERY_LOOP,
+    LEAD,
+    LOOPS,
+    PERIOD_NS,
+    PUBLISHED,
+    SPEC,
+    STRICT,
+    WINDOW,
+    Loop,
+)
+
+
+def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:
+    return SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s)
+
+
+# Regions
+
+
+def test_the_region_of_a_double_integrator_has_the_area_computed_by_hand() -> None:
+    """With roots -a ± jb the area is 4b da db, with real roots -p and -q it is |p - q| dp dq."""
+    sigma, radius = SPEC.sigma_1_s, SPEC.radius_rad_s
+    knee = radius / math.sqrt(2.0)
+    up_to_cone = 2.0 / 3.0 * (knee**3 - sigma**3)
+    up_to_circle = 2.0 * (radius**2 * (radius - knee) - (radius**3 - knee**3) / 3.0)
+    real = (radius - sigma) ** 3 / 6.0
+    loop = ContinuousGainLoop(DOUBLE_INTEGRATOR)
+    area = d_stable_region([loop], SPEC, Window(-1, 3, -1, 4)).polygon.area
+    assert area == pytest.approx(up_to_cone + up_to_circle + real, rel=2e-5)
+
+
+@EVERY_LOOP
+@pytest.mark.parametrize("spec", [SPEC, STRICT], ids=["", "strict"])
+def test_roots_computed_anew_all_over_the_window_and_beside_every_edge_agree_with_the_region(
+    loop: Loop, spec: DStability
+) -> None:
+    region = d_stable_region([loop], spec, WINDOW)
+    inside, outside, wrong = verified(region, [loop], spec, 600, seed=3)
+    assert len(wrong) == 0
+    assert outside > 100
+    assert (inside > 100) == (region.polygon.area > 0.1)
+
+
+def test_the_verification_finds_a_region_that_is_wrong() -> None:
+    loop = LOOPS["continuous"]
+    region = d_stable_region([loop], SPEC, WINDOW)
+    too_large = region._replace(polygon=shapely.buffer(region.polygon, 0.02))
+    assert len(verified(too_large, [loop], SPEC, 600, seed=3).wrong) > 50
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    speed_km_h=st.floats(3.0, 30.0),
+    virtual_mass_kg=st.floats(1000.0, 6000.0),
+    period_ms=st.sampled_from([None, 5, 10, 20]),
+    delay_ns=st.integers(0, 300 * NS_PER_MS),
+    filter_rad_s=st.sampled_from([None, 20.0, 4.0]),
+    sigma_1_s=st.sampled_from([0.0, 0.1, 0.4]),
+    cone_angle_deg=st.floats(100.0, 160.0),
+    radius_rad_s=st.floats(0.5, 5.0),
+)
+@example(4.0, 1000.0, None, 0, 4.0, 0.0, 100.0, 4.0)  # a root on the circle at the filter's pole
+@example(4.0, 1000.0, None, 0, 0.1, 0.1, 100.0, 4.0)  # and on the line of settling
+def test_any_vehicle_delay_filter_and_specification_gives_a_region_that_roots_agree_with(
+    speed_km_h: float,
+    virtual_mass_kg: float,
+    period_ms: int | None,
+    delay_ns: int,
+    filter_rad_s: float | None,
+    sigma_1_s: float,
+    cone_angle_deg: float,
+    radius_rad_s: float,
+) -> None:
+    vehicle: NominalVehicle = paper_box().nominal._replace(
+        speed_m_s=speed_km_h / 3.6, virtual_mass_kg=virtual_mass_kg
+    )
+    model = steer_to_lateral_error(vehicle)
+    loop: Loop = (
+        ContinuousGainLoop(model, filter_rad_s)
+        if period_ms is None
+        else SampledGainLoop(model, period_ms * NS_PER_MS, delay_ns, filter_rad_s)
+    )
+    spec = d_stability(sigma_1_s, cone_angle_deg, radius_rad_s)
+    region = d_stable_region([loop], spec, WINDOW)
+    assert region.polygon.is_valid
+    assert verified(region, [loop], spec, 200, seed=1).wrong.tolist() == []
+
+
+@pytest.fixture(scope="module")
+def region_of_all_corners() -> GainRegion:
+    return d_stable_region([ContinuousGainLoop(model) for model in CORNERS], SPEC, WINDOW)
+
+
+@settings(deadline=None, max_examples=100)
+@given(k_p=st.floats(-0.5, 3.5), k_d=st.floats(-0.6, 2.4))
+def test_any_gains_are_in_the_region_of_all_corners_just_if_each_corners_roots_are_good(
+    region_of_all_corners: GainRegion, k_p: float, k_d: float
+) -> None:
+    region = region_of_all_corners
+    loops = [ContinuousGainLoop(model) for model in CORNERS]
+    edge = shapely.distance(region.polygon.boundary, shapely.Point(k_p, k_d))
+    assume(edge > 1e-4)
+    good = [bool(loop.satisfies(SPEC, np.array([[k_p, k_d]]))[0]) for loop in loops]
+    assert region.contains(k_p, k_d) == all(good)
+
+
+def test_the_region_of_a_continuous_loop_with_exact_delay_is_that_of_a_fast_sampled_one() -> None:
+    """The hold delays by half a period; that is taken off."""
+    delay_ns, period_ns = 80 * NS_PER_MS, NS_PER_MS
+    loop = ContinuousGainLoop(paper_eq19(), 20.0, 0.08)
+    exact = d_stable_region([loop], SPEC, WINDOW)
+    assert verified(exact, [loop], SPEC, 60, seed=1).wrong.tolist() == []
+    fast = SampledGainLoop(paper_eq19(), period_ns, delay_ns - period_ns // 2, 20.0)
+    held = d_stable_region([fast], SPEC, WINDOW)
+    difference = shapely.symmetric_difference(exact.polygon, held.polygon).area
+    assert difference < 1e-4 * exact.polygon.area
+
+
+def test_a_delayed_loop_that_answers_at_once_is_refused() -> None:
+    with pytest.raises(ValueError, match="strictly proper with delay"):
+        ContinuousGainLoop(LEAD, None, 0.1)
+    with pytest.raises(ValueError, match="infinitely many"):
+        ContinuousGainLoop(LEAD, 5.0, 0.1).roots(np.array([PUBLISHED]))
+
+
+def test_the_sampled_region_tends_to_the_continuous_one_as_the_period_shrinks() -> None:
+    window = Window(-0.5, 2.0, -0.6, 1.2)
+    continuous = d_stable_region([ContinuousGainLoop(CORNERS[1], 10.0)], SPEC, window).polygon
+    missed = []
+    for period_ms in (16, 8, 4, 2):
+        loop = SampledGainLoop(CORNERS[1], period_ms * NS_PER_MS, 0, 10.0)
+        region = d_stable_region([loop], SPEC, window).polygon
+        missed.append(shapely.symmetric_difference(region, continuous).area / continuous.area)
+    ratios = [coarse / fine for coarse, fine in pairwise(missed)]
+    assert all(1.8 < ratio < 2.2 for ratio in ratios)  # the hold's half period: first order
+    assert 1e-4 < missed[-1] < 2e-3
+
+
+# The sampled loop, as others discretise it
+
+
+@pytest.mark.parametrize("periods", [0, 1, 8])
+def test_the_roots_are_those_of_the_plant_discretised_by_python_control(periods: int) -> None:
+    period_s = PERIOD_NS * 1e-9
+    plant = control.tf([227.6, 8.479e4, 3.627e4], [1.0, 459.2, 3.329e4, 0.0, 0.0])
+    held = control.sample_system(control.ss(plant), period_s, "zoh")
+    k_p, k_d = PUBLISHED
+    pd = control.tf([k_p + k_d / period_s, -k_d / period_s], [1.0, 0.0], period_s)
+    wait = control.tf([1.0], [1.0] + [0.0] * periods, period_s)
+    poles = control.poles(control.feedback(held * control.ss(pd) * control.ss(wait)))
+    theirs = np.log(poles.astype(np.complex128)) / period_s
+    ours = sampled(10 * periods, None).roots(np.array([PUBLISHED]))[0]
+    for root in theirs:
+        assert np.min(np.abs(ours - root)) < 1e-5 * abs(root)
+
+
+# Published gains
+
+
+def test_the_published_gains_are_well_inside_the_region_of_the_nominal_loop() -> None:
+    region = d_stable_region([ContinuousGainLoop(paper_eq19())], SPEC, WINDOW)
+    assert region.contains(*PUBLISHED)
+    margins = {(m.bound, m.kind): m.relative for m in region.margins(*PUBLISHED)}
+    assert list(margins.values()) == sorted(margins.values())
+    assert region.relative_distance(*PUBLISHED) == pytest.approx(min(margins.values()))
+    assert 0.56 < margins[Bound.RADIUS, RootKind.REAL] < 0.57
+    assert 0.61 < margins[Bound.SIGMA, RootKind.COMPLEX] < 0.63
+    assert 1.00 < margins[Bound.CONE, RootKind.COMPLEX] < 1.02
+    assert (Bound.SIGMA, RootKind.REAL) not in margins  # not on the edge
+
+
+@pytest.mark.parametrize("model", CORNERS)
+def test_the_published_gains_are_in_the_region_of_every_corner(model: TransferFunction) -> None:
+    region = d_stable_region([ContinuousGainLoop(model)], SPEC, WINDOW)
+    assert 0.3 < region.relative_distance(*PUBLISHED) < 0.72
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "filter_rad_s", "inside"),
+    [
+        (0, None, True),
+        (8, None, False),
+        (80, None, False),
+        (80, 20.0, False),
+        (80, 5.0, True),
+        (160, 5.0, False),
+        (160, 2.0, True),
+    ],
+)
+def test_the_published_gains_survive_a_delay_only_with_a_filtered_derivative(
+    delay_ms: int, filter_rad_s: float | None, inside: bool
+) -> None:
+    region = d_stable_region([sampled(delay_ms, filter_rad_s)], SPEC, WINDOW)
+    assert region.contains(*PUBLISHED) == inside
+    assert (region.relative_distance(*PUBLISHED) > 0.0) == inside
+
+
+# Several plants and delays at once
+
+
+def test_the_region_of_several_plants_and_delays_is_what_each_of_them_has_in_common() -> None:
+    delays_ns = [0, 50 * NS_PER_MS, 163 * NS_PER_MS]
+    window = Window(0.0, 3.0, 0.0, 2.0)
+    region = sampled_region(CORNERS, PERIOD_NS, delays_ns, 5.0, SPEC, window)
+    loops = [SampledGainLoop(m, PERIOD_NS, d, 5.0) for m, d in product(CORNERS, delays_ns)]
+    single = [d_stable_region([loop], SPEC, window).polygon for loop in loops]
+    common = shapely.intersection_all(single)
+    assert shapely.symmetric_difference(common, region.polygon).area < 1e-6
+    assert verified(region, loops, SPEC, 200, seed=5).wrong.tolist() == []
+
+
+def test_the_centre_of_a_region_is_far_from_every_edge() -> None:
+    region = d_stable_region([sampled(80, 20.0)], SPEC, WINDOW)
+    k_p, k_d = well_centred_gains(region)
+    assert region.contains(k_p, k_d)
+    k_p_min, k_d_min, k_p_max, k_d_max = region.polygon.bounds
+    for share in (-0.15, 0.15):
+        assert region.contains(k_p + share * (k_p_max - k_p_min), k_d)
+        assert region.contains(k_p, k_d + share * (k_d_max - k_d_min))
+
+
+def test_an_empty_region_says_so() -> None:
+    nothing = Window(-0.5, -0.1, -0.6, -0.5)
+    loop = LOOPS["continuous"]
+    region = d_stable_region([loop], SPEC, nothing)
+    assert region.polygon.is_empty
+    assert not region.contains(-0.3, -0.55)
+    assert region.relative_distance(-0.3, -0.55) == -math.inf
+    assert region.margins(-0.3, -0.55) == ()
+    assert verified(region, [loop], SPEC, 40, seed=1).wrong.tolist() == []
+    with pytest.raises(ValueError, match="no gains in the window meet the specification"):
+        well_centred_gains(region)
+
+
+def test_a_circle_beyond_what_the_sampled_loop_can_have_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"must be below π/T = 314.2 rad/s"):
+        d_stable_region([sampled(0, None)], d_stability(0.3, 135.0, 400.0), WINDOW)

@@ -1,0 +1,257 @@
+"""Figures out of a log, against the run in virtual time that it was taken from."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.recordings.durations import History
+from steer_by_wire.closed_loop.recordings.latency import relative_uplink
+from steer_by_wire.dbc.messages import LateralError, encode
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import LogEntry
+from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.logged_run import (
+    DOWNLINK_S,
+    DURATION_S,
+    ON_THE_WIRE_S,
+    SPREAD_S,
+    UPLINK_S,
+    Run,
+    analyse,
+    entries_of,
+    is_of,
+    same_but_for_times,
+    write_log,
+    written,
+)
+from tests.support.logged_run import constant as constant
+from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
+
+pytestmark = pytest.mark.usefixtures("unrendered")
+Capture = pytest.CaptureFixture[str]
+PERIOD_S = 0.01
+
+
+# Figures against the run itself
+
+
+def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:
+    figures = analyse(constant.log)
+    trace, node = constant.result.trace, constant.result.plant["node"]
+    error = figures["signals"]["lateral_error_m"]
+    # The log has the samples before the motion too, and ends before the last have left the uplink.
+    assert error["samples"] == pytest.approx(node["samples"], abs=5)
+    assert error["rms"] == pytest.approx(node["lateral_error_rms_m"], rel=3e-3)
+    assert abs(error["peak"]) == pytest.approx(node["lateral_error_peak_m"], abs=5e-6)
+    of_cg = figures["signals"]["cg_deviation_m"]
+    assert of_cg["rms"] == pytest.approx(node["cg_deviation_rms_m"], rel=0.03)
+    assert abs(of_cg["peak"]) == pytest.approx(node["cg_deviation_peak_m"], abs=2e-3)
+    entries = entries_of(constant.log)
+    command = next(entry for entry in entries if is_of(entry, "STEERING_COMMAND"))
+    start_s = 1e-9 * (command.time_ns - entries[0].time_ns)  # motion starts with it
+    at_s = error["peak_at_s"] - UPLINK_S - start_s
+    assert np.interp(at_s, trace.time_s, trace.lateral_error_m) == pytest.approx(
+        error["peak"], abs=1e-5
+    )
+    wheel = figures["signals"]["wheel_angle_rad"]
+    assert abs(wheel["peak"]) == pytest.approx(node["wheel_angle_peak_rad"], abs=1e-5)
+
+
+def test_a_latency_that_does_not_vary_comes_out_in_both_directions(constant: Run) -> None:
+    latency = analyse(constant.log)["latency"]
+    assert latency["is_absolute"] is True
+    assert latency["uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
+    assert latency["uplink"]["jitter_s"] < ON_THE_WIRE_S / 2
+    for direction, least_s in (("downlink", DOWNLINK_S), ("round_trip", DOWNLINK_S + UPLINK_S)):
+        # The next sample comes within a period.
+        assert latency[direction]["min_s"] >= least_s - ON_THE_WIRE_S
+        assert latency[direction]["max_s"] <= least_s + PERIOD_S + ON_THE_WIRE_S
+    assert latency["reported_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
+    assert latency["reported_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
+    on_their_way = (DOWNLINK_S + UPLINK_S) / PERIOD_S + 2
+    assert 0 <= latency["commands"] - latency["commands_seen_to_act"] <= on_their_way
+
+
+def test_jitter_comes_out_in_both_directions(varying: Run) -> None:
+    latency = analyse(varying.log)["latency"]
+    node = varying.result.plant["node"]
+    uplink, downlink = node["uplink"]["latency"], node["downlink"]["latency"]
+    # The plant reports its latency 120 times, so the median of the reports is that far off.
+    reported_s = 3 * SPREAD_S / math.sqrt(120)
+    for key in ("mean_s", "p50_s", "p99_s"):
+        assert latency["uplink"][key] == pytest.approx(uplink[key], abs=reported_s + ON_THE_WIRE_S)
+    assert latency["uplink"]["jitter_s"] == pytest.approx(SPREAD_S, rel=0.15)
+    # In the log a command acts when a sample sees it, less than a period later.
+    later_s = latency["downlink"]["mean_s"] - downlink["mean_s"]
+    assert -reported_s < later_s < PERIOD_S + reported_s
+
+
+def test_the_round_trip_is_the_one_that_the_controller_measured(varying: Run) -> None:
+    measured = analyse(varying.log)["latency"]["round_trip"]
+    known = varying.result.controller["node"]["round_trip"]
+    assert measured["samples"] == known["samples"]
+    for key in ("mean_s", "p50_s", "p99_s", "max_s"):
+        assert measured[key] == pytest.approx(known[key], rel=0.01, abs=1e-3)
+
+
+def test_without_the_plants_word_the_uplink_counts_from_its_fastest_frame(
+    constant: Run, tmp_path: Path
+) -> None:
+    entries = [e for e in entries_of(constant.log) if e.frame.can_id != 0x310]
+    latency = analyse(write_log(tmp_path / "short.log", entries))["latency"]
+    assert latency["is_absolute"] is False
+    assert latency["uplink"]["p50_s"] < ON_THE_WIRE_S
+    assert latency["downlink"]["p50_s"] == pytest.approx(
+        latency["round_trip"]["p50_s"], abs=ON_THE_WIRE_S
+    )
+
+
+def test_counters_that_are_missing_are_what_the_uplink_lost_or_overtook(varying: Run) -> None:
+    figures = analyse(varying.log)
+    uplink = varying.result.plant["node"]["uplink"]
+    missing = sum(figures["messages"][name]["missing"] for name in figures["messages"])
+    # What was lost at the very end leaves no gap.
+    assert missing == pytest.approx(uplink["lost"] + uplink["superseded"], abs=8)
+    assert figures["plant_lost"] == pytest.approx(
+        uplink["lost"] + varying.result.plant["node"]["downlink"]["lost"], abs=3
+    )
+
+
+def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
+    messages = analyse(constant.log)["messages"]
+    assert messages["LATENCY_CONFIG"]["cycle_dbc_s"] is None
+    not_here = {"STEERING_PLAN", "PATH_AHEAD", "GROUND_TRUTH"}  # optional
+    assert [messages[name]["accepted"] for name in not_here] == [0, 0, 0]
+    for name, message in messages.items():
+        if not name.endswith("_CONFIG") and name not in not_here:
+            cycle = message["cycle"]
+            assert cycle["samples"] == message["accepted"] - 1
+            # A quantile is within 0.4 % by its bin, and other frames take their time on the bus.
+            assert cycle["p50_s"] == pytest.approx(message["cycle_dbc_s"], rel=4e-3, abs=5e-4)
+            assert cycle["max_s"] < message["cycle_dbc_s"] + ON_THE_WIRE_S
+            assert message["gaps"] == 0
+
+
+def test_modes_and_law_are_reported(constant: Run) -> None:
+    figures = analyse(constant.log)
+    assert figures["laws"] == ["PD"]
+    assert sum(figures["modes_s"].values()) == pytest.approx(figures["duration_s"], abs=0.15)
+    assert figures["modes_s"]["ACTIVE"] > 0.9 * DURATION_S
+
+
+@given(
+    st.lists(st.tuples(st.integers(20, 150), st.integers(1, 20)), min_size=1, max_size=6),
+    st.integers(0, 2**32 - 1),
+)
+def test_samples_that_the_plant_skipped_do_not_look_like_latency(
+    stalls: list[tuple[int, int]], seed: int
+) -> None:
+    period_ns = 10_000_000
+    steps = [1 + skipped for samples, skipped in stalls for skipped in [*[0] * samples, skipped]]
+    sensed = np.cumsum([*[1] * 20, *steps, *[1] * 20])
+    jitter_ns = np.random.default_rng(seed).uniform(0.0, 1e6, sensed.size)
+    arrivals_ns = sensed * period_ns + jitter_ns
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(np.arange(sensed.size), arrivals_ns, silences_ns)
+    assert uplink.skipped == sum(skipped for _, skipped in stalls)
+    np.testing.assert_allclose(uplink.latency_ns, jitter_ns - jitter_ns.min(), atol=1.0)
+
+
+def test_jitter_does_not_look_like_samples_that_the_plant_skipped() -> None:
+    random = np.random.default_rng(3)
+    number = np.arange(1000)
+    arrivals_ns = np.sort(number * 1e7 + random.normal(40e6, 8e6, number.size))
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(number, arrivals_ns, silences_ns)
+    assert uplink.skipped == 0
+
+
+@pytest.mark.parametrize("period_ns", [1_000_000, 5_000_000, 20_000_000, 33_333_000])
+def test_another_sensing_period_than_the_dbcs_is_found(period_ns: int) -> None:
+    number = np.arange(500)
+    arrivals_ns = number * float(period_ns) + 5e6 * (number % 7 == 0)
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(number, arrivals_ns, silences_ns)
+    assert uplink.skipped == 0
+    np.testing.assert_allclose(uplink.latency_ns, 5e6 * (number % 7 == 0), atol=1.0)
+
+
+# Several logs
+
+
+def test_parts_of_one_log_give_the_figures_of_the_whole(varying: Run, tmp_path: Path) -> None:
+    entries = entries_of(varying.log)
+    half = len(entries) // 2
+    parts = [
+        write_log(tmp_path / f"{name}.log", part)
+        for name, part in (("first", entries[:half]), ("second", entries[half:]))
+    ]
+    joined = written(tmp_path / "out", "--join", *parts)
+    assert joined["files"] == [str(part) for part in parts]
+    same_but_for_times(analyse(varying.log), joined)
+
+
+def test_several_logs_stand_beside_each_other(
+    constant: Run, varying: Run, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "out"
+    assert main([str(constant.log), str(varying.log), "--out", str(out)]) == ExitStatus.OK
+    printed = capsys.readouterr().out
+    assert "centre of gravity, RMS [mm]" in printed
+    names = [f"{run.log.parent.name}-run" for run in (constant, varying)]
+    assert sorted(path.name for path in out.iterdir()) == names
+    for path in out.iterdir():
+        assert {file.name for file in path.iterdir()} >= {
+            "report.html", "figures.json", "signals.csv"
+        }  # fmt: skip
+
+
+def test_of_several_channels_one_can_be_chosen(
+    constant: Run, tmp_path: Path, capsys: Capture
+) -> None:
+    entries = entries_of(constant.log)
+    doubled = [
+        entry._replace(channel=channel) for entry in entries for channel in ("vcan0", "vcan1")
+    ]
+    path = write_log(tmp_path / "both.log", doubled)
+    out = tmp_path / "out"
+    assert main([str(path), "--out", str(out)]) == ExitStatus.OK
+    assert "several channels (vcan0, vcan1): choose with --channel" in capsys.readouterr().out
+    assert main([str(path), "--out", str(out), "--channel", "vcan1"]) == ExitStatus.OK
+    figures = json.loads((out / "both" / "figures.json").read_text())
+    assert (figures["frames"], figures["refused"]) == (len(entries), {})
+    assert main([str(path), "--out", str(out), "--channel", "can7"]) == ExitStatus.SETTINGS
+    assert "no frame of channel can7; in the log: vcan0, vcan1" in capsys.readouterr().err
+
+
+# Long logs
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
+def test_a_thinned_history_keeps_its_peaks_and_its_order(values: list[float]) -> None:
+    history = History(points_max=16)
+    for index, value in enumerate(values):
+        history.add(float(index), value)
+    time_s, kept = history.points()
+    assert len(kept) < 16
+    assert kept.max() == max(values)
+    assert kept.min() == min(values)
+    assert list(time_s) == sorted(time_s)
+    assert all(values[int(at)] == value for at, value in zip(time_s, kept, strict=True))
+    report = history.report()
+    assert report["rms"] == pytest.approx(float(np.sqrt(np.mean(np.square(values)))))
+    assert abs(report["peak"]) == max(abs(value) for value in values)
+
+
+def test_a_vehicle_that_stands_on_its_path_has_its_peak_at_its_first_sample(tmp_path: Path) -> None:
+    frames = [encode(LateralError(0.0, 0.0), counter) for counter in range(20)]
+    entries = [LogEntry(10_000_000 * index, "can0", frame) for index, frame in enumerate(frames)]
+    log = write_log(tmp_path / "standing.log", entries)
+    error = written(tmp_path / "out", log)["signals"]["lateral_error_m"]
+    assert (error["rms"], error["peak"], error["peak_at_s"]) == (0.0, 0.0, 0.0)

@@ -1,0 +1,187 @@
+"""What is damaged, lost or refused in a log is counted by cause and costs nothing else."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.recordings.candump_text import Logged
+from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import LogEntry
+from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.any_text import ANY_CHARACTER
+from tests.support.logged_run import (
+    ON_THE_WIRE_S,
+    Run,
+    analyse,
+    convert,
+    entries_of,
+    is_of,
+    same_but_for_times,
+    write_log,
+)
+from tests.support.logged_run import constant as constant
+from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
+
+pytestmark = pytest.mark.usefixtures("unrendered")
+
+Capture = pytest.CaptureFixture[str]
+PERIOD_S = 0.01
+
+
+# Damage
+
+
+def damaged(lines: list[str], position: int, text: str) -> str:
+    return "".join([*lines[:position], text + "\n", *lines[position:]])
+
+
+@pytest.mark.parametrize(
+    ("suffix", "position", "line"),
+    [
+        (".log", 7, "(0000000000.06 vcan0 110#00"),
+        (".asc", 12, " 0.0600 1  110             Rx   d 8 ZZ 00 00 00 00 00 00 00"),
+        (".csv", 7, "0.06,0x110,0,0,0,8"),
+        (".trc", 25, "     12         60.000 DT  1     0110 Rx -  8    ZZ 00 00 00 00 00 00 00"),
+    ],
+)
+def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
+    varying: Run, tmp_path: Path, suffix: str, position: int, line: str
+) -> None:
+    whole = convert(entries_of(varying.log), tmp_path / f"whole{suffix}")
+    lines = whole.read_text().splitlines(keepends=True)
+    path = tmp_path / f"damaged{suffix}"
+    path.write_text(damaged(lines, position, line))
+    figures = analyse(path)
+    assert figures["unreadable"] == 1
+    assert figures["first_unreadable"].startswith(f"{path}:{position + 1}: no frame")
+    same_but_for_times(analyse(whole), {**figures, "unreadable": 0, "first_unreadable": ""})
+
+
+def test_a_file_that_ends_in_the_middle_of_a_frame_is_read_up_to_there(
+    varying: Run, tmp_path: Path
+) -> None:
+    entries = entries_of(varying.log)
+    for suffix in (".log", ".blf", ".trc", ".asc", ".csv"):
+        content = convert(entries, tmp_path / f"whole{suffix}").read_bytes()
+        path = tmp_path / f"cut{suffix}"
+        path.write_bytes(content[: len(content) // 2 + 7])
+        assert 0.2 * len(entries) < analyse(path)["frames"] < 0.8 * len(entries)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line"),
+    [
+        ("empty.log", b"", "{path}: there is no frame in it"),
+        ("words.log", b"\nonce upon a time\n", "{path}:2: no frame: 'once upon a time'"),
+        ("table.csv", b"time_s,message\n1.0,X\n", "{path}:2: no frame: "),
+        ("head.trc", b";$FILEVERSION=2.1\n", "{path}:1: no frame: "),
+        ("noise.blf", b"LOGG" + bytes(10), "{path}: no .blf file: "),
+        ("noise.db", b"no database at all, but long enough", "{path}: damaged after 0 frames: "),
+        ("noise.log.gz", b"no gzip", "{path}: Not a gzipped file"),
+    ],
+)
+def test_a_file_without_a_frame_is_one_clear_line(
+    tmp_path: Path, capsys: Capture, name: str, content: bytes, line: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
+    (error,) = capsys.readouterr().err.splitlines()
+    assert error.startswith(f"steer-by-wire analyze: error: {line.format(path=path)}")
+
+
+def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capture) -> None:
+    for name in ("nothing.log", "nothing.db", "nothing.blf"):
+        path = tmp_path / name
+        assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
+        assert (
+            capsys.readouterr().err
+            == f"steer-by-wire analyze: error: {path}: No such file or directory\n"
+        )
+        assert not path.exists()
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.text(ANY_CHARACTER, max_size=30),
+            st.sampled_from(["(1.0) c 123#11", "(1) c", "  c  1 [1] "]),
+        ),
+        max_size=8,
+    )
+)
+def test_no_text_makes_the_reader_raise_anything_else(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[str]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.log"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    logged: list[Logged] = []
+    try:
+        logged.extend(open_log(path))
+    except LogError:
+        assert not logged
+
+
+# Loss, by cause
+
+
+def test_frames_that_a_node_would_refuse_are_counted_by_cause(
+    constant: Run, tmp_path: Path
+) -> None:
+    entries = entries_of(constant.log)
+    places = [i for i, entry in enumerate(entries) if is_of(entry, "LATERAL_ERROR")]
+    changed: dict[int, list[LogEntry]] = {}
+    entry = entries[places[10]]
+    changed[places[10]] = []  # lost
+    broken = bytearray(entries[places[20]].frame.data)
+    broken[5] ^= 1
+    changed[places[20]] = [entries[places[20]]._replace(frame=Frame(0x110, bytes(broken)))]
+    changed[places[30]] = [entries[places[30]]] * 2  # twice
+    changed[places[40]] = []  # overtaken by the next
+    changed[places[41]] = [
+        entries[places[41]],
+        entries[places[40]]._replace(time_ns=entries[places[41]].time_ns),
+    ]
+    changed[places[50]] = [entry._replace(frame=Frame(0x110, b"\0"))]
+    changed[places[60]] = [entry._replace(frame=Frame(0x55, b"\0"))] * 3
+    path = write_log(
+        tmp_path / "changed.log",
+        (one for i, entry in enumerate(entries) for one in changed.get(i, [entry])),
+    )
+    figures = analyse(path)
+    message = figures["messages"]["LATERAL_ERROR"]
+    assert message["refused"] == {"bad_crc": 1, "repeated": 1, "wrong_length": 1}
+    assert message["late"] == 1
+    assert message["missing"] == 5  # 10, 20, 40 (it came late), 50 and 60
+    assert figures["foreign_ids"] == {"55": 3}
+    others = [name for name in figures["messages"] if name != "LATERAL_ERROR"]
+    assert [figures["messages"][name]["missing"] for name in others] == [0] * len(others)
+
+
+def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None:
+    entries = entries_of(constant.log)
+    start_ns = entries[0].time_ns
+    kept = [
+        entry
+        for entry in entries
+        if not (is_of(entry, "STEERING_COMMAND") and 5.0 <= 1e-9 * (entry.time_ns - start_ns) < 5.4)
+    ]
+    gaps = analyse(write_log(tmp_path / "gap.log", kept))["gaps"]
+    assert [gap["name"] for gap in gaps] == ["STEERING_COMMAND"]
+    assert gaps[0]["at_s"] == pytest.approx(5.0, abs=PERIOD_S + ON_THE_WIRE_S)
+    assert gaps[0]["duration_s"] == pytest.approx(0.4 + PERIOD_S, abs=ON_THE_WIRE_S + PERIOD_S)
+
+
+def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "set.log"
+    path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 320#2320032C016400\n")
+    (config,) = analyse(path)["latency_configs"]
+    assert config == {
+        "at_s": 2.5, "direction": "BOTH", "model": "NORMAL",
+        "mean_s": pytest.approx(0.08), "spread_s": pytest.approx(0.03), "loss": pytest.approx(0.01),
+    }  # fmt: skip

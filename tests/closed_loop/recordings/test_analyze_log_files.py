@@ -1,0 +1,167 @@
+"""What the analysis of a log leaves on disk: tables for other programs, and its report."""
+
+import csv
+import json
+import math
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.recording.candump import LogEntry
+from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.logged_run import Run, entries_of, write_log, written
+from tests.support.logged_run import constant as constant
+from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
+
+Capture = pytest.CaptureFixture[str]
+NEEDS_PYARROW = pytest.mark.skipif(
+    find_spec("pyarrow") is None, reason="pyarrow is not installed (the extra parquet)"
+)
+NEEDS_MCAP = pytest.mark.skipif(
+    find_spec("mcap") is None, reason="mcap is not installed (the extra mcap)"
+)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="ascii") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
+    command = SteeringCommand(0.12345, 7, Mode.ACTIVE)
+    path = write_log(
+        tmp_path / "run.log",
+        [
+            LogEntry(5_000_000, "c", encode(command, 0)),
+            LogEntry(7_500_000, "c", encode(LateralError(-0.25, 0.002), 0)),
+            LogEntry(9_000_000, "c", encode(command._replace(steer_rad=0.2), 1)),
+        ],
+    )
+    written(tmp_path / "out", path)
+    rows = rows_of(tmp_path / "out" / "run" / "signals.csv")
+    assert [(row["time_s"], row["message"]) for row in rows] == [
+        ("0.000000", "STEERING_COMMAND"),
+        ("0.002500", "LATERAL_ERROR"),
+        ("0.004000", "STEERING_COMMAND"),
+    ]
+    assert [row["steering_command.steer_rad"] for row in rows] == ["0.12345", "0.12345", "0.20000"]
+    assert [row["steering_command.mode"] for row in rows] == ["1", "1", "1"]
+    assert [row["lateral_error.lateral_error_m"] for row in rows] == ["", "-0.250000", "-0.250000"]
+    assert all(row["plant_status.lost"] == "" for row in rows)
+
+
+@pytest.mark.usefixtures("unrendered")
+@NEEDS_PYARROW
+def test_parquet_holds_the_same_as_csv(varying: Run, tmp_path: Path) -> None:
+    import pyarrow.parquet
+
+    figures = written(tmp_path / "out", varying.log, "--parquet")
+    folder = tmp_path / "out" / "run"
+    table = pyarrow.parquet.read_table(folder / "signals.parquet")
+    rows = rows_of(folder / "signals.csv")
+    assert table.num_rows == len(rows) == sum(m["accepted"] for m in figures["messages"].values())
+    assert table.column_names == list(rows[0])
+    for name in ("time_s", "lateral_error.lateral_error_m", "steering_status.applied_counter"):
+        values = [math.nan if v is None else v for v in table[name].to_pylist()]
+        wanted = [float(row[name] or "nan") for row in rows]
+        np.testing.assert_allclose(values, wanted, atol=1e-6)
+
+
+@pytest.mark.usefixtures("unrendered")
+@NEEDS_MCAP
+def test_mcap_holds_every_message_with_its_time_schema_and_names(
+    varying: Run, tmp_path: Path
+) -> None:
+    from mcap.reader import make_reader
+
+    figures = written(tmp_path / "out", varying.log, "--mcap")
+    counts: dict[str, int] = {}
+    with (tmp_path / "out" / "run" / "signals.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            assert channel.topic == f"/{schema.name}"
+            content = json.loads(message.data)
+            properties = json.loads(schema.data)["properties"]
+            assert set(content) == set(properties)
+            if schema.name == "STEERING_COMMAND":
+                assert content["mode_name"] == Mode(content["mode"]).name
+            counts[schema.name] = counts.get(schema.name, 0) + 1
+            last_ns = message.log_time
+    accepted = {name: m["accepted"] for name, m in figures["messages"].items() if m["accepted"]}
+    assert counts == accepted
+    assert last_ns <= entries_of(varying.log)[-1].time_ns
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(
+    ("library", "option"), [("pyarrow", "--parquet"), ("mcap.writer", "--mcap")]
+)
+def test_a_missing_library_is_one_clear_line_that_names_the_extra(
+    constant: Run,
+    tmp_path: Path,
+    capsys: Capture,
+    monkeypatch: pytest.MonkeyPatch,
+    library: str,
+    option: str,
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, library, None)
+    arguments = [str(constant.log), "--out", str(tmp_path)]
+    assert main([*arguments, option]) == ExitStatus.SETTINGS
+    assert f"pip install '.[{option[2:]}]'" in capsys.readouterr().err
+    if option == "--parquet":
+        assert main(arguments) == ExitStatus.OK
+        assert not (tmp_path / "run" / "signals.parquet").exists()
+
+
+def test_the_report_needs_nothing_but_itself(varying: Run, tmp_path: Path) -> None:
+    written(tmp_path / "out", varying.log)
+    page = (tmp_path / "out" / "run" / "report.html").read_text()
+    assert page.count('<img alt="') == 3
+    sources = re.findall(r"""(?:src|href)=["'](.{0,22})""", page)
+    assert sources == ["data:image/png;base64,"] * 3
+    assert not re.search(r"url\(|@import|<script|<link|<iframe", page)
+    assert "PlantStatus" not in page
+    for heading in ("Signals", "Latency and jitter", "Messages", "Lost and refused"):
+        assert f"<h2>{heading}</h2>" in page
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_name_in_a_log_cannot_become_part_of_the_page(tmp_path: Path) -> None:
+    path = tmp_path / "a<script>.log"
+    path.write_text("(1.0) <img/src=x> 123#11\n(1.1) c 123#11\n<script>alert(1)</script>\n")
+    figures = written(tmp_path / "out", path)
+    assert figures["channels"] == ["<img/src=x>", "c"]
+    page = (tmp_path / "out" / "a<script>" / "report.html").read_text()
+    assert "<script" not in page
+    assert "<img/" not in page
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report(
+    constant: Run, tmp_path: Path, capsys: Capture
+) -> None:
+    bad, gone, out = tmp_path / "bad.blf", tmp_path / "gone.log", tmp_path / "deep" / "out"
+    bad.write_bytes(b"no log at all")
+    assert main([str(bad), str(gone), "--out", str(out)]) == ExitStatus.SETTINGS
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    for line, path in zip(lines, (bad, gone), strict=True):
+        assert line.startswith(f"steer-by-wire analyze: error: {path}: ")
+    assert not out.parent.exists()
+    assert main([str(bad), str(constant.log), "--out", str(out)]) == ExitStatus.SETTINGS
+    reported = capsys.readouterr()
+    assert str(bad) in reported.err
+    assert "report: " in reported.out
+    assert [path.name for path in out.iterdir()] == [constant.log.stem]
+    assert (out / constant.log.stem / "report.html").exists()
+    before = (out / constant.log.stem / "signals.csv").read_bytes()
+    assert main([str(constant.log), "--channel", "none", "--out", str(out)]) == ExitStatus.SETTINGS
+    assert (out / constant.log.stem / "signals.csv").read_bytes() == before

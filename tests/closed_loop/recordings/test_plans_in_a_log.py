@@ -1,0 +1,106 @@
+"""Plans of commands in a recording: analysis, monitor and cockpit show what of them acts."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.closed_loop.recordings.bus_listener import command_at
+from steer_by_wire.closed_loop.recordings.file_analysis import AnalysedLog, analyse_files
+from steer_by_wire.closed_loop.recordings.live_view import BusWatch
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import Mode, SteeringCommand, SteeringPlan, encode
+from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
+from steer_by_wire.tools.cockpit.sampler import Sampler
+from steer_by_wire.tools.cockpit.signals import NAMES
+from steer_by_wire.tools.monitor.screen import one_line
+
+DELAY_S, PERIOD_S = 0.08, 0.01
+PLAN = SteeringPlan(300, Mode.ACTIVE, 250, 4, *[0.01 * index for index in range(18)])
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("plans") / "run.log"
+    plant = plant_preset("paper_nominal", ["duration_s=8", f"latency.downlink.mean_s={DELAY_S}"])
+    run_virtual_pair(plant, controller_preset("practical_packet"), candump_log=file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def entries(log: Path) -> Sequence[LogEntry]:
+    with log.open(encoding="ascii") as lines:
+        return list(CandumpReader(lines))
+
+
+@pytest.fixture(scope="module")
+def analysed(log: Path) -> AnalysedLog:
+    return analyse_files([log])
+
+
+@pytest.mark.parametrize(
+    ("sample", "steer_rad"), [(250, 0.0), (252, 0.005), (2, 0.02), (62, 0.17), (100, 0.17)]
+)
+def test_a_plan_commands_its_value_at_a_sample_and_the_last_one_after_it(
+    sample: int, steer_rad: float
+) -> None:
+    command = command_at(PLAN, sample)
+    assert command == pytest.approx(SteeringCommand(steer_rad, 300, Mode.ACTIVE))
+
+
+def test_the_analysis_counts_plans_as_commands(analysed: AnalysedLog) -> None:
+    figures = analysed.figures
+    messages = figures["messages"]
+    sent = [messages[name]["accepted"] for name in ("STEERING_COMMAND", "STEERING_PLAN")]
+    assert sent[1] > 700
+    assert figures["latency"]["commands"] == figures["signals"]["steer_rad"]["samples"] == sum(sent)
+    assert figures["latency"]["round_trip"]["p50_s"] == pytest.approx(DELAY_S + PERIOD_S, abs=0.001)
+    # What a plan has for now acts now, so the wheel has turned by as much.
+    turned = [figures["signals"][name]["rms"] for name in ("steer_rad", "wheel_angle_rad")]
+    assert turned[0] == pytest.approx(turned[1], rel=0.02)
+    assert figures["gaps"] == []
+    assert figures["modes_s"]["ACTIVE"] > 7.0
+
+
+def test_the_cockpit_shows_as_in_effect_what_the_wheel_does(entries: Sequence[LogEntry]) -> None:
+    sampler = Sampler(0)
+    rows = []
+    for time_ns, _, frame in entries:
+        sampler.on_frame(frame, time_ns)
+        rows.append(sampler.row(time_ns))
+    shown = dict(zip(NAMES, np.array(rows).T, strict=True))
+    has_begun = np.isfinite(shown["steer_in_effect_rad"])
+    assert has_begun.mean() > 0.9
+    in_effect, wheel = (
+        shown[name][has_begun] for name in ("steer_in_effect_rad", "wheel_angle_rad")
+    )
+    assert np.abs(in_effect - wheel).max() < 2e-5
+    assert np.abs(wheel).max() > 0.05
+
+
+def test_the_monitor_shows_a_plan_as_a_command_and_nothing_as_stale(
+    entries: Sequence[LogEntry],
+) -> None:
+    watch = BusWatch(0)
+    for time_ns, _, frame in entries:
+        watch.on_frame(frame, time_ns)
+    view = watch.view(time_ns)
+    assert view.command is not None
+    assert view.steering is not None
+    assert view.command.steer_rad == pytest.approx(view.steering.wheel_angle_rad, abs=1e-3)
+    assert f"{1e3 * view.command.steer_rad:+.2f}" in one_line(view)
+    assert view.round_trip is not None
+    assert view.round_trip.p50_s == pytest.approx(DELAY_S + PERIOD_S, abs=0.001)
+    assert not any(row.is_stale for row in view.messages)
+    assert watch.view(time_ns + 2 * 10**9).is_stale("STEERING_COMMAND")
+
+
+def test_a_plan_before_any_measurement_is_its_first_value() -> None:
+    watch = BusWatch(0)
+    watch.on_frame(encode(PLAN, 0), 0)
+    command = watch.view(0).command
+    assert command is not None
+    assert command.steer_rad == pytest.approx(command_at(PLAN, 0).steer_rad)

@@ -1,0 +1,153 @@
+"""A rig: one plant, any controller."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.rig import Outcome, Rig
+from steer_by_wire.closed_loop.rig.outcome import Detection, first_reaction
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.contract.enumerations import Mode
+from steer_by_wire.dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
+from steer_by_wire.runtime.settings.settings import SettingsError
+
+FOREIGN = Path(__file__).parents[3] / "examples" / "foreign_controller.py"
+DBC = Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc"
+SHORT = {"duration_s": 3.0}
+PERIOD_NS = 10_000_000
+
+
+def test_a_preset_holds_the_path_in_virtual_time(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "paper_nominal", {**SHORT, "latency.downlink.mean_s": 0.08}, seed=7)
+    outcome = rig.run("practical_pd_ddob")
+    outcome.assert_holds(rms_m=0.05)
+    outcome.assert_round_trip(p99_ms=110.0)
+    assert outcome.settings.seed == 7
+    assert outcome.files.candump_log.is_file()
+    assert outcome.draw().read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_rig_gives_each_controller_the_same_network(tmp_path: Path) -> None:
+    settings = controller_preset("practical_pd_ddob")
+    rig = Rig(tmp_path, overrides=SHORT)
+    by_name = rig.run("practical_pd_ddob")
+    by_node = rig.run(lambda start_ns: ControllerNode(settings, start_ns))
+    assert by_name.files.candump_log.read_bytes() == by_node.files.candump_log.read_bytes()
+    assert by_name.files.folder != by_node.files.folder
+
+
+def failure_of(outcome: Outcome, **limits: float) -> list[str]:
+    with pytest.raises(AssertionError) as caught:
+        outcome.assert_holds(**limits)
+    return str(caught.value).splitlines()
+
+
+def test_a_failure_names_figure_seed_and_folder(tmp_path: Path) -> None:
+    outcome = Rig(tmp_path, overrides=SHORT, seed=5).run("practical_pd")
+    rms, cg, where, folder = failure_of(outcome, rms_m=1e-6, cg_peak_m=1e-6)
+    assert cg.startswith("peak deviation of the centre of gravity 0.")
+    assert rms.startswith("RMS lateral error 0.")
+    assert rms.endswith("m is above 1e-06 m")
+    assert "seed 5" in where
+    assert str(outcome.files.folder) in folder
+
+
+def test_a_loop_that_does_not_hold_fails_without_any_limit(tmp_path: Path) -> None:
+    overrides = {"duration_s": 20.0, "latency.downlink.mean_s": 0.5}
+    outcome = Rig(tmp_path, overrides=overrides).run("practical_pd_dob")
+    verdict, *_ = failure_of(outcome)
+    assert verdict.startswith("verdict: unstable: swings of ")
+
+
+def test_a_law_that_fails_is_named(tmp_path: Path) -> None:
+    outcome = Rig(tmp_path, overrides=SHORT).run(
+        "practical_pd", {"law": "tests.support.own_laws:NO_OUTPUT"}
+    )
+    ending, *_ = failure_of(outcome)
+    assert ending.startswith("controller is in its safe state: ")
+    assert "TypeError" in ending
+
+
+def test_a_silent_controller_never_drives_the_plant(tmp_path: Path) -> None:
+    class Silent(ControllerNode):  # a node that never sends
+        def on_tick(self, now_ns: int) -> tuple[()]:
+            super().on_tick(now_ns)
+            return ()
+
+    settings = controller_preset("practical_pd")
+    outcome = Rig(tmp_path, overrides=SHORT).run(lambda start_ns: Silent(settings, start_ns))
+    assert failure_of(outcome)[0] == (
+        "the plant was never driven: no valid STEERING_COMMAND arrived"
+    )
+
+
+def test_a_lost_stream_of_measurements_is_detected(tmp_path: Path) -> None:
+    fault = {"kind": "drop", "direction": "uplink", "message": "LATERAL_ERROR", "onset_s": 1.0}
+    overrides = {**SHORT, "faults": [{**fault, "duration_s": 1.0, "magnitude": 1.0}]}
+    outcome = Rig(tmp_path, overrides=overrides).run("practical_pd_ddob")
+    outcome.assert_detects("lost measurements", within_ms=150)
+    with pytest.raises(AssertionError, match="later than 20 ms"):
+        outcome.assert_detects("lost measurements", within_ms=20)
+
+
+def test_a_program_that_speaks_the_contract_holds_the_path(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, overrides={**SHORT, "safety.ftti_ms": "off"}, bus="emulated")
+    command = [sys.executable, str(FOREIGN), str(DBC), "{bus}", "--out", str(tmp_path)]
+    outcome = rig.run(command)
+    outcome.assert_holds(rms_m=0.2)
+    assert "emulated" in outcome.bus
+
+
+def test_a_command_that_is_not_there_never_drives_the_plant(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0}, bus="emulated")
+    outcome = rig.run(["./no-such-controller"])
+    ending, undriven, *_ = failure_of(outcome)
+    assert ending.startswith("controller has ended with status 127: ./no-such-controller: No such")
+    assert "never driven" in undriven
+
+
+def test_a_command_that_cannot_join_the_emulated_bus_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"^\./mine: .* with-vcan pytest"):
+        Rig(tmp_path, bus="emulated").run(["./mine", "{channel}"])
+
+
+def test_a_wrong_setting_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"latency\.downlink\.mean_s"):
+        Rig(tmp_path, overrides={"latency.downlink.mean_s": -1.0})
+
+
+def command(mode: Mode, counter: int = 0) -> Decoded:
+    return Decoded(SteeringCommand(0.0, counter, mode), counter)
+
+
+def measured(counter: int) -> Decoded:
+    return Decoded(LateralError(0.0, 0.0), counter)
+
+
+ACTIVE, HOLDING = command(Mode.ACTIVE), command(Mode.HOLDING)
+
+
+@pytest.mark.parametrize(
+    ("received", "onset", "reaction"),
+    [
+        # Half periods, and what is received.
+        ([(0, measured(0)), (1, ACTIVE), (2, measured(1)), (3, HOLDING)], None, None),
+        ([(0, measured(0)), (2, Rejection.BAD_CRC), (5, ACTIVE), (7, HOLDING)], 2, 7),
+        ([(0, measured(0)), (2, measured(0)), (3, HOLDING)], 2, 3),
+        ([(0, measured(255)), (2, measured(0)), (4, measured(2)), (5, HOLDING)], 4, 5),
+        # Late: it was due a period after the one before.
+        ([(0, measured(0)), (4, measured(1)), (5, HOLDING)], 2, 5),
+        ([(0, measured(0)), (2, measured(0)), (3, ACTIVE), (4, measured(1))], 2, None),
+        # The commands end.
+        ([(0, measured(0)), (2, measured(0)), (3, ACTIVE), (20, measured(9))], 2, 5),
+    ],
+)
+def test_detection_counts_from_the_first_faulty_measurement(
+    received: list[tuple[int, Decoded | Rejection]], onset: int | None, reaction: int | None
+) -> None:
+    half_ns = PERIOD_NS // 2
+    found = first_reaction([(half_ns * time, one) for time, one in received], PERIOD_NS)
+    expected = [None if time is None else half_ns * time for time in (onset, reaction)]
+    assert found == Detection(*expected)

@@ -1,0 +1,28 @@
+"""Studies on workers of dask.distributed: the same bytes."""
+
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from unittest import mock
+
+import pytest
+
+from steer_by_wire.closed_loop.studies.dask_runner import dask_workers
+from steer_by_wire.closed_loop.studies.runner import run_study
+from tests.support.small_study import complete, make_scenarios, never, open_store
+
+pytestmark = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="dask.distributed is not installed (the extra cluster)"
+)
+
+
+@pytest.mark.filterwarnings("default")  # what dask warns of is not ours
+def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
+    expected = complete(tmp_path / "threads").results.read_bytes()
+    scenarios = make_scenarios(tmp_path / "dask")
+    store = open_store(tmp_path / "dask", scenarios)
+    # dask leaves what its workers need in this process's environment, which others inherit.
+    with mock.patch.dict(os.environ), dask_workers(scenarios.study, None, 1) as workers:
+        assert workers.count == 1
+        assert run_study(store, workers, lambda _: None, never)
+    assert store.results.read_bytes() == expected

@@ -1,0 +1,203 @@
+"""Levels of factors beside each other, effort, what is left out of the expected cost, and hints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.closed_loop.reports.page import page
+from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.results import Rows, StudyRecord, read_rows, read_study
+from steer_by_wire.closed_loop.studies.runner import Threads, estimate, run_study
+from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.study.axes import study_axes
+from steer_by_wire.tools.study.comparison import comparisons
+from steer_by_wire.tools.study.cost_check import RUNS, cost_checks
+from steer_by_wire.tools.study.level_section import (
+    compared_factors,
+    conditions_by_level,
+    level_ratios,
+    level_sections,
+)
+from steer_by_wire.tools.study.report import study_section
+from tests.support.small_study import make_scenarios, never
+
+STUDY = """
+name = "levels"
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd", "practical_pd_dob"]
+[base.plant]
+duration_s = 4.0
+path = "practical_ellipse"
+latency = { downlink = { model = "gamma" } }
+[[factors]]
+name = "noise"
+key = "plant.sensor_noise.lateral_error_m"
+values = [0.0, 0.02]
+[[factors]]
+name = "filter"
+key = "controller.pd.derivative_filter_rad_s"
+values = [20.0, 40.0]
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+values = [0.05, 0.1]
+[[factors]]
+name = "jitter"
+key = "plant.latency.downlink.spread_fraction"
+values = [0.3]
+[sampling]
+replicates = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> StudyRecord:
+    folder = tmp_path_factory.mktemp("levels")
+    scenarios = make_scenarios(folder, STUDY)
+    store = Store(folder / "out", scenarios)
+    store.open(STUDY)
+    assert run_study(store, Threads(scenarios, 1), lambda _: None, never)
+    return read_study(store.folder)
+
+
+@pytest.fixture(scope="module")
+def rows(study: StudyRecord) -> Rows:
+    return read_rows(study)
+
+
+def test_only_factors_without_a_network_are_compared(study: StudyRecord) -> None:
+    assert [factor.name for factor in compared_factors(study)] == ["noise", "filter"]
+
+
+def test_ratios_are_of_pairs_that_differ_in_one_factor_alone(
+    study: StudyRecord, rows: Rows
+) -> None:
+    noise, _ = compared_factors(study)
+    found = level_ratios(study, rows, noise)
+    assert [(one.controller, one.level) for one in found] == [
+        *((0, "0.0"), (0, "0.02")),
+        *((1, "0.0"), (1, "0.02")),
+    ]
+    for one in found[::2]:
+        assert (one.error, one.steer, one.steer_rate) == (1.0, 1.0, 1.0)
+    by_hand = []
+    for k in np.flatnonzero((rows.controller == 1) & (rows.factors["noise"] == 0.02)).tolist():
+        (same,) = [
+            j
+            for j in np.flatnonzero(
+                (rows.controller == 1) & (rows.factors["noise"] == 0.0)
+            ).tolist()
+            if all(rows.factors[n][j] == rows.factors[n][k] for n in ("filter", "mean_s"))
+            and rows.case[j] % 2 == rows.case[k] % 2
+        ]
+        by_hand.append(rows.steer_rate_rms_rad_s[k] / rows.steer_rate_rms_rad_s[same])
+    assert len(by_hand) == 8
+    assert found[3].steer_rate == pytest.approx(float(np.median(by_hand)))
+    assert found[3].steer_rate > 2.0
+
+
+def test_every_combination_of_levels_has_its_medians(study: StudyRecord, rows: Rows) -> None:
+    factors = compared_factors(study)
+    axes = study_axes(study, rows)
+    found = conditions_by_level(study, rows, factors, axes.mean.place)
+    assert [one.levels for one in found[:4]] == [
+        *(("0.0", "20.0"), ("0.02", "20.0")),
+        *(("0.0", "40.0"), ("0.02", "40.0")),
+    ]
+    assert [one.runs for one in found] == [4] * 8
+    chosen = (rows.controller == 0) & (rows.factors["noise"] == 0.02)
+    chosen &= rows.factors["filter"] == 20.0
+    assert found[1].effort.steer_rms_rad == float(np.median(rows.steer_rms_rad[chosen]))
+    at = chosen & (rows.factors["mean_s"] == 0.1)
+    assert found[1].rms_by_latency_m[1] == float(np.median(rows.rms_m[at]))
+    assert conditions_by_level(study, rows, []) == []
+
+
+def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Rows) -> None:
+    pd, dob = comparisons(study, rows)
+    for one in (pd, dob):
+        own = rows.controller == one.controller
+        assert one.effort.limited_share == float(np.median(rows.limited_share[own]))
+        assert one.effort.steer_rate_rms_rad_s > 0.0
+
+
+def test_the_expected_cost_is_taken_where_no_limit_is_met(study: StudyRecord, rows: Rows) -> None:
+    found = cost_checks(study, rows, study_axes(study, rows))
+    assert found.left_out == {}
+    assert len(found.checks) == 4
+    assert all(check.on_grid.limited == 0 and check.is_random for check in found.checks)
+    assert all(abs(check.standard_errors) < 4.0 for check in found.checks)
+
+
+def test_laws_at_a_limit_are_left_out_of_the_expected_cost_and_named(
+    study: StudyRecord, rows: Rows
+) -> None:
+    noisy = study._replace(plant=dict(study.plant))
+    at = rows.factors["noise"] == 0.02
+    picked = rows._replace(
+        **{name: getattr(rows, name)[at] for name in Rows._fields if name not in ("factors",)},
+        factors={name: column[at] for name, column in rows.factors.items()},
+    )
+    found = cost_checks(noisy, picked, study_axes(noisy, picked))
+    assert found.checks == []
+    (reason,) = found.left_out
+    assert reason.startswith(f"{RUNS} of {RUNS} runs met a limit of the command")
+    assert len(found.left_out[reason]) == 4
+
+
+def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, rows: Rows) -> None:
+    sections = [study_section(study, rows), *level_sections(study, rows, study_axes(study, rows))]
+    text = page("levels", sections)
+    assert "<h2>Level by level</h2>" in text
+    assert "steer [mrad], 50 ms" in text
+    shown = text.partition("Base of the plant")[2].partition("<details>")[0]
+    assert "duration_s = 4.0" in shown
+    assert "yaw_inertia" not in shown
+    assert "yaw_inertia" in text.partition("Base of the plant")[2].partition("</details>")[0]
+    assert "Warning: runs of 4 s are judged by two windows of 1 s" in text
+
+
+# What is printed before a study
+
+
+def test_a_normal_distribution_without_an_end_is_refused_with_a_hint(tmp_path: Path) -> None:
+    head = STUDY.partition("[[factors]]")[0]
+    drawn = '{ kind = "normal", mean = 0.1, spread = 0.1%s }'
+    text = head + '[[factors]]\nkey = "plant.latency.downlink.mean_s"\ndistribution = %s\n'
+    text += '[sampling]\nkind = "sobol"\ncount = 64\n'
+    with pytest.raises(SettingsError, match="without an end: give it low and high"):
+        make_scenarios(tmp_path, text % (drawn % "")).check()
+    make_scenarios(tmp_path, text % (drawn % ", low = 0.0, high = 0.5")).check()
+    with pytest.raises(SettingsError) as raised:
+        make_scenarios(tmp_path, text % '{ kind = "uniform", low = -1.0, high = 1.0 }').check()
+    assert "without an end" not in str(raised.value)
+
+
+def test_an_estimate_warms_each_kind_of_law_before_the_clock_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = STUDY.replace("controller.pd.derivative_filter_rad_s", "controller.law").replace(
+        "values = [20.0, 40.0]", 'values = ["pd", "pd_dob"]'
+    )
+    kinds = kinds.replace('controllers = ["practical_pd", "practical_pd_dob"]', "controllers = %s")
+    scenarios = make_scenarios(tmp_path, kinds % '["practical_pd_dob"]')
+    events: list[list[int] | str] = []
+
+    def compute(_: Computer, ids: list[int], __: object) -> None:
+        events.append(ids)
+
+    def clock_s() -> float:
+        events.append("clock")
+        return float(len(events))
+
+    monkeypatch.setattr(Computer, "compute", compute)
+    found = estimate(scenarios, clock_s)
+    warmed, begin, counted = events[:3]
+    assert isinstance(warmed, list)
+    laws = [scenarios.pair(run).controller.law for run in warmed]
+    assert sorted(laws) == ["pd", "pd_dob"]
+    assert begin == "clock"
+    assert counted == list(range(16))
+    assert found.runs == 16

@@ -1,0 +1,340 @@
+"""Studies give the same bytes whatever computes them and however often they are interrupted."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.studies.compute import Computed, Computer, losses_of
+from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.runner import Block, ShouldStop, Threads, run_study
+from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.evaluation.verdict import RunEnd
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings.toml_text import dump_toml
+from steer_by_wire.tools.study import __main__ as stress_latency
+from steer_by_wire.tools.study import replay
+from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
+
+RUNS = 3 * 2 * 2 * 2 * 2
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """A study run at once, on one thread."""
+    return complete(tmp_path_factory.mktemp("whole"))
+
+
+class Interrupted:
+    """Asks for the end after it has been looked at so often: before every run, and in between."""
+
+    def __init__(self, looks: int) -> None:
+        self._left = looks
+
+    def __call__(self) -> bool:
+        self._left -= 1
+        return self._left <= 0
+
+
+class Backwards:
+    """Computes blocks in the wrong order, each run by itself."""
+
+    description = "backwards"
+    count = 1
+
+    def __init__(self, scenarios: Scenarios) -> None:
+        self._computer = Computer(scenarios)
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        runs = [run for block in blocks for run in block]
+        for run in reversed(runs):
+            if should_stop():
+                return
+            yield self._computer.compute([run], never)
+
+
+def test_rows_are_sorted_and_whole(whole: Store) -> None:
+    table = pq.read_table(whole.results)
+    assert table["id"].to_pylist() == list(range(RUNS))
+    assert set(table["verdict"].to_pylist()) == {"holds"}
+    assert table["mean_s"].type == "double"
+    assert table["road"].type == "string"
+    assert not (whole.folder / "chunks").exists()
+    assert np.isfinite(table["rms_m"].to_numpy()).all()
+
+
+def test_two_threads_give_the_same_bytes(whole: Store, tmp_path: Path) -> None:
+    assert complete(tmp_path, threads=2).results.read_bytes() == whole.results.read_bytes()
+
+
+@pytest.mark.parametrize("order", [lambda s: Threads(s, 1), Backwards])
+def test_an_interrupted_study_goes_on_and_gives_the_same_bytes(
+    whole: Store, tmp_path: Path, order: Callable[[Scenarios], Any]
+) -> None:
+    scenarios = make_scenarios(tmp_path)
+    stored = []
+    for looks in (8, 17, 8):
+        store = open_store(tmp_path, scenarios)
+        assert not run_study(store, order(scenarios), lambda _: None, Interrupted(looks))
+        assert not store.is_complete
+        stored.append(store.stored())
+        assert sorted(run for ids in store.missing() for run in ids) == [
+            run for run in range(RUNS) if store.find(run) is None
+        ]
+    assert 0 < stored[0] < stored[1] < stored[2] < RUNS
+    computed: list[int] = []
+    store = open_store(tmp_path, scenarios)
+    assert run_study(store, order(scenarios), computed.append, never)
+    assert sum(computed) == RUNS - stored[-1]
+    assert store.results.read_bytes() == whole.results.read_bytes()
+
+
+def test_a_complete_study_computes_nothing(whole: Store) -> None:
+    scenarios = Scenarios(load_study(whole.folder.parent / "study.toml"))
+    store = Store(whole.folder, scenarios, CHUNK_RUNS)
+    store.open(STUDY)
+    computed: list[int] = []
+    assert store.stored() == RUNS
+    assert run_study(store, Threads(scenarios, 1), computed.append, never)
+    assert computed == []
+
+
+def test_what_is_computed_is_stored_when_a_scenario_turns_out_bad(tmp_path: Path) -> None:
+    scenarios = make_scenarios(
+        tmp_path,
+        STUDY.replace(
+            'key = "plant.path"\nvalues = ["practical_ellipse", "straight"]',
+            'key = "plant.duration_s"\nvalues = [5.0, -5.0]',
+        ),
+    )
+    store = open_store(tmp_path, scenarios)
+    with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
+        run_study(store, Backwards(scenarios), lambda _: None, never)
+    with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
+        scenarios.check()
+
+
+def test_another_study_is_not_mixed_in(whole: Store, tmp_path: Path) -> None:
+    other = make_scenarios(tmp_path, STUDY.replace("seed = 11", "seed = 12"))
+    with pytest.raises(SettingsError, match="holds the results of another study: sampling differ"):
+        Store(whole.folder, other).open(STUDY)
+
+
+def test_fastmath_is_a_study_of_its_own_close_to_the_exact_one(
+    whole: Store, tmp_path: Path
+) -> None:
+    exact = make_scenarios(tmp_path)
+    fast = Scenarios(exact.study._replace(fastmath=True))
+    with pytest.raises(SettingsError, match="another study: fastmath differ"):
+        Store(whole.folder, fast).open(STUDY)
+    store = open_store(tmp_path, fast)
+    assert run_study(store, Threads(fast, 1), lambda _: None, never)
+    with pytest.raises(SettingsError, match="another study: fastmath differ"):
+        Store(store.folder, exact).open(STUDY)
+    one, other = (
+        np.array(pq.read_table(made.results)["rms_m"].to_pylist()) for made in (whole, store)
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-3)
+    assert (one != other).any()
+
+
+def test_a_replay_with_fastmath_asks_for_what_is_stored_not_for_the_nodes(tmp_path: Path) -> None:
+    fast = Scenarios(make_scenarios(tmp_path).study._replace(fastmath=True))
+    store = open_store(tmp_path, fast)
+    made = replay.replay(store, Computer(fast), RUNS - 8)
+    stored = made._replace(stored=made.compiled)
+    assert made.compiled["rms_m"] != made.virtual["rms_m"]
+    assert stored.differences == []
+    assert made._replace(stored=dict(made.compiled) | {"rms_m": 0.0}).differences == ["rms_m"]
+
+
+def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
+    identity = json.loads((whole.folder / "study.json").read_text(encoding="utf-8"))
+    scenarios = Scenarios(load_study(whole.folder.parent / "study.toml"))
+    for run in (0, 13, RUNS - 1):
+        row = whole.find(run)
+        assert row is not None
+        assert pair_of_row(identity, row) == scenarios.pair(run)
+        made = replay.replay(whole, Computer(scenarios), run)
+        assert made.differences == []
+        assert made.virtual["rms_m"] == row["rms_m"]
+        assert {"samples", "commands_sent", "downlink_lost", "uplink_lost"} <= set(made.virtual)
+        assert (
+            load_settings(PlantSettings, file=made.files.settings("plant_emulator"))
+            == made.pair.plant
+        )
+        assert any("steer-by-wire run " in command for command in replay.commands(made.files))
+
+
+def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "mine.toml").write_text(
+        dump_toml(controller_preset("practical_pd")), encoding="utf-8"
+    )
+    text = STUDY.replace('"practical_pd", "practical_pd_ddob"', '"mine.toml"')
+    scenarios = make_scenarios(tmp_path, text)
+    store = Store(tmp_path / "out", scenarios)
+    store.open(text)
+    again = Scenarios(load_study(store.folder / "study.toml"))
+    assert again.study.identity == scenarios.study.identity
+    assert again.pair(0) == scenarios.pair(0)
+
+
+def test_results_do_not_go_on_with_other_recorded_latencies(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.csv"
+    trace.write_text("latency_s\n0.01\n", encoding="utf-8")
+    line = f'[base.plant.latency.uplink]\ntrace_file = "{trace.as_posix()}"\n'
+    text = STUDY.replace("[base.plant.latency.uplink]\n", line)
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    trace.write_text("latency_s\n0.02\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match="files differ"):
+        Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+
+
+def test_results_do_not_go_on_with_another_version_of_an_own_law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    module = tmp_path / "law_of_this_study.py"
+    module.write_text("from steer_by_wire.controller.laws.pd import LAW\n", encoding="utf-8")
+    text = STUDY.replace(
+        "[base.plant", '[base.controller]\nlaw = "law_of_this_study:LAW"\n\n[base.plant', 1
+    )
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    module.write_text(module.read_text(encoding="utf-8") + "# other gains\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match="files differ"):
+        Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+
+
+def test_a_replay_that_differs_says_where(whole: Store) -> None:
+    made = replay.replay(
+        whole, Computer(Scenarios(load_study(whole.folder.parent / "study.toml"))), 1
+    )
+    assert made.stored is not None
+    changed = dict(made.stored) | {"rms_m": np.nextafter(made.stored["rms_m"], 1.0)}
+    differing = made._replace(stored=changed)
+    assert differing.differences == ["rms_m"]
+    marked = [line for line in replay.replay_lines(differing) if "DIFFERS" in line]
+    assert [line.split()[0] for line in marked] == ["rms_m"]
+
+
+def test_a_run_that_leaves_the_range_replays_too(tmp_path: Path) -> None:
+    scenarios = make_scenarios(
+        tmp_path,
+        """
+[base]
+controllers = ["practical_pd"]
+[base.plant]
+vehicle.speed_m_s = 27.77777777777778
+duration_s = 60.0
+start_on_first_command = false
+[base.controller.limits]
+steer_rad_max = 0.001
+""",
+    )
+    store = open_store(tmp_path, scenarios)
+    assert run_study(store, Threads(scenarios, 1), lambda _: None, never)
+    made = replay.replay(store, Computer(scenarios), 0)
+    assert made.stored is not None
+    assert made.stored["verdict"] == "left range"
+    assert made.stored["limited_share"] > 0.9
+    assert made.differences == []
+
+
+def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path) -> None:
+    text = STUDY.replace("loss = 0.02", "loss = 1.0")
+    scenarios = make_scenarios(tmp_path, text)
+    row = np.zeros(len(COLUMNS))
+    pair = scenarios.pair(0)
+    assert Computer(scenarios).one(pair.plant, pair.controller, row) is RunEnd.NO_START
+
+
+def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
+    plant = plant_preset(
+        "paper_corner_a",
+        [
+            "duration_s=5",
+            "latency.downlink.loss=0.2",
+            "latency.downlink.burst_frames=5",
+            "latency.downlink.model=gamma",
+            "latency.downlink.mean_s=0.05",
+            "latency.downlink.spread_s=0.03",
+            "latency.uplink.schedule=[{time_s=0.0, mean_s=0.0},{time_s=2.0, mean_s=0.1, loss=0.3}]",
+        ],
+    )
+    law = controller_preset("practical_pd")
+    node = PlantNode(plant, 0)
+    run_virtual_nodes(node, ControllerNode(law, 0), None, None, never)
+    plan = plan_run(plant, law)
+    lost = losses_of(plant, plan)
+    report = node.report()
+    assert lost.commands[len(run_batch(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0
+    assert lost.measurements[len(plan.sample_ns)] == report["uplink"]["lost"] > 0
+
+
+def test_a_live_subset_is_spread_evenly() -> None:
+    assert replay.subset(100, 4) == [12, 37, 62, 87]
+    assert replay.subset(3, 10) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("bus", ["nosuchcan0", "udp_multicast:", ":vcan0"])
+def test_a_live_bus_that_cannot_be_is_refused(bus: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=f"--live {bus}: "), replay.open_bus(bus, tmp_path):
+        pass
+
+
+def test_the_program_says_sizes_runs_and_replays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_scenarios(tmp_path)
+    assert stress_latency.main(["study.toml", "--dry-run"]) == ExitStatus.OK
+    printed = capsys.readouterr().out
+    assert f"runs: {RUNS} = 12 points (grid) x 2 replicates x 2 controllers" in printed
+    assert "ms a run" in printed
+    assert not (tmp_path / "out").exists()
+    assert stress_latency.main(["study.toml", "--threads", "2", "--no-report"]) == ExitStatus.OK
+    assert "results: out/stress/small/results.parquet" in capsys.readouterr().out
+    assert stress_latency.main(["study.toml", "--replay", "17"]) == ExitStatus.OK
+    printed = capsys.readouterr().out
+    assert "steer-by-wire run out/stress/small/replay/17/plant_emulator.toml" in printed
+    assert "every figure is the same to the last digit" in printed
+    assert stress_latency.main(["study.toml", "--replay", "4800"]) == ExitStatus.SETTINGS
+    assert "the study has runs 0 to 47" in capsys.readouterr().err
+    assert stress_latency.main(["none.toml"]) == ExitStatus.SETTINGS
+    assert "none.toml: cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("of_live", "of_both"),
+    [(ExitStatus.OK, stress_latency.DIFFERENT), (ExitStatus.INTERRUPTED, ExitStatus.INTERRUPTED)],
+)
+def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
+    whole: Store, monkeypatch: pytest.MonkeyPatch, of_live: int, of_both: int
+) -> None:
+    def differing(store: Store, computer: Computer, run: int) -> replay.Replay:
+        made = replay.replay(store, computer, run)
+        assert made.stored is not None
+        return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
+
+    monkeypatch.setattr(stress_latency, "replay", differing)
+    monkeypatch.setattr(stress_latency, "_live", lambda *_: of_live)
+    study = whole.folder.parent / "study.toml"
+    words = [str(study), "--out", str(whole.folder), "--replay", "1", "--live", "emulated"]
+    assert stress_latency.main(words) == of_both

@@ -1,0 +1,168 @@
+"""Studies with the bus's load, errors and clocks as factors: the nodes run them in virtual time."""
+
+import io
+import json
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from steer_by_wire.closed_loop.simulate import simulate
+from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.study_table import run_study
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.run.__main__ import main as run
+from steer_by_wire.tools.study.__main__ import main as stress
+
+STUDY = """
+name = "noisy"
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd"]
+[base.plant]
+duration_s = 0.5
+[base.plant.latency.downlink]
+mean_s = 0.02
+"""
+FACTORS = """
+[[factors]]
+key = "bus.bit_error_rate"
+values = [0.0, 0.01]
+[[factors]]
+name = "clock_ppm"
+key = "bus.clock.plant.ppm"
+values = [0.0, 2000.0]
+"""
+
+
+def study_file(folder: Path, text: str) -> Path:
+    file = folder / "study.toml"
+    file.write_text(STUDY + text, encoding="utf-8")
+    return file
+
+
+def test_a_bus_with_nothing_on_it_gives_the_run_of_both_programs(tmp_path: Path) -> None:
+    file = study_file(tmp_path, "[base.bus]\nbitrate_bit_s = 250_000\n")
+    scenarios = Scenarios(load_study(file))
+    pair = scenarios.pair(0)
+    wanted = run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=250_000))
+    ideal = run_virtual_pair(pair.plant, pair.controller, None)
+    table = run_study(file)
+    assert table["rms_m"][0] == pytest.approx(wanted.plant["node"]["lateral_error_rms_m"], rel=1e-9)
+    assert table["rms_m"][0] != ideal.plant["node"]["lateral_error_rms_m"]
+    assert table["samples"][0] == len(wanted.trace.time_s)
+    assert table["commands_acted"][0] == wanted.plant["node"]["downlink"]["released"]
+
+
+class Noisy(NamedTuple):
+    """A study with all these factors, its results, and what the program said."""
+
+    file: Path
+    out: Path
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> Noisy:
+    folder = tmp_path_factory.mktemp("noisy")
+    file, out = study_file(folder, "[base.bus]\nload = 0.6\n" + FACTORS), folder / "out"
+    with redirect_stdout(io.StringIO()) as printed:
+        assert stress([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
+    return Noisy(file, out, printed.getvalue())
+
+
+def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
+    noisy: Noisy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = noisy.file, noisy.out
+    assert "the nodes run in virtual time, not compiled" in noisy.printed
+    rms_m = pq.read_table(out / "results.parquet")["rms_m"].to_pylist()
+    assert len(set(rms_m)) == 4
+    assert (out / "report.html").exists()
+    assert stress([str(file), "--out", str(out), "--replay", "3"]) == ExitStatus.OK
+    again = capsys.readouterr().out
+    assert "every figure is the same to the last digit" in again
+    (command,) = (line for line in again.splitlines() if line.startswith("again: "))
+    assert run(command.removeprefix("again: steer-by-wire run ").split()) == ExitStatus.OK
+    assert f"RMS {1e3 * rms_m[3]:.2f} mm" in capsys.readouterr().out
+    identity = json.loads((out / "study.json").read_text(encoding="utf-8"))
+    overrides = json.dumps(Scenarios(load_study(file)).case(3).overrides)
+    bus = pair_of_row(identity, {"overrides": overrides, "controller": "practical_pd"}).bus
+    assert bus is not None
+    assert (bus.load, bus.bit_error_rate, bus.clock["plant"].ppm) == (0.6, 0.01, 2000.0)
+
+
+def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
+    study = load_study(study_file(tmp_path, ""))
+    assert study.bus is None
+    assert '"bus"' not in study.identity
+    row = np.full(64, np.nan)
+    scenarios = Scenarios(study)
+    assert Computer(scenarios).run(scenarios.pair(0), row) == "complete"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[base.bus]\nload = 3.0\n", r"base\.bus: load = 3\.0 should be"),
+        ("[base.bus]\nnoise = 3.0\n", r"base\.bus: noise"),
+        (FACTORS.replace("0.01", "0.1"), r"factor bit_error_rate: bus\.bit_error_rate = 0\.1"),
+        (
+            FACTORS.replace("clock.plant.ppm", "clock.rig.ppm"),
+            r"clock\.rig: is no node of this bus \(plant or controller\)",
+        ),
+        ('[base.bus]\nrest_bus = ["none.dbc"]\n', r"rest_bus: none\.dbc: No such file"),
+    ],
+)
+def test_a_bus_that_cannot_be_is_refused(tmp_path: Path, text: str, complaint: str) -> None:
+    with pytest.raises(SettingsError, match=complaint):
+        run_study(study_file(tmp_path, text))
+
+
+def test_a_bus_of_virtual_time_is_not_run_live(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = study_file(tmp_path, FACTORS)
+    assert stress([str(file), "--live", "vcan0", "--subset", "1"]) == ExitStatus.SETTINGS
+    assert "a study over a bus runs in virtual time only" in capsys.readouterr().err
+
+
+def test_two_processes_give_the_same_bytes(
+    noisy: Noisy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--out", str(tmp_path), "--threads", "2", "--no-report"]
+    assert stress([str(noisy.file), *options]) == ExitStatus.OK
+    assert "runs on 2 processes" in capsys.readouterr().out
+    one, two = ((folder / "results.parquet").read_bytes() for folder in (noisy.out, tmp_path))
+    assert one == two
+
+
+def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: Path) -> None:
+    scenarios = Scenarios(load_study(study_file(tmp_path, "[base.bus]\nbitrate_bit_s = 10_000\n")))
+    pair = scenarios.pair(0)
+    pair = pair.model_copy(update={"plant": pair.plant.model_copy(update={"duration_s": 11.0})})
+    with pytest.raises(BusOverflowError):
+        run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=10_000))
+    row = np.full(len(COLUMNS), np.nan)
+    Computer(scenarios).run(pair, row)
+    assert row[COLUMNS.index("samples")] == 1101  # one at both ends
+
+
+@pytest.mark.parametrize("controller", ["practical_pd", "practical_pd_ddob"])
+def test_a_busy_bus_changes_the_error_little_against_the_compiled_run(controller: str) -> None:
+    network = {"plant.latency.downlink.mean_s": 0.08}
+    bus = {"load": 0.9, "bit_error_rate": 1e-3}
+    over_it = simulate(controller=controller, duration_s=10.0, overrides=network, bus=bus)
+    without = simulate(controller=controller, duration_s=10.0, overrides=network, engine="compiled")
+    assert over_it.lateral_error_rms_m != without.lateral_error_rms_m
+    assert over_it.lateral_error_rms_m == pytest.approx(without.lateral_error_rms_m, rel=3e-3)

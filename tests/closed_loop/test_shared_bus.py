@@ -1,0 +1,213 @@
+"""Other people's databases beside the pair, in all their formats."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.bus import load_of, rest_of, traffic_of, virtual_bus
+from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
+from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.settings.settings import SettingsError
+from tests.support.sample_databases import LOAD, try_database
+
+HEAD = """VERSION ""
+NS_ :
+BS_:
+BU_: ECU
+"""
+FEATURES = {
+    "j1939": 'BO_ 2566844926 EEC1: 8 ECU\n SG_ SPEED : 0|16@1+ (0.125,0) [0|8031] "" Vector__XXX',
+    "fd": 'BO_ 291 RADAR: 64 ECU\n SG_ RANGE : 0|16@1+ (0.01,0) [0|655] "m" Vector__XXX',
+    "multiplexed": 'BO_ 292 MUX: 8 ECU\n SG_ WHICH M : 0|8@1+ (1,0) [0|3] "" Vector__XXX\n'
+    ' SG_ ONE m0 : 8|8@1+ (1,0) [0|255] "" Vector__XXX\n'
+    ' SG_ TWO m1 : 8|8@1+ (1,0) [0|255] "" Vector__XXX',
+    "no payload": "BO_ 293 EMPTY: 0 ECU",
+    "no sender": 'BO_ 294 ORPHAN: 3 Vector__XXX\n SG_ A : 7|12@0- (1,0) [0|0] "" Vector__XXX',
+    "the pair's identifier, 29 bits": "BO_ 2147483904 OTHER: 8 ECU",
+}
+CYCLE = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_ "GenMsgCycleTime" BO_ 291 50;\n'
+
+
+def database(folder: Path, *parts: str) -> Path:
+    file = folder / "other.dbc"
+    file.write_text(HEAD + "\n\n".join(parts) + "\n")
+    return file
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_a_database_without_cycle_times_takes_the_load(feature: str, tmp_path: Path) -> None:
+    tried = try_database(database(tmp_path, FEATURES[feature]))
+    assert (tried.outcome, tried.messages) == ("runs, equally often", 1)
+    assert LOAD < tried.busy < LOAD + 0.2
+
+
+def test_with_some_cycle_times_the_others_are_not_sent(tmp_path: Path) -> None:
+    file = database(tmp_path, *FEATURES.values(), CYCLE)
+    (sent,) = traffic_of(BusSettings(rest_bus=(str(file),)), 1)
+    assert (sent.name, sent.period_ns) == ("RADAR", 50_000_000)
+    assert sent.frames[0].flags == FD | BITRATE_SWITCH
+    assert try_database(file).outcome == "runs"
+
+
+def test_all_share_the_load_equally_often() -> None:
+    listed = [
+        ListedMessage("A", 1, 0, 8, None, ("X",)),
+        ListedMessage("B", 1, EXTENDED, 2, None, ("Y",)),
+    ]
+    sent = rest_of(listed, 1, 500_000, 0.3)
+    assert len({message.period_ns for message in sent}) == 1
+    assert load_of(sent, 500_000) == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_cycle_time_below_zero_is_none(tmp_path: Path) -> None:
+    file = database(
+        tmp_path, FEATURES["fd"], CYCLE.replace("INT 0", "INT -50").replace("50;", "-5;")
+    )
+    assert [message.cycle_ms for message in read_message_set(file)] == [None]
+
+
+def test_an_empty_file_is_refused_as_such(tmp_path: Path) -> None:
+    (tmp_path / "empty.dbc").touch()
+    with pytest.raises(SettingsError, match=r"^rest_bus: .*empty\.dbc: is empty$"):
+        traffic_of(BusSettings(rest_bus=(str(tmp_path / "empty.dbc"),)), 1)
+
+
+@pytest.mark.parametrize(
+    ("parts", "load", "reason"),
+    [
+        ((), 0.5, "no messages"),
+        (("BO_ 256 OURS: 8 ECU",), 0.5, "no messages beside the pair's"),
+        ((FEATURES["fd"],), None, "with a load all are sent equally often"),
+        ((FEATURES["fd"], "BO_ 291 TWIN: 8 ECU"), 0.5, "RADAR and TWIN have the same identifier"),
+        (("BO_ 4096 WIDE: 8 ECU",), 0.5, "more than 11 bits in message WIDE"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused_in_one_line(
+    parts: tuple[str, ...], load: float | None, reason: str, tmp_path: Path
+) -> None:
+    file = database(tmp_path, *parts)
+    with pytest.raises(SettingsError, match=f"^rest_bus: [^\n]*{reason}[^\n]*$"):
+        traffic_of(BusSettings(rest_bus=(str(file),), load=load), 1)
+
+
+J1939 = """BO_ 2566834711 DM1: 39 ECU
+BO_ 2565865751 CI: 60 ECU
+BO_ 2566844951 EEC1: 8 ECU
+BO_ 2565866008 OTHER: 1785 ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 100000;
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "J1939PG";
+"""
+J1939_CYCLES = """BA_ "GenMsgCycleTime" BO_ 2566834711 1000;
+BA_ "GenMsgCycleTime" BO_ 2565865751 5000;
+BA_ "GenMsgCycleTime" BO_ 2566844951 20;
+BA_ "GenMsgCycleTime" BO_ 2565866008 20000;
+"""
+Received = tuple[int, int, int, bytes]
+"""When, source address, parameter group, payload."""
+
+
+class Receiver:
+    """Puts broadcast messages together, one of a source at a time."""
+
+    def __init__(self) -> None:
+        self.received: list[Received] = []
+        self.times_ns: dict[int, list[int]] = {}
+        self._open: dict[int, tuple[int, int, bytes]] = {}
+
+    def take(self, end_ns: int, _sender: int, frame: Frame) -> None:
+        source, data = frame.can_id & 0xFF, frame.data
+        if frame.can_id >> 8 == 0x1CECFF:
+            assert source not in self._open
+            assert (data[0], data[3], data[4]) == (
+                32,
+                -(-int.from_bytes(data[1:3], "little") // 7),
+                255,
+            )
+            group = int.from_bytes(data[5:], "little")
+            self._open[source] = group, int.from_bytes(data[1:3], "little"), b""
+        elif frame.can_id >> 8 == 0x1CEBFF:
+            group, length, got = self._open.pop(source)
+            assert data[0] == len(got) // 7 + 1
+            got += data[1:]
+            if len(got) < length:
+                self._open[source] = group, length, got
+            else:
+                self.received.append((end_ns, source, group, got[:length]))
+        else:
+            return
+        self.times_ns.setdefault(source, []).append(end_ns)
+
+
+def test_long_j1939_messages_are_sent_in_segments_one_of_a_source_at_a_time(tmp_path: Path) -> None:
+    file = database(tmp_path, J1939 + J1939_CYCLES)
+    bus, receiver = virtual_bus(BusSettings(rest_bus=(str(file),)), 3), Receiver()
+    bus.watch(receiver.take)
+    bus.advance(41 * NS_PER_S)
+    times_ns: dict[tuple[int, int], list[int]] = {}
+    for end_ns, source, group, payload in receiver.received:
+        times_ns.setdefault((source, group), []).append(end_ns)
+        assert len(payload) == {0xFECA: 39, 0xF001: 60}.get(group, 1785)
+    assert {key: len(times) for key, times in times_ns.items()} == {
+        (0x17, 0xFECA): 40,
+        (0x17, 0xF001): 8,
+        (0x18, 0xF002): 2,
+    }
+    assert [payload[0] for _, _, group, payload in receiver.received if group == 0xFECA] == [
+        *range(16),
+        *range(16),
+        *range(8),
+    ]
+    for of_source in receiver.times_ns.values():
+        assert all(round((b - a) / NS_PER_MS) >= 50 for a, b in pairwise(of_source))
+
+
+def test_a_load_leaves_segments_at_their_pace(tmp_path: Path) -> None:
+    def segments(sent: list[PeriodicMessage]) -> list[PeriodicMessage]:
+        return [one for one in sent if one.phase_ns is not None]
+
+    file = database(tmp_path, J1939 + J1939_CYCLES)
+    own = traffic_of(BusSettings(rest_bus=(str(file),)), 1)
+    sent = traffic_of(BusSettings(rest_bus=(str(file),), load=0.5), 1)
+    assert segments(sent) == segments(own)
+    assert load_of(sent, 500_000) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_messages_that_take_longer_than_their_cycles_follow_each_other(tmp_path: Path) -> None:
+    sent = traffic_of(BusSettings(rest_bus=(str(database(tmp_path, J1939)),), load=0.1), 1)
+    periods_ms = {one.name: one.period_ns / NS_PER_MS for one in sent if one.phase_ns is not None}
+    assert periods_ms == {"DM1": 50 * (7 + 10), "CI": 50 * (7 + 10), "OTHER": 50 * 256}
+
+
+@pytest.mark.parametrize(
+    ("parts", "reason"),
+    [
+        ("BO_ 2566834711 DM1: 39 ECU", "leave nothing for a load to set"),
+        ("BO_ 2566834711 DM1: 1786 ECU", "1786 bytes; J1939 has 1785"),
+    ],
+)
+def test_a_long_message_that_cannot_be_sent_is_refused(
+    parts: str, reason: str, tmp_path: Path
+) -> None:
+    file = database(tmp_path, parts + J1939[J1939.index("\nBA_DEF_") :])
+    with pytest.raises(SettingsError, match=f"^rest_bus: [^\n]*{reason}[^\n]*$"):
+        traffic_of(BusSettings(rest_bus=(str(file),), load=0.5), 1)
+
+
+def test_a_database_may_list_what_carries_its_long_messages(tmp_path: Path) -> None:
+    file = database(tmp_path, "BO_ 2632777495 TPCM: 8 ECU\nBO_ 2632711959 TPDT: 8 ECU\n" + J1939)
+    assert [one.name for one in read_message_set(file)] == ["DM1", "CI", "EEC1", "OTHER"]
+
+
+@pytest.mark.parametrize("bit_error_rate", [0.0, 1e-3])
+def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> None:
+    settings = BusSettings(bitrate_bit_s=10_000, load=1.5, bit_error_rate=bit_error_rate)
+    bus = virtual_bus(settings, 1)
+    for now_ns in range(0, NS_PER_S, 7_654_321):
+        bus.advance(now_ns)
+        assert bus.busy_share <= 1.0
+    assert bus.busy_share > 0.95

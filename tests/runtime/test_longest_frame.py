@@ -1,0 +1,33 @@
+"""How long a message can be."""
+
+import random
+
+import pytest
+
+from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from steer_by_wire.runtime.frame.length import frame_bits
+from steer_by_wire.runtime.frame.longest_frame import longest_frame
+
+
+@pytest.mark.parametrize(
+    ("flags", "length", "bits"), [(0, 8, 135), (0, 0, 55), (EXTENDED, 8, 160), (EXTENDED, 0, 80)]
+)
+def test_the_bound_of_a_classic_frame_is_the_one_in_the_literature(
+    flags: int, length: int, bits: int
+) -> None:
+    # Davis et al. 2007, equations (1) and (2), with the three bits of intermission.
+    assert longest_frame(0x123, length, flags).bound == (bits - 3, 0)
+
+
+@pytest.mark.parametrize("flags", [0, EXTENDED, FD, FD | BITRATE_SWITCH])
+@pytest.mark.parametrize("can_id", [0, 0x100, 0x7FF])
+def test_no_payload_exceeds_the_bound_and_the_one_found_comes_near(can_id: int, flags: int) -> None:
+    longest = longest_frame(can_id, 8, flags)
+    draw = random.Random(can_id + flags)
+    for _ in range(200):
+        payload = bytes(draw.choice((0x00, 0xFF, 0x0F, draw.randrange(256))) for _ in range(8))
+        bits = frame_bits(Frame(can_id, payload, flags))
+        assert bits.nominal <= longest.bound.nominal
+        assert sum(bits) <= sum(longest.bound)
+    assert frame_bits(longest.frame) == longest.found
+    assert 0.9 * sum(longest.bound) < sum(longest.found) <= sum(longest.bound)

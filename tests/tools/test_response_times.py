@@ -1,0 +1,142 @@
+"""The bounds, against a proved implementation and the bus model itself."""
+
+import math
+import random
+
+import pytest
+from response_time_analysis.analysis import fp
+from response_time_analysis.model import (
+    WCET,
+    Deadline,
+    FullyNonPreemptive,
+    IdealProcessor,
+    PeriodicWithJitter,
+    Priority,
+    Task,
+    taskset,
+)
+
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame.length import frame_bits
+from steer_by_wire.tools.can.bounds import (
+    Traffic,
+    Wire,
+    critical_response_ns,
+    load,
+    miss_probability,
+    random_responses_ns,
+    wire_of,
+    worst_response_ns,
+)
+
+BITRATE_BIT_S = 500_000
+MS = 1_000_000
+SILENT = Wire(intermission_ns=0, error_frame_ns=0, error_interval_ns=None, granularity_ns=1)
+
+
+def random_set(draw: random.Random, unit: int) -> list[Traffic]:
+    count = draw.randint(2, 9)
+    return [
+        Traffic(
+            f"m{index}",
+            index,
+            draw.randint(2, 9) * unit,
+            period := draw.choice((10, 20, 25, 50, 100)) * count * unit,
+            draw.choice((0, 0, period // 5, period // 2)),
+        )
+        for index in range(count)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_bounds_are_those_of_a_proved_implementation(seed: int) -> None:
+    messages = random_set(random.Random(seed), 1)
+    assert load(messages, SILENT) < 1
+    tasks = taskset(
+        Task(
+            PeriodicWithJitter(period=m.period_ns, jitter=m.jitter_ns),
+            FullyNonPreemptive(WCET(m.frame_ns)),
+            Deadline(1_000_000),
+            Priority(len(messages) - m.priority),
+        )
+        for m in messages
+    )
+    for message, task in zip(messages, tasks, strict=True):
+        proved = fp.rta(tasks, task, IdealProcessor(), horizon=1_000_000).response_time_bound
+        assert proved is not None
+        # PROSA counts from the arrival, which comes after the jitter of the release.
+        assert worst_response_ns(message, messages, SILENT) == proved + message.jitter_ns
+
+
+def random_frames(draw: random.Random) -> tuple[list[Traffic], dict[str, Frame]]:
+    messages, frames = [], {}
+    for index in range(draw.randint(2, 8)):
+        frame = Frame(0x100 + index, draw.randbytes(draw.choice((0, 2, 8, 8))))
+        period_ns = draw.choice((5, 10, 17, 20, 50)) * MS
+        frame_ns = sum(frame_bits(frame)) * 1_000_000_000 // BITRATE_BIT_S
+        jitter_ns = draw.choice((0, 0, period_ns // 5, period_ns // 2))
+        messages.append(Traffic(f"m{index}", frame.can_id, frame_ns, period_ns, jitter_ns))
+        frames[f"m{index}"] = frame
+    return messages, frames
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_critical_instant_reaches_the_bound_and_nothing_exceeds_it(seed: int) -> None:
+    messages, frames = random_frames(random.Random(seed))
+    wire = wire_of(BITRATE_BIT_S, granularity_ns=1)
+    bounds_ns = {m.name: worst_response_ns(m, messages, wire) for m in messages}
+    for message in messages:
+        bus = BusModel(BITRATE_BIT_S)
+        assert critical_response_ns(message, messages, frames, bus) == bounds_ns[message.name]
+    seen_ns = random_responses_ns(messages, frames, BusModel(BITRATE_BIT_S), 300 * MS, seed)
+    for message in messages:
+        bound_ns = bounds_ns[message.name]
+        assert bound_ns is not None
+        assert message.frame_ns <= seen_ns[message.name] <= bound_ns
+
+
+def test_a_bus_that_is_overloaded_has_no_bound() -> None:
+    high, low = Traffic("high", 1, MS, MS), Traffic("low", 2, MS, 100 * MS)
+    assert worst_response_ns(low, [high, low], wire_of(BITRATE_BIT_S)) is None
+
+
+def test_errors_at_random_miss_a_deadline_as_often_as_computed() -> None:
+    # One message of 1 ms and an error frame of 0.1 ms; 2.5 ms leave time for one error. It is done
+    # by R(0) with no error, by R(1), 1.1 ms later, with one in R(0) and none in the rest.
+    message, rate = Traffic("m", 1, MS, 10 * MS), 100.0
+    wire = SILENT._replace(error_frame_ns=MS // 10)
+    within = (
+        math.exp(-rate * 0.001)
+        + math.exp(-rate * 0.0021) * (rate * 0.0021)
+        - math.exp(-rate * 0.001) * math.exp(-rate * 0.0011) * (rate * 0.0011)
+    )
+    miss = miss_probability(message, [message], wire, rate, 5 * MS // 2)
+    assert miss == pytest.approx(1 - within)
+    assert miss_probability(message, [message], wire, 0.0, 5 * MS // 2) == 0.0
+    assert miss_probability(message, [message], wire, rate, MS - 1) == 1.0
+
+
+def test_errors_before_a_late_release_do_not_count() -> None:
+    wire, late = SILENT._replace(error_frame_ns=MS // 10), 3 * MS
+    message = Traffic("m", 1, MS, 10 * MS)
+    miss = miss_probability(message, [message], wire, 100.0, 2 * MS)
+    message = message._replace(jitter_ns=late)
+    assert miss_probability(message, [message], wire, 100.0, 2 * MS + late) == pytest.approx(miss)
+
+
+def test_each_error_at_once_costs_the_same() -> None:
+    message = Traffic("m", 1, 200_000, 10 * MS)
+    wire = wire_of(BITRATE_BIT_S)
+    for errors in range(4):
+        bound_ns = worst_response_ns(message, [message], wire._replace(errors=errors))
+        assert bound_ns == 200_000 + errors * (62_000 + 200_000)
+
+
+def test_errors_cost_their_frames_and_too_many_leave_no_bound() -> None:
+    message = Traffic("m", 1, 200_000, 10 * MS)
+    wire = wire_of(BITRATE_BIT_S, error_interval_ns=5 * MS)
+    # One error: 31 bits of 2 µs, and the frame again.
+    assert worst_response_ns(message, [message], wire) == 200_000 + 62_000 + 200_000
+    too_many = wire_of(BITRATE_BIT_S, error_interval_ns=100_000)
+    assert worst_response_ns(message, [message], too_many) is None

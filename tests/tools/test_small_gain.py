@@ -1,0 +1,299 @@
+"""The small gain conditions (23) to (27): closed forms, published figures, the exact answer."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.filters.discretization import q_order_2, q_type_2
+from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.tools.paper.continuous_loop import (
+    cdob_parts,
+    closed_loop_roots,
+    continuous_law,
+    dob_alone,
+)
+from steer_by_wire.tools.paper.small_gain import (
+    CdobParts,
+    Interval,
+    Uncertainty,
+    accepted_cutoffs,
+    cdob_nominal_loop,
+    cdob_small_gain,
+    condition_23,
+    cutoff_bound,
+    delay_uncertainty,
+    largest_uncertainty,
+    multiplicative_uncertainty,
+)
+
+OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 400)
+VEHICLE = steer_to_lateral_error(paper_box().nominal)
+VERTICES = [steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices()]
+
+
+def cdob_law(
+    q_cutoff_rad_s: float, filter_rad_s: float | None, washout_rad_s: float | None = None
+) -> LawSettings:
+    pd = {"proportional_gain_rad_m": 1.0596, "derivative_gain_rad_s_m": 0.939}
+    if filter_rad_s is not None:
+        pd["derivative_filter_rad_s"] = filter_rad_s
+    cdob = {"q_cutoff_rad_s": q_cutoff_rad_s}
+    if washout_rad_s is not None:
+        cdob["washout_rad_s"] = washout_rad_s
+    return LawSettings.model_validate(
+        {
+            "law": "pd_cdob",
+            "rate_hz": 1000,
+            "pd": pd,
+            "cdob": cdob,
+            "nominal_model": {"kind": "paper_eq19"},
+        }
+    )
+
+
+def parts_of(filter_rad_s: float | None, q_cutoff_rad_s: float = 200.0) -> CdobParts:
+    return cdob_parts(cdob_law(q_cutoff_rad_s, filter_rad_s))
+
+
+# Uncertainty
+
+
+def test_the_uncertainty_of_a_scaled_model_is_the_scale_less_one() -> None:
+    scaled = VEHICLE.times(TransferFunction(0, (Factor(0.0, 0.0, 1.7),), ()))
+    np.testing.assert_allclose(
+        multiplicative_uncertainty(scaled, VEHICLE, OMEGA_RAD_S), 0.7, rtol=1e-12
+    )
+
+
+def test_a_delay_alone_is_the_uncertainty_of_27() -> None:
+    """e^(-Ts) - 1, where the paper prints e^(-T); its size is 2 |sin(ωT/2)|."""
+    behind_delay = multiplicative_uncertainty(VEHICLE, VEHICLE, OMEGA_RAD_S, 0.08)
+    expected = delay_uncertainty(OMEGA_RAD_S, 0.08)
+    np.testing.assert_allclose(behind_delay, expected, atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(expected), 2.0 * np.abs(np.sin(0.04 * OMEGA_RAD_S)), atol=1e-12
+    )
+
+
+def test_at_rest_the_uncertainty_is_that_of_the_steady_gains() -> None:
+    """The gain of (4) for s towards 0 is V²/(l_f + l_r + K V²), that of (19) 3.627/3.329."""
+    for vehicle, plant in zip(paper_box().vertices(), VERTICES, strict=True):
+        m, _, c_f, c_r, l_f, l_r, _, v = vehicle
+        wheelbase = l_f + l_r
+        understeer = m * (l_r * c_r - l_f * c_f) / (wheelbase * c_f * c_r)
+        expected = v**2 / (wheelbase + understeer * v**2) / (3.627e4 / 3.329e4) - 1.0
+        found = multiplicative_uncertainty(plant, paper_eq19(), np.array([1e-5]))[0]
+        assert found == pytest.approx(expected, abs=1e-5)
+
+
+# (23)
+
+
+@pytest.mark.parametrize(
+    ("model", "lowest", "highest"), [(paper_eq19(), 0.60, 0.61), (VEHICLE, 0.95, 0.96)]
+)
+def test_over_the_box_the_uncertainty_stays_below_one_and_no_cutoff_is_too_large(
+    model: TransferFunction, lowest: float, highest: float
+) -> None:
+    uncertainty = largest_uncertainty(VERTICES, model)
+    assert lowest < uncertainty.peak.size < highest
+    bound = cutoff_bound(q_order_2, uncertainty)
+    assert bound.ranges == (Interval(0.0, math.inf),)
+    assert math.isinf(bound.largest_rad_s)
+    assert "no bound" in bound.reason()
+    for cutoff_rad_s in (0.5, 5.0, 50.0, 5e3):
+        law = dob_alone(q_order_2(cutoff_rad_s), model)
+        assert all(closed_loop_roots(law, plant, 0.0).right == 0 for plant in VERTICES)
+
+
+def test_the_published_cutoff_meets_the_condition_with_4_decibels_to_spare() -> None:
+    ratio = condition_23(q_order_2(5.0), largest_uncertainty(VERTICES, paper_eq19())).size
+    assert 4.3 < -20.0 * math.log10(ratio) < 4.5
+
+
+def test_a_hump_of_q_makes_small_cutoffs_fail_where_large_ones_do_not() -> None:
+    """|Q| of type 2 reaches √(27/16) = 1.299, and |Δ_m| = 0.957 for ω towards 0."""
+    bound = cutoff_bound(q_type_2, largest_uncertainty(VERTICES, VEHICLE))
+    assert bound.q_peak == pytest.approx(math.sqrt(27.0 / 16.0), rel=1e-5)
+    assert len(bound.ranges) == 1
+    assert 0.78 < bound.ranges[0].minimum_rad_s < 0.79
+    assert math.isinf(bound.largest_rad_s)
+    assert "fails below" in bound.reason()
+
+
+def test_where_the_steady_gain_is_off_by_more_than_one_no_cutoff_meets_the_condition() -> None:
+    """As printed, C_r = 50,000: the heavy vehicle at 7 km/h has twice the nominal gain."""
+    box = paper_box(50e3)
+    plants = [steer_to_lateral_error(vehicle) for vehicle in box.vertices()]
+    uncertainty = largest_uncertainty(plants, steer_to_lateral_error(box.nominal))
+    assert 1.02 < uncertainty.peak.size < 1.04
+    bound = cutoff_bound(q_order_2, uncertainty)
+    assert bound.ranges == ()
+    assert bound.largest_rad_s == 0.0
+    assert "no cutoff" in bound.reason()
+
+
+@pytest.mark.parametrize("model", [paper_eq19(), VEHICLE])
+@pytest.mark.parametrize("delay_s", [0.01, 0.08, 0.25])
+def test_with_a_delay_the_largest_cutoff_of_20_is_the_closed_form(
+    model: TransferFunction, delay_s: float
+) -> None:
+    """|Q| = 1/(1 + (ω/ω_c)²) < 1/|Δ_m| is ω_c < ω/√(|Δ_m| - 1) wherever |Δ_m| > 1."""
+    uncertainty = largest_uncertainty(VERTICES, model, delay_s)
+    matters = uncertainty.size > 1.0
+    expected = np.min(uncertainty.omega_rad_s[matters] / np.sqrt(uncertainty.size[matters] - 1.0))
+    bound = cutoff_bound(q_order_2, uncertainty)
+    assert len(bound.ranges) == 1
+    assert bound.ranges[0].minimum_rad_s == 0.0
+    assert bound.largest_rad_s == pytest.approx(expected, rel=1e-6)
+    assert bound.touching.size == pytest.approx(1.0, rel=1e-5)
+    below, above = 0.999 * bound.largest_rad_s, 1.001 * bound.largest_rad_s
+    assert condition_23(q_order_2(below), uncertainty).size < 1.0
+    assert condition_23(q_order_2(above), uncertainty).size > 1.0
+
+
+def test_with_80_ms_the_bound_is_30_rad_s_and_the_exact_one_35() -> None:
+    bound = cutoff_bound(q_order_2, largest_uncertainty(VERTICES, paper_eq19(), 0.08))
+    assert 29.8 < bound.largest_rad_s < 29.9
+
+    def stable(cutoff_rad_s: float) -> bool:
+        law = dob_alone(q_order_2(cutoff_rad_s), paper_eq19())
+        return all(closed_loop_roots(law, plant, 0.08).right == 0 for plant in VERTICES)
+
+    assert stable(bound.largest_rad_s)
+    assert stable(34.8)
+    assert not stable(34.9)
+
+
+def test_the_vertices_stand_for_the_box_but_for_a_fraction_of_a_percent() -> None:
+    finer = [steer_to_lateral_error(vehicle) for vehicle in paper_box().grid(9)]
+    for delay_s in (0.01, 0.08):
+        for family in (q_order_2, q_type_2):
+            at_vertices, inside = (
+                cutoff_bound(family, largest_uncertainty(plants, paper_eq19(), delay_s))
+                for plants in (VERTICES, finer)
+            )
+            assert 0.99 < inside.largest_rad_s / at_vertices.largest_rad_s <= 1.0 + 1e-6
+
+
+def test_every_range_of_accepted_cutoffs_is_found() -> None:
+    ranges = accepted_cutoffs(lambda cutoff: cutoff < 0.5 or 2.0 < cutoff < 30.0 or cutoff > 700.0)
+    edges = [edge for found in ranges for edge in found]
+    assert edges == pytest.approx([0.0, 0.5, 2.0, 30.0, 700.0, math.inf], rel=1e-6)
+    assert accepted_cutoffs(lambda _: False) == ()
+
+
+def test_the_peak_of_an_uncertainty_is_its_largest_size() -> None:
+    assert Uncertainty(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.7, 0.2])).peak == (0.7, 2.0)
+
+
+# (24) to (27)
+
+
+def test_the_closed_nominal_loop_is_the_part_of_the_pd_loop_that_q_leaves() -> None:
+    parts = parts_of(20.0)
+    s = (1j * OMEGA_RAD_S).astype(np.complex128)
+    nominal = cdob_nominal_loop(parts, OMEGA_RAD_S)
+    c_model = parts.compensator.times(parts.model).response(s)
+    expected = (1.0 - parts.q.response(s)) * c_model / (1.0 + c_model)
+    np.testing.assert_allclose(nominal / (1.0 + nominal), expected, rtol=1e-9)
+
+
+def test_26_as_printed_has_the_delay_twice() -> None:
+    """The denominator of (18) is 1 + C G_n Q + C G_n (1 - Q) e^(-Ts): one delay, not two."""
+    parts = parts_of(20.0)
+    s = (1j * OMEGA_RAD_S).astype(np.complex128)
+    c_model = parts.compensator.times(parts.model).response(s)
+    q = parts.q.response(s)
+    delay = np.exp(-0.08 * s)
+    denominator_18 = 1.0 + c_model * q + c_model * (1.0 - q) * delay
+    perturbed = 1.0 + delay_uncertainty(OMEGA_RAD_S, 0.08)
+    ours = 1.0 + cdob_nominal_loop(parts, OMEGA_RAD_S) * perturbed
+    printed = 1.0 + cdob_nominal_loop(parts, OMEGA_RAD_S, 0.08) * perturbed
+    np.testing.assert_allclose(ours * (1.0 + c_model * q), denominator_18, rtol=1e-9)
+    assert np.max(np.abs(printed * (1.0 + c_model * q) / denominator_18 - 1.0)) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("filter_rad_s", "lowest", "highest"),
+    [(None, 1.32, 1.33), (50.0, 1.22, 1.23), (20.0, 0.59, 0.60), (10.0, 0.43, 0.44)],
+)
+def test_at_80_ms_the_published_cdob_meets_25_with_a_filtered_derivative_only(
+    filter_rad_s: float | None, lowest: float, highest: float
+) -> None:
+    law = cdob_law(200.0, filter_rad_s)
+    assert lowest < cdob_small_gain(cdob_parts(law), 0.08).size < highest
+    roots = closed_loop_roots(continuous_law(law), paper_eq19(), 0.08)
+    assert (roots.right == 0) == (highest < 1.0)
+    poles = SampledLoop(design_law(law), paper_eq19(), 1_000_000).closed_loop_poles(80_000_000)
+    assert np.count_nonzero(np.abs(poles) > 1.0 + 1e-5) == roots.right
+
+
+def test_25_as_printed_is_another_condition() -> None:
+    assert 1.4 < cdob_small_gain(parts_of(20.0), 0.08, as_printed=True).size < 1.5
+    assert 9.0 < cdob_small_gain(parts_of(None), 0.08, as_printed=True).size < 9.6
+
+
+def test_filtered_at_20_rad_s_the_condition_holds_at_every_delay() -> None:
+    """|Δ_m| is 2 at most, so a closed nominal loop below 1/2 needs no more to be known of T."""
+    for filter_rad_s, low, high in ((20.0, 0.37, 0.38), (None, 0.66, 0.67)):
+        nominal = cdob_nominal_loop(parts_of(filter_rad_s), np.geomspace(1e-3, 1e4, 20_000))
+        assert low < np.max(np.abs(nominal / (1.0 + nominal))) < high
+
+
+@pytest.mark.parametrize(
+    ("q_cutoff_rad_s", "filter_rad_s", "washout_rad_s", "delay_s", "lowest", "highest"),
+    [
+        (100.0, 20.0, None, 0.12, 1.11, 1.13),
+        (50.0, 10.0, None, 0.20, 1.11, 1.13),
+        (100.0, 30.0, 3.0, 0.09, 1.19, 1.21),
+    ],
+)
+def test_a_loop_that_fails_the_condition_can_be_stable(
+    q_cutoff_rad_s: float,
+    filter_rad_s: float,
+    washout_rad_s: float | None,
+    delay_s: float,
+    lowest: float,
+    highest: float,
+) -> None:
+    law = cdob_law(q_cutoff_rad_s, filter_rad_s, washout_rad_s)
+    assert lowest < cdob_small_gain(cdob_parts(law), delay_s).size < highest
+    roots = closed_loop_roots(continuous_law(law), paper_eq19(), delay_s)
+    assert roots.right == 0
+    assert roots.clearance > 0.01
+    loop = SampledLoop(design_law(law), paper_eq19(), 1_000_000)
+    poles = loop.closed_loop_poles(round(delay_s * 1e9))
+    assert np.all(np.abs(poles) < 1.0 + 1e-5)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(5.0, 300.0),
+    st.one_of(st.none(), st.floats(2.0, 300.0)),
+    st.one_of(st.none(), st.floats(0.5, 5.0)),
+    st.floats(0.001, 0.4),
+)
+def test_a_loop_that_meets_the_condition_is_stable(
+    q_cutoff_rad_s: float,
+    filter_rad_s: float | None,
+    washout_rad_s: float | None,
+    delay_s: float,
+) -> None:
+    law = cdob_law(q_cutoff_rad_s, filter_rad_s, washout_rad_s)
+    if cdob_small_gain(cdob_parts(law), delay_s).size < 0.999:
+        assert closed_loop_roots(continuous_law(law), paper_eq19(), delay_s).right == 0
+
+
+def test_a_law_without_cdob_has_no_condition_25() -> None:
+    pd = {"proportional_gain_rad_m": 1.0, "derivative_gain_rad_s_m": 1.0}
+    with pytest.raises(ValueError, match="no CDOB"):
+        cdob_parts(LawSettings.model_validate({"law": "pd", "pd": pd}))

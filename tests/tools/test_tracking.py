@@ -1,0 +1,287 @@
+"""Linear tracking and loop figures: closed forms, eigenvalues, energy, and virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from steer_by_wire.closed_loop.live import PairResult
+from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.filters.transfer_function import TransferFunction
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws import PAPER_LAWS
+from steer_by_wire.controller.laws.design import LawDesign, design_law
+from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.rig_settings import (
+    ActuatorSettings,
+    EllipseSettings,
+    PathSettings,
+    SingleLaneChangeSettings,
+    VehicleSettings,
+)
+from steer_by_wire.tools.design.loop_figures import (
+    behind_lag,
+    frequency_grid,
+    law_response,
+    loop_figures,
+    plant_responses,
+    slow_poles,
+    stability_grid,
+)
+from steer_by_wire.tools.design.tracking import (
+    lateral_error_m,
+    rms_m,
+    track,
+    tracking_grid,
+    unsteered_error_m,
+)
+
+MS_NS = 1_000_000
+PERIOD_NS = 10 * MS_NS
+PERIOD_S = 0.01
+STRIDE = 4
+CORNERS = paper_box().vertices()
+MODELS = [steer_to_lateral_error(corner) for corner in CORNERS]
+ELLIPSE = EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0)
+LANE_CHANGE = SingleLaneChangeSettings(start_m=5.0, offset_m=2.0, length_m=15.0)
+
+
+def preset(law: str) -> ControllerSettings:
+    return controller_preset(f"practical_{law}")
+
+
+def unsteered_m(path: PathSettings, vehicle: NominalVehicle, ticks: int) -> NDArray[np.float64]:
+    built, interval_s = build_path(path), PERIOD_S / STRIDE
+    met: list[float] = [
+        curvature(built, vehicle.speed_m_s * interval_s * index)
+        for index in range((ticks - 1) * STRIDE + 1)
+    ]
+    return unsteered_error_m(np.array(met, dtype=np.float64), interval_s, vehicle.speed_m_s, STRIDE)
+
+
+def drive(
+    law: str, corner: NominalVehicle, path: PathSettings, delay_ns: int, lag_s: float = 0.0
+) -> PairResult:
+    """10 s in virtual time."""
+    plant = PlantSettings(
+        duration_s=10.0,
+        vehicle=VehicleSettings(speed_m_s=corner.speed_m_s, virtual_mass_kg=corner.virtual_mass_kg),
+        actuator=ActuatorSettings(lag_s=lag_s),
+        path=path,
+        latency=BothLatencySettings(downlink=LatencySettings(mean_s=delay_ns * 1e-9)),
+    )
+    return run_virtual_pair(plant, preset(law), None)
+
+
+# The lateral error without steering
+
+
+def test_on_a_circle_the_unsteered_error_is_a_parabola() -> None:
+    error_m = unsteered_error_m(np.full(41, 0.05), 0.1, 3.0, 4)
+    time_s = 0.4 * np.arange(11)
+    assert error_m == pytest.approx(-0.5 * 0.05 * (3.0 * time_s) ** 2, abs=1e-12)
+
+
+def test_on_a_clothoid_the_unsteered_error_is_cubic_whatever_the_stride() -> None:
+    rate = 0.01
+    error_m = unsteered_error_m(
+        np.array([0.1 * rate * k for k in range(41)], dtype=np.float64), 0.1, 2.0, 8
+    )
+    time_s = 0.8 * np.arange(6)
+    assert error_m == pytest.approx(-(2.0**2) * rate * time_s**3 / 6.0, abs=1e-12)
+
+
+# Responses
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+def test_a_law_s_response_is_the_one_of_its_matrices(law: str) -> None:
+    design = design_law(preset(law))
+    z = 1.01 * np.exp(1j * np.linspace(0.0, math.pi, 50))
+    assert law_response(design, z) == pytest.approx(law_system(design).response(z), rel=1e-6)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 30 * PERIOD_NS), st.sampled_from([0.0, 0.1]))
+def test_a_plant_s_response_is_its_impulse_response_summed(delay_ns: int, lag_s: float) -> None:
+    model = behind_lag(MODELS[2], lag_s)
+    z = 1.5 * np.exp(1j * np.linspace(0.0, math.pi, 7))
+    plant = held_plant(model, PERIOD_NS, delay_ns)
+    state, total = np.zeros(len(plant.c)), np.zeros(len(z), dtype=np.complex128)
+    for tick in range(200):
+        total += float(plant.c @ state) * z ** float(-tick)
+        new, old = tick == plant.whole_periods, tick == plant.whole_periods + 1
+        state = plant.a @ state + plant.b_new * new + plant.b_old * old
+    (response,) = plant_responses(model, [delay_ns], PERIOD_NS, z)
+    assert np.abs(response - total).max() < 1e-9 * np.abs(total).max()
+
+
+# Tracking against virtual time: nodes, frames, quantisation, the plant emulator's own vehicle
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+@pytest.mark.parametrize(
+    ("corner", "path", "delay_ns"),
+    [(0, ELLIPSE, 0), (3, ELLIPSE, 250 * MS_NS), (2, LANE_CHANGE, 123_456_789)],
+)
+def test_the_error_over_time_is_that_of_a_run_without_limits(
+    law: str, corner: int, path: PathSettings, delay_ns: int
+) -> None:
+    result = drive(law, CORNERS[corner], path, delay_ns)
+    run_m = result.trace.lateral_error_m
+    grid = tracking_grid(
+        [MODELS[corner]],
+        unsteered_m(path, CORNERS[corner], len(run_m) + 1)[None, None],
+        [delay_ns],
+        PERIOD_NS,
+    )
+    design = design_law(preset(law))
+    linear_m = lateral_error_m(grid, design)[0, 0, 0, 1:]
+    assert np.abs(linear_m - run_m).max() < 3e-5  # the wire's resolution is 5e-6 m, 1e-5 rad
+    rms_run_m = float(np.sqrt(np.mean(np.square(run_m))))
+    assert rms_m(grid, design)[0, 0, 0] == pytest.approx(rms_run_m, rel=1e-3)
+    figures = track(grid, design)
+    assert figures.rms_m[0, 0, 0] == rms_m(grid, design)[0, 0, 0]
+    peak_rad = result.controller["node"]["peak_steer_rad"]
+    assert figures.steer_rad[0, 0, 0] == pytest.approx(peak_rad, abs=2e-4)
+
+
+def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
+    corner, delay_ns, lag_s = CORNERS[3], 100 * MS_NS, 0.1
+    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.lateral_error_m
+    grid = tracking_grid(
+        [behind_lag(MODELS[3], lag_s)],
+        unsteered_m(ELLIPSE, corner, len(run_m) + 1)[None, None],
+        [delay_ns],
+        PERIOD_NS,
+    )
+    linear_m = lateral_error_m(grid, design_law(preset("pd_ddob")))[0, 0, 0, 1:]
+    assert np.abs(linear_m - run_m).max() < 3e-5
+
+
+def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
+    ticks, design = 1001, design_law(preset("pd"))
+    unsteered = unsteered_m(ELLIPSE, CORNERS[2], ticks)
+    grid = tracking_grid([MODELS[2]], unsteered[None, None], [0], PERIOD_NS)
+    steer_rad, state, commands_rad = 0.0, design.initial_state(0.0), []
+    for error_m in lateral_error_m(grid, design)[0, 0, 0]:
+        state, output = design.step(design.params, state, LawInput(float(error_m), steer_rad))
+        steer_rad = output.steer_rad
+        commands_rad.append(steer_rad)
+    figures = track(grid, design)
+    assert figures.steer_rad[0, 0, 0] == pytest.approx(max(map(abs, commands_rad)), rel=1e-6)
+    steps_rad = np.abs(np.diff([0.0, *commands_rad]))
+    assert figures.steer_rate_rad_s[0, 0, 0] == pytest.approx(steps_rad.max() / PERIOD_S, rel=1e-4)
+
+
+def test_paths_corners_and_delays_do_not_mix() -> None:
+    delays_ns, ticks = [0, 50 * MS_NS, 175 * MS_NS], 1500
+    paths = (ELLIPSE, LANE_CHANGE)
+    unsteered = np.array([[unsteered_m(p, corner, ticks) for corner in CORNERS] for p in paths])
+    design = design_law(preset("pd_ddob"))
+    together = tracking_grid(MODELS, unsteered, delays_ns, PERIOD_NS)
+    all_m = rms_m(together, design)
+    assert all_m.shape == (2, 4, 3)
+    for path in range(2):
+        for corner in range(4):
+            alone = tracking_grid(
+                [MODELS[corner]],
+                unsteered[path, corner][None, None],
+                [delays_ns[2]],
+                PERIOD_NS,
+            )
+            assert rms_m(alone, design)[0, 0, 0] == pytest.approx(all_m[path, corner, 2], rel=1e-6)
+
+
+# Figures of the loop
+
+cutoffs = st.floats(0.3, 40.0)
+gains = st.floats(0.05, 4.0)
+
+
+def ddob(k_p: float, k_d: float, n: float, dob: float, cdob: float, washout: float) -> LawDesign:
+    vehicle = {"kind": "vehicle", **paper_box().nominal._asdict()}
+    return design_law(
+        LawSettings.model_validate(
+            {
+                "law": "pd_ddob",
+                "nominal_model": vehicle,
+                "pd": {
+                    "proportional_gain_rad_m": k_p,
+                    "derivative_gain_rad_s_m": k_d,
+                    "derivative_filter_rad_s": n,
+                },
+                "dob": {"q_cutoff_rad_s": dob, "q_kind": "type_2"},
+                "cdob": {"q_cutoff_rad_s": cdob, "washout_rad_s": washout},
+            }
+        )
+    )
+
+
+@settings(deadline=None, max_examples=60)
+@given(gains, gains, cutoffs, cutoffs, cutoffs, cutoffs, st.sampled_from([0.02, 0.3]))
+def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
+    k_p: float, k_d: float, n: float, dob: float, cdob: float, washout: float, decay_1_s: float
+) -> None:
+    design = ddob(k_p, 0.3 * k_d, n, dob, cdob, washout)
+    delays_ns = [0, 85 * MS_NS, 250 * MS_NS]
+    grid = stability_grid(MODELS[2:], delays_ns, PERIOD_NS, decay_1_s, 400)
+    counted = slow_poles(grid, design)
+    angle_rad = np.angle(grid.z)
+    for row, model in zip(counted, MODELS[2:], strict=True):
+        for count, delay_ns in zip(row, delays_ns, strict=True):
+            poles = SampledLoop(design, model, PERIOD_NS).closed_loop_poles(delay_ns)
+            decay = -np.log(np.maximum(np.abs(poles), 1e-300)) / PERIOD_S
+            # A pole closer to the circle than the points on it are to each other turns 1 + L
+            # between two of them, and the count may miss it.
+            step_rad = np.interp(np.abs(np.angle(poles)), angle_rad[:-1], np.diff(angle_rad))
+            if (np.abs(decay - decay_1_s) > np.maximum(0.03, step_rad / PERIOD_S)).all():
+                assert count == np.count_nonzero(decay < decay_1_s)
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+@pytest.mark.parametrize("delay_ns", [0, 250 * MS_NS])
+def test_the_peak_sensitivity_is_that_of_a_fine_nyquist_curve(law: str, delay_ns: int) -> None:
+    design = design_law(preset(law))
+    omega_rad_s = np.linspace(0.01, math.pi / PERIOD_S, 40_000)
+    curve = SampledLoop(design, MODELS[3], PERIOD_NS).loop_response(omega_rad_s, delay_ns)
+    peak = float(1.0 / np.abs(1.0 + curve).min())
+    found = loop_figures(frequency_grid([MODELS[3]], [delay_ns], PERIOD_NS, 400), design)
+    assert found.peak_sensitivity[0, 0] == pytest.approx(peak, rel=5e-3)
+
+
+def noise_energy(design: LawDesign, model: TransferFunction, delay_ns: int) -> float:
+    """Root of the energy of the steer after a unit impulse of the measurement, by simulation."""
+    plant = held_plant(model, PERIOD_NS, delay_ns)
+    x, state = np.zeros(len(plant.c)), design.initial_state(0.0)
+    sent = [0.0] * (plant.whole_periods + 2)
+    energy = 0.0
+    for tick in range(4000):
+        measured_m = float(plant.c @ x) + (tick == 0)
+        state, output = design.step(design.params, state, LawInput(measured_m, sent[-1]))
+        sent.append(output.steer_rad)
+        energy += output.steer_rad**2
+        newer, older = sent[-1 - plant.whole_periods], sent[-2 - plant.whole_periods]
+        x = plant.a @ x + plant.b_new * newer + plant.b_old * older
+    return math.sqrt(energy)
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+@pytest.mark.parametrize("delay_ns", [0, 203_000_000])
+def test_the_noise_gain_is_the_energy_of_the_impulse_response(law: str, delay_ns: int) -> None:
+    design = design_law(preset(law))
+    found = loop_figures(frequency_grid([MODELS[2]], [delay_ns], PERIOD_NS, 800), design)
+    by_simulation = noise_energy(design, MODELS[2], delay_ns)
+    assert found.noise_gain_rad_m[0, 0] == pytest.approx(by_simulation, rel=2e-3)

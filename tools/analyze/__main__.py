@@ -1,0 +1,271 @@
+"""Analyse logs of the bus: signals, latency and jitter, cycle times, frames lost and refused.
+
+    steer-by-wire analyze run.log
+    steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
+
+Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
+For each FILE it writes a folder below --out: report.html, figures.json and signals.csv;
+signals.parquet where pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE
+that cannot be read as a log is reported and skipped; the exit status is then 2. The last line is
+the verdict on how the path was held, by the measured error.
+"""
+
+import argparse
+import logging
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steer_by_wire.closed_loop.recordings.bus_listener import (
+    CsvTable,
+    Export,
+    MissingLibraryError,
+    ParquetTable,
+)
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
+from steer_by_wire.closed_loop.recordings.log_file import LogError
+from steer_by_wire.closed_loop.reports.terminal import progress_bars
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.plant_emulator.evaluation import quantities
+from steer_by_wire.plant_emulator.evaluation.verdict import VerdictRules
+from steer_by_wire.plant_emulator.evaluation.verdict_text import verdict_text
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
+from steer_by_wire.runtime.program.program import ExitStatus, fail_status, run_main
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.thresholds import (
+    Condition,
+    Quantity,
+    add_fail_if_argument,
+    of_part,
+)
+from steer_by_wire.runtime.settings.settings import (
+    SettingsError,
+    SharedTable,
+    load_settings,
+    read_table,
+)
+from steer_by_wire.tools.analyze.mcap_export import McapFile
+from steer_by_wire.tools.analyze.report import report_html
+from steer_by_wire.tools.analyze.result import Result, print_results
+
+if TYPE_CHECKING:
+    from steer_by_wire.tools.analyze.smoothed import SmoothedTable
+
+NAME = "steer-by-wire analyze"
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    **quantities.QUANTITIES,
+    **of_part(
+        {
+            "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),
+            "missing": Quantity(lambda log: sum(m["missing"] for m in log["messages"].values())),
+            "refused": Quantity(lambda log: sum(log["refused"].values())),
+            "gaps": Quantity(lambda log: sum(m["gaps"] for m in log["messages"].values())),
+        },
+        "log",
+    ),
+}
+"""What ``--fail-if`` may name."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    example = f"steer-by-wire run --out out/run\n{NAME} out/run/candump.log"
+    parser = command_parser(NAME, __doc__, example, "FILE... [options]")
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
+    )
+    add_out_argument(parser, "out/logs", "a folder for each FILE is made in it")
+    parser.add_argument(
+        "--join", action="store_true", help="the files are one log, one after the other"
+    )
+    parser.add_argument(
+        "--preview-m",
+        type=number(0.0, 100.0, "m"),
+        default=PREVIEW_M,
+        metavar="M",
+        help="of the plant's preview point, ahead of the centre of gravity (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--channel", help="the channel to read, if the log has several (default: all)"
+    )
+    parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
+    parser.add_argument(
+        "--parquet",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="also write signals.parquet (default: if pyarrow is installed)",
+    )
+    parser.add_argument(
+        "--smooth",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="also write smoothed.csv: vehicle state, disturbance, delay and steering lag, with"
+        " deviations, by the model of a file with [vehicle]",
+    )
+    parser.add_argument(
+        "--verdict-set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help=f"a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
+    )
+    add_fail_if_argument(parser, QUANTITIES)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    # python-can's readers report every line that they skip, on the terminal.
+    logging.getLogger("can").addHandler(logging.NullHandler())
+    rules = load_settings(VerdictRules, overrides=options.verdict_set)
+    logs = [options.files] if options.join else [[path] for path in options.files]
+    results, mistakes = [], []
+    with _progress() as advance:
+        for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
+            try:
+                results.append(_analyse(paths, folder, options, rules, advance))
+            except LogError as error:
+                mistakes.append(str(error))
+    if results:
+        print_results(results)
+    status = _judge(results, options.fail_if)
+    if mistakes:
+        raise SettingsError(*mistakes)
+    return status
+
+
+def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitStatus:
+    """Print the verdict on each log, last; returns the worst exit status."""
+    status = ExitStatus.OK
+    for result in results:
+        report = {"node": result.figures["held_path"], "log": result.figures}
+        log = f": {result.folder.name}" if len(results) > 1 else ""
+        status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
+        print(f"{log}: verdict: {verdict_text(report['node'])}".removeprefix(": "))
+    return status
+
+
+def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
+    """Return a folder for each log, named after its first file.
+
+    If two names are equal, the name of the file's folder or its suffix is added; if that is not
+    enough, a number.
+    """
+    firsts = [paths[0] for paths in logs]
+    stems = [first.name.split(".")[0] or first.name for first in firsts]
+    with_folder = [
+        f"{first.resolve().parent.name}-{stem}" for first, stem in zip(firsts, stems, strict=True)
+    ]
+    kinds = (stems, with_folder, [first.name.replace(".", "_") for first in firsts])
+    names = [
+        next((kind[index] for kind in kinds if kind.count(kind[index]) == 1), kinds[-1][index])
+        for index in range(len(firsts))
+    ]
+    return [
+        out / (f"{name}-{names[:index].count(name) + 1}" if names.count(name) > 1 else name)
+        for index, name in enumerate(names)
+    ]
+
+
+def _analyse(
+    paths: Sequence[Path],
+    folder: Path,
+    options: argparse.Namespace,
+    rules: VerdictRules,
+    advance: Callable[[str, float | None], None],
+) -> Result:
+    """Analyse one log and write its files; without a log nothing is left or changed."""
+    with _all_or_nothing(folder) as partial:
+        with ExitStack() as stack:
+            exports = _exports(partial, options)
+            smoothed = _smoothed(partial, options)
+            exports += smoothed
+            for export in exports:
+                stack.callback(export.close)
+            figures, analysis = analyse_files(
+                paths, options.channel, exports, advance, rules, options.preview_m
+            )
+        # Only a report needs matplotlib, and an error in the file should be reported before that.
+        from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
+
+        if smoothed:
+            figures["smoothed"] = smoothed[0].figures
+        write_json(partial / "figures.json", figures)
+        title = f"Log of the bus: {', '.join(path.name for path in paths)}"
+        pictures = [*draw_pictures(analysis, figures), *map(draw_smoothed, smoothed)]
+        page = report_html(title, figures, pictures)
+        (partial / "report.html").write_text(page, encoding="utf-8")
+    return Result(figures, folder)
+
+
+@contextmanager
+def _all_or_nothing(folder: Path) -> Iterator[Path]:
+    """Give a folder to write to; its files come into ``folder`` if the block ends well."""
+    missing = [place for place in folder.parents if not place.exists()]  # the deepest first
+    partial = folder.with_name(f".{folder.name}.partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    try:
+        yield partial
+        folder.mkdir(exist_ok=True)
+        for file in partial.iterdir():
+            file.replace(folder / file.name)
+    finally:
+        shutil.rmtree(partial)
+        for place in missing:
+            with suppress(OSError):  # it holds something
+                place.rmdir()
+
+
+def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]":
+    if options.smooth is None:
+        return []
+    table = {"kind": "vehicle", **read_table(options.smooth, "vehicle")}
+    vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(options.smooth), table))
+    # Only a smoother needs filterpy, which imports most of scipy.
+    from steer_by_wire.tools.analyze.smoothed import SmoothedTable
+
+    return [SmoothedTable(folder / "smoothed.csv", vehicle)]
+
+
+def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
+    exports: list[Export] = []
+    if options.mcap:
+        exports.append(McapFile(folder / "signals.mcap"))
+    try:
+        if options.parquet is not False:
+            exports.append(ParquetTable(folder / "signals.parquet"))
+    except MissingLibraryError:
+        if options.parquet:
+            raise
+    exports.append(CsvTable(folder / "signals.csv"))
+    return exports
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float | None], None]]:
+    console = Console(stderr=True)
+    start_s = time.monotonic()
+    with progress_bars(console) as progress:
+        tasks: dict[str, Any] = {}
+
+        def advance(name: str, fraction: float | None) -> None:
+            if time.monotonic() - start_s < 0.5:
+                return
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=None if fraction is None else 1.0)
+            progress.update(tasks[name], completed=fraction)
+
+        yield advance
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""The page about one log: its signals, latencies, messages and losses."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
+
+LATENCY_ROWS = {
+    "round_trip": "round trip: command on the bus to its first echo on the bus",
+    "downlink": "downlink: command on the bus to the first sample that sees it act",
+    "uplink": "uplink: sample to the bus",
+    "reported_downlink": "downlink reported by the plant",
+    "reported_uplink": "uplink reported by the plant",
+}
+SIGNAL_NAMES = {
+    "lateral_error_m": ("lateral error, preview point", "mm", 1e3),
+    "cg_deviation_m": ("centre of gravity off the path", "mm", 1e3),
+    "heading_error_rad": ("heading error", "mrad", 1e3),
+    "steer_rad": ("steer, commanded", "mrad", 1e3),
+    "wheel_angle_rad": ("wheel angle", "mrad", 1e3),
+    "speed_m_s": ("speed", "m/s", 1.0),
+    "yaw_rate_rad_s": ("yaw rate", "mrad/s", 1e3),
+    "disturbance_rad": ("disturbance, estimated", "mrad", 1e3),
+    "network_disturbance_rad": ("network disturbance, estimated", "mrad", 1e3),
+    "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
+    "estimated_delay_s": ("delay down and up, estimated", "ms", 1e3),
+    "delay_confidence": ("confidence of that estimate", "%", 100.0),
+}
+"""Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
+_ABOUT_TIMES = """\
+Times are those of the recorder. On a bus both nodes and the recorder see a frame at
+the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
+its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
+samples are numbered and taken at a fixed period, so the times of STEERING_STATUS give the
+uplink's jitter, but its smallest value is on the plant's clock only. {constant} The downlink as
+measured contains the wait for the next sample, 0 to one sensor period, and sees only commands that
+acted: one that the emulated downlink lost, and one that a newer one overtook, look the same in a
+log. A counter that is missing was lost before it came to the bus (the emulated uplink loses
+measurements, and drops one that a newer one overtook; a full transmit queue may lose any frame) or
+missed by the recorder. Quantiles are within 0.4 %."""
+_SPREAD = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
+_CONSTANT = {
+    True: "It is taken from PLANT_STATUS, in which the plant reports the latency it injects "
+    "(resolution 0.5 ms), by setting the medians equal.",
+    False: "The log has too little of PLANT_STATUS to know it, so the uplink is counted from its "
+    "fastest frame, and the downlink contains that smallest value.",
+}
+
+
+def report_html(title: str, figures: Mapping[str, Any], pictures: Sequence[Picture]) -> str:
+    """Return the page."""
+    sections = [
+        Section("The log", tables=(_facts(figures),)),
+        _signals(figures),
+        *(Section(picture.text, pictures=(picture,)) for picture in pictures),
+    ]
+    if figures["has_times"]:
+        sections.append(_latency(figures))
+    sections += [_messages(figures), _refused(figures)]
+    if figures["gaps"]:
+        sections.append(_gaps(figures))
+    return page(title, sections)
+
+
+def milliseconds(value_s: float | None, digits: int = 2) -> str:
+    """Return a time in ms, or a dash for None."""
+    return "-" if value_s is None else f"{1e3 * value_s:.{digits}f}"
+
+
+def _facts(figures: Mapping[str, Any]) -> Table:
+    modes = [f"{name} {time_s:.2f} s" for name, time_s in figures["modes_s"].items() if time_s]
+    rows = [
+        ("frames", f"{figures['frames']}"),
+        ("duration", f"{figures['duration_s']:.3f} s" if figures["has_times"] else "no times"),
+        ("first frame", figures["start"] or "not a date: times count from some start"),
+        ("channels", ", ".join(figures["channels"]) or "not in the log"),
+        ("law", ", ".join(figures["laws"]) or "no CONTROLLER_STATUS in the log"),
+        ("modes of the controller", ", ".join(modes) or "-"),
+        ("lines that could not be read", _unreadable(figures)),
+    ]
+    rows += [
+        ("latency was changed", f"at {config['at_s'] or 0.0:.2f} s: {_config(config)}")
+        for config in figures["latency_configs"]
+    ]
+    return _pairs(rows)
+
+
+def _config(config: Mapping[str, Any]) -> str:
+    return (
+        f"{config['direction']} {config['model']}, mean {milliseconds(config['mean_s'], 1)} ms, "
+        f"spread {milliseconds(config['spread_s'], 1)} ms, {100.0 * config['loss']:g} % lost"
+    )
+
+
+def _unreadable(figures: Mapping[str, Any]) -> str:
+    first = figures["first_unreadable"]
+    return f"{figures['unreadable']}{f', the first: {first}' if first else ''}"
+
+
+def _signals(figures: Mapping[str, Any]) -> Section:
+    rows = []
+    for name, report in figures["signals"].items():
+        if not report["samples"]:
+            continue
+        text, unit, scale = SIGNAL_NAMES[name]
+        at_s = report["peak_at_s"]
+        cells = [f"{scale * report[key]:.3f}" for key in ("mean", "rms", "peak")]
+        has_time = at_s is not None and at_s == at_s
+        rows.append((f"{text} [{unit}]", *cells, f"{at_s:.2f}" if has_time else "-"))
+    table = Table(("", "mean", "RMS", "peak", "at [s]"), _rows(rows))
+    return Section("Signals", () if rows else ("None.",), tables=(table,))
+
+
+def _latency(figures: Mapping[str, Any]) -> Section:
+    latency = figures["latency"]
+    rows = []
+    for name, text in LATENCY_ROWS.items():
+        report = latency[name]
+        cells = [milliseconds(report[key]) for key in _SPREAD]
+        rows.append((text, *cells, str(report["samples"])))
+    heads = ("[ms]", "least", "median", "mean", "99 %", "most", "jitter (std)", "samples")
+    acted = f"{latency['commands_seen_to_act']} of {latency['commands']} commands were seen to act."
+    about = _ABOUT_TIMES.format(constant=_CONSTANT[latency["is_absolute"]])
+    return Section("Latency and jitter", (acted,), (), (Table(heads, _rows(rows)),), (about,))
+
+
+def _messages(figures: Mapping[str, Any]) -> Section:
+    rows = []
+    for name, message in figures["messages"].items():
+        cycle = message["cycle"]
+        rows.append(
+            (
+                f"{name} ({message['can_id']})",
+                str(message["accepted"]),
+                milliseconds(message["cycle_dbc_s"], 0),
+                *(milliseconds(cycle[key]) for key in _SPREAD),
+                str(message["gaps"]),
+            )
+        )
+    heads = ("", "frames", "DBC [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
+    note = "Distances in ms; a gap is longer than three cycles of the DBC."
+    return Section("Messages", tables=(Table(heads, _rows(rows)),), notes=(note,))
+
+
+def _refused(figures: Mapping[str, Any]) -> Section:
+    rows = [
+        (Cell(name), number(str(m["missing"])), number(str(m["late"])), Cell(_counts(m["refused"])))
+        for name, m in figures["messages"].items()
+        if m["accepted"] or m["refused"]
+    ]
+    foreign = ", ".join(f"{key}: {n}" for key, n in list(figures["foreign_ids"].items())[:12])
+    facts = [
+        ("frames with foreign identifiers", f"{figures['foreign_frames']} {foreign}"),
+        ("error frames", str(figures["error_frames"])),
+        ("dropped by the latency lines, by the plant's own count", str(figures["plant_lost"])),
+        ("refused by the plant, by its own count", str(figures["plant_rejected"])),
+        ("lost to the controller, by its own count", str(figures["controller_lost"])),
+        ("refused by the controller, by its own count", str(figures["controller_rejected"])),
+        (
+            "samples that the plant seems to have skipped",
+            str(figures["latency"]["samples_skipped"]) if figures["has_times"] else "-",
+        ),
+        ("control periods skipped, by the controller's own count", str(figures["skipped_ticks"])),
+        ("times that run backwards", str(figures["times_backwards"])),
+    ]
+    heads = ("", "missing counters", "of them late", "refused, by cause")
+    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)))
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"
+
+
+def _gaps(figures: Mapping[str, Any]) -> Section:
+    rows = [
+        (gap["name"], f"{gap['at_s']:.3f}", milliseconds(gap["duration_s"], 1))
+        for gap in figures["gaps"]
+    ]
+    table = Table(("", "from [s]", "length [ms]"), _rows(rows))
+    return Section("Longest gaps", tables=(table,))
+
+
+def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:
+    return [[Cell(name), *map(number, figures)] for name, *figures in rows]
+
+
+def _pairs(facts: Sequence[tuple[str, str]]) -> Table:
+    return Table((), [(Cell(name), Cell(text)) for name, text in facts])

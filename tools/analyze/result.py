@@ -1,0 +1,86 @@
+"""The figures of the analysed logs in the terminal: a column for each log."""
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from .report import milliseconds
+
+
+class Result(NamedTuple):
+    """The result of one log, and the folder with its files."""
+
+    figures: dict[str, Any]
+    folder: Path
+
+
+def print_results(results: Sequence[Result]) -> None:
+    """Print the most important figures, one column for each log."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for result in results:
+        table.add_column(result.folder.name, justify="right", overflow="fold")
+    for label, read in _ROWS.items():  # their units are in brackets, as markup would be
+        table.add_row(Text(label), *(read(result.figures) for result in results))
+    console = Console(width=None if sys.stdout.isatty() else 100)
+    console.print(table)
+    for result in results:
+        figures = result.figures
+        if figures["unreadable"]:
+            print(f"{figures['unreadable']} lines not read, the first: ", end="")
+            print(figures["first_unreadable"])
+        if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
+            print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
+        if smoothed := figures.get("smoothed"):
+            for name in ("delay_s", "steering_lag_s", "steering_offset_rad"):
+                print(f"smoothed {_smoothed_line(name, **smoothed[name])}")
+        print(f"report: {result.folder / 'report.html'}")
+
+
+def _smoothed_line(name: str, mean: float, mean_std: float) -> str:
+    label, _, unit = name.replace("_", " ").rpartition(" ")
+    if not math.isfinite(mean + mean_std):
+        return f"{label}: not known"
+    return f"{label}: {1e3 * mean:.2f} ± {1e3 * mean_std:.2f} m{unit}"
+
+
+def _signal(name: str, key: str) -> Callable[[dict[str, Any]], str]:
+    return lambda figures: milliseconds(figures["signals"][name][key])
+
+
+def _latency(name: str) -> Callable[[dict[str, Any]], str]:
+    def read(figures: dict[str, Any]) -> str:
+        report = figures["latency"][name]
+        return "/".join(milliseconds(report[key], 1) for key in ("p50_s", "p99_s", "jitter_s"))
+
+    return read
+
+
+def _missing(figures: dict[str, Any]) -> str:
+    messages = figures["messages"].values()
+    return f"{sum(m['missing'] for m in messages)}/{sum(m['late'] for m in messages)}"
+
+
+_ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "frames": lambda figures: str(figures["frames"]),
+    "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
+    "preview point, RMS [mm]": _signal("lateral_error_m", "rms"),
+    "preview point, peak [mm]": _signal("lateral_error_m", "peak"),
+    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms"),
+    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak"),
+    "steer, RMS [mrad]": _signal("steer_rad", "rms"),
+    "steer, peak [mrad]": _signal("steer_rad", "peak"),
+    "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
+    "downlink, p50/p99/jitter [ms]": _latency("downlink"),
+    "uplink, p50/p99/jitter [ms]": _latency("uplink"),
+    "counters missing/of them late": _missing,
+    "refused": lambda figures: str(sum(figures["refused"].values())),
+    "foreign": lambda figures: str(figures["foreign_frames"]),
+    "gaps": lambda figures: str(sum(m["gaps"] for m in figures["messages"].values())),
+}

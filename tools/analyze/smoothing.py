@@ -1,0 +1,152 @@
+"""Vehicle, disturbance, delay and lag of a recording, smoothed: from all of it, with deviations.
+
+The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's; the models are
+
+    vehicle  (β, r, Δψ, y, ρ, d) of ``controller.prediction.gains`` at one speed, driven by the
+             wheel angle that the plant reports, seen by y and Δψ; d is a steering offset, which is
+             also what a side force or a bank look like
+    delay    a random walk, seen by every echo: the time of a STEERING_STATUS less that of the
+             command which it names
+    lag T    of the wheel δ behind the commands u that the echoes name, with the sensors' period P:
+             δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],  α = exp(-P/T);
+             b is where in between they changed
+
+A value and its standard deviation are what the model makes of the record: a wrong vehicle, or a
+network that changes faster than the random walk, is not in the deviation.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from ...controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from ...controller.prediction.gains import PSI, Y, noise_covariances, sampled_vehicles
+from ...runtime.records import FloatArray
+
+VEHICLE_STATES = (
+    "side_slip_rad",
+    "yaw_rate_rad_s",
+    "heading_error_rad",
+    "lateral_error_m",
+    "curvature_1_m",
+    "steering_offset_rad",
+)
+_FIRST_DEVIATIONS = (0.1, 0.5, 0.5, 5.0, 0.1, 0.1)
+"""Before the first measurement, in that order."""
+DELAY_WALK_S_SQRT_S = 0.02
+"""How far a delay goes in a second."""
+_DELAY_NOISE_S_MIN = 5e-4
+_ALPHA_WALK_1_SQRT_S = 0.003
+_ALPHA_MAX = 0.9999
+_WHEEL_NOISE_RAD_MIN = 5e-6
+"""Half the resolution of WHEEL_ANGLE."""
+
+
+class Smoothed(NamedTuple):
+    """Values and their standard deviations, both of shape (samples,) or (samples, states)."""
+
+    values: FloatArray
+    deviations: FloatArray
+
+
+def smooth_vehicle(
+    vehicle: VehicleModelSettings,
+    speed_m_s: float,
+    period_s: float,
+    measured: FloatArray,
+    wheel_rad: FloatArray,
+) -> Smoothed:
+    """Return the states of VEHICLE_STATES at every sample.
+
+    ``measured``   lateral error [m] and heading error [rad], shape (samples, 2); NaN where lost
+    ``wheel_rad``  of every sample
+    """
+    settings, states = EstimatorSettings(), len(VEHICLE_STATES)
+    model = sampled_vehicles(settings, vehicle, [speed_m_s], period_s)
+    q, r = noise_covariances(settings, period_s)
+    kalman = KalmanFilter(dim_x=states, dim_z=2, dim_u=1)
+    kalman.F, kalman.B = model.f[0, :states, :states], model.g[0, :states, None]
+    kalman.H, kalman.Q, kalman.R = np.eye(states)[[Y, PSI]], q, r
+    kalman.P = np.diag(np.square(_FIRST_DEVIATIONS))
+    # The filter predicts before it takes a measurement: the wheel on the way to each sample.
+    before_rad = np.concatenate((wheel_rad[:1], wheel_rad[:-1]))
+    mean_rad = 0.5 * (before_rad + wheel_rad)
+    rows = [None if np.isnan(row).any() else row[:, None] for row in measured]
+    means, covariances = [], []
+    for row, steer_rad in zip(rows, mean_rad, strict=True):
+        kalman.predict(u=np.array([[steer_rad]]))
+        kalman.update(row)
+        means.append(kalman.x.copy())
+        covariances.append(kalman.P.copy())
+    return _smoothed_with_input(kalman, means, covariances, mean_rad)
+
+
+def _smoothed_with_input(
+    kalman: Any, means: list[FloatArray], covariances: list[FloatArray], inputs: FloatArray
+) -> Smoothed:
+    """Return the RTS smoother's states; filterpy's own knows no input, so its part is taken out.
+
+    The part of the input, z[k+1] = F z[k] + B u[k+1], is known: the smoother takes x - z.
+    """
+    known = np.zeros((len(means), *kalman.x.shape))
+    for index in range(1, len(means)):
+        known[index] = kalman.F @ known[index - 1] + kalman.B * inputs[index]
+    x, p, _, _ = kalman.rts_smoother(np.array(means) - known, np.array(covariances))
+    deviations = np.sqrt(np.maximum(np.diagonal(p, axis1=1, axis2=2), 0.0))
+    return Smoothed((x + known)[:, :, 0], deviations)
+
+
+def smooth_delay(time_s: FloatArray, delay_s: FloatArray) -> Smoothed:
+    """Return the delay at the times of the echoes [s]."""
+    steps_s = np.diff(delay_s)
+    noise_s = (
+        max(_DELAY_NOISE_S_MIN, float(np.std(steps_s)) / np.sqrt(2.0)) if len(steps_s) else 1.0
+    )
+    kalman = KalmanFilter(dim_x=1, dim_z=1)
+    kalman.F, kalman.H = np.eye(1), np.eye(1)
+    kalman.x, kalman.P, kalman.R = delay_s[:1, None], np.eye(1), np.eye(1) * noise_s**2
+    since_s = np.diff(time_s, prepend=time_s[:1])
+    q = [np.eye(1) * DELAY_WALK_S_SQRT_S**2 * max(step_s, 1e-9) for step_s in since_s]
+    means, covariances, _, _ = kalman.batch_filter(list(delay_s[:, None, None]), Qs=q)
+    f = [kalman.F] * len(q)
+    # filterpy's smoother takes the noise of the step from a sample at that sample's place.
+    x, p, _, _ = kalman.rts_smoother(means, covariances, Fs=f, Qs=[*q[1:], q[-1]])
+    return Smoothed(x[:, 0, 0], np.sqrt(p[:, 0, 0]))
+
+
+def smooth_lag(period_s: float, wheel_rad: FloatArray, command_rad: FloatArray) -> Smoothed:
+    """Return the steering's lag T at every sample [s]; infinite deviations where nothing shows it.
+
+    ``command_rad``  the command in effect at a sample; NaN where it is not known or not followed
+    """
+    u0, u1 = command_rad[:-1], command_rad[1:]
+    rows = np.column_stack((wheel_rad[:-1] - u1, u0 - u1))
+    target = wheel_rad[1:] - u1
+    known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
+    shows = known & (np.abs(rows) > 2.0 * _WHEEL_NOISE_RAD_MIN).any(axis=1)
+    if shows.sum() < 2:
+        return Smoothed(np.zeros(len(wheel_rad)), np.full(len(wheel_rad), np.inf))
+    fitted, *_ = np.linalg.lstsq(rows[shows], target[shows], rcond=None)
+    noise_rad = max(_WHEEL_NOISE_RAD_MIN, float(np.std(target[shows] - rows[shows] @ fitted)))
+    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman.F, kalman.R = np.eye(2), np.eye(1) * noise_rad**2
+    kalman.Q = np.eye(2) * _ALPHA_WALK_1_SQRT_S**2 * period_s
+    kalman.x, kalman.P = np.zeros((2, 1)), np.eye(2)
+    means, covariances = [kalman.x.copy()], [kalman.P.copy()]
+    for row, value, is_shown in zip(rows, target, shows, strict=True):
+        kalman.predict()
+        kalman.update(np.array([[value]]) if is_shown else None, H=row[None] if is_shown else None)
+        means.append(kalman.x.copy())
+        covariances.append(kalman.P.copy())
+    x, p, _, _ = kalman.rts_smoother(np.array(means), np.array(covariances))
+    alpha, deviation = x[:, 0, 0], np.sqrt(p[:, 0, 0])
+    lag_s = _lag_s(period_s, alpha)
+    wider_s = np.abs([_lag_s(period_s, alpha + sign * deviation) - lag_s for sign in (-1.0, 1.0)])
+    return Smoothed(lag_s, wider_s.max(axis=0))
+
+
+def _lag_s(period_s: float, alpha: FloatArray) -> FloatArray:
+    """Return T of exp(-period/T); 0 where α is not positive."""
+    inside = np.clip(alpha, 1e-12, _ALPHA_MAX)
+    return np.where(alpha > 0.0, -period_s / np.log(inside), 0.0)

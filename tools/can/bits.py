@@ -1,0 +1,105 @@
+"""A CAN frame bit by bit as it is on the wire, and recordings as waveforms.
+
+    steer-by-wire bits 100#0123456789ABCDEF
+    steer-by-wire bits RECORDING --vcd bus.vcd
+
+A frame is written as for cansend: 123#DEADBEEF, 00000123#, 123#R, and 123##1DEADBEEF for CAN FD,
+where the digit is 1 with bit rate switch. The waveform opens in GTKWave, PulseView and sigrok-cli.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+
+from steer_by_wire.closed_loop.recordings.log_file import open_log
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.frame.bits import frame_on_wire
+from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate, output_file
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.can.waveform import BitRates, write_vcd
+
+NAME = "steer-by-wire bits"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Show a frame, or write a waveform; returns the exit status."""
+    example = f"{NAME} 100#0123456789ABCDEF --vcd frame.vcd"
+    parser = command_parser(NAME, __doc__, example, "FRAME|RECORDING [options]")
+    parser.add_argument("frame", metavar="FRAME|RECORDING", help="as cansend takes it, or a file")
+    parser.add_argument("--vcd", type=output_file, metavar="FILE", help="write the waveform")
+    parser.add_argument(
+        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
+        help="of CAN FD's data phase (default: %(default)s)",
+    )  # fmt: skip
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    frame = None if Path(options.frame).is_file() else _frame(options.frame)
+    if frame is None and options.vcd is None:
+        raise SettingsError(f"{options.frame}: a recording becomes a waveform: give --vcd FILE")
+    if frame is not None:
+        print(_text(frame, BitRates(options.bitrate, options.data_bitrate)))
+    if options.vcd is not None:
+        frames = _recorded(Path(options.frame)) if frame is None else iter([(0, frame)])
+        with options.vcd.open("w", encoding="ascii") as file:
+            moved = write_vcd(file, frames, BitRates(options.bitrate, options.data_bitrate))
+        if moved:
+            text = f"moved back, being closer together than they are long: {moved} frames"
+            say(NAME, text, sys.stderr)
+    return ExitStatus.OK
+
+
+def _frame(text: str) -> Frame:
+    written = text.replace(".", "").upper()
+    entry = parse_entry(f"(0.0) can {written}")
+    try:
+        if entry is None:
+            raise ValueError
+        frame_on_wire(entry.frame)
+    except ValueError:
+        raise SettingsError(
+            f"{text}: neither a file nor a frame such as 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"
+        ) from None
+    shown = format_entry(entry).split()[-1]
+    if shown != written:
+        raise SettingsError(
+            f"{text}: remote frames have a DLC of 0 here, FD frames no ESI: {shown}"
+        )
+    return entry.frame
+
+
+def _recorded(path: Path) -> Iterator[tuple[int, Frame]]:
+    time_ns = 0
+    for logged in open_log(path):
+        time_ns = logged.time_ns or time_ns
+        if not logged.frame.flags & ERROR:
+            yield time_ns, logged.frame
+
+
+def _text(frame: Frame, rates: BitRates) -> str:
+    """One line a field: its bits as they are on the wire, stuff bits in brackets."""
+    bits = frame_on_wire(frame)
+    lines = []
+    for field, group in groupby(bits, key=lambda bit: bit.field):
+        levels = "".join(f"[{bit.level}]" if bit.is_stuff else str(bit.level) for bit in group)
+        lines.append(f"{field:<14} {levels}")
+    fast = sum(bit.is_fast for bit in bits)
+    duration_us = 1e6 * ((len(bits) - fast) / rates.nominal_bit_s + fast / rates.data_bit_s)
+    at_data_rate = f" ({fast} at the data bit rate)" if fast else ""
+    stuffed = sum(bit.is_stuff for bit in bits)
+    lines += [f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

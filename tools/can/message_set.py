@@ -1,0 +1,205 @@
+"""The messages of the given files as traffic of one bus, and the longest response of each."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ...dbc.foreign_messages import ListedMessage, read_message_set
+from ...dbc.transport_protocol import GAP_NS, announcement_id, data_id, packets, source_address
+from ...runtime.bus_model.bus_model import BusModel
+from ...runtime.frame.arbitration import arbitration_field
+from ...runtime.frame.frame import EXTENDED, Frame
+from ...runtime.frame.length import FrameBits
+from ...runtime.frame.longest_frame import longest_frame
+from ...runtime.node.node import NS_PER_MS
+from ...runtime.settings.settings import SettingsError
+from .bounds import (
+    Traffic,
+    Wire,
+    critical_response_ns,
+    load,
+    miss_probability,
+    random_responses_ns,
+    wire_of,
+    worst_response_ns,
+)
+
+_AT_ONCE_MAX = 1_000_000
+"""Frames of a message that may wait: more than the longest jitter can release together."""
+
+
+class BusSettings(NamedTuple):
+    """The bus, as given by the options."""
+
+    bitrate_bit_s: int
+    data_bitrate_bit_s: int
+    jitter_ms: float
+    error_interval_ms: float | None
+    errors: int = 0
+    bit_error_rate: float | None = None
+
+    def model(self) -> BusModel:
+        """Return a new bus, for a simulation."""
+        return BusModel(self.bitrate_bit_s, self.data_bitrate_bit_s, _AT_ONCE_MAX)
+
+    def wire(self) -> Wire:
+        """Return what the analysis needs of the bus."""
+        interval_ms = self.error_interval_ms
+        interval_ns = None if interval_ms is None else max(1, round(interval_ms * NS_PER_MS))
+        return wire_of(self.bitrate_bit_s, interval_ns)._replace(errors=self.errors)
+
+    def duration_ns(self, bits: FrameBits) -> int:
+        """Return how long so many bits take, rounded up [ns]."""
+        nominal, data = self.bitrate_bit_s, self.data_bitrate_bit_s
+        return -(-1_000_000_000 * (bits.nominal * data + bits.data * nominal) // (nominal * data))
+
+
+class SentMessage(NamedTuple):
+    """A message on the bus.
+
+    ``bound``           with the longest that any payload can be
+    ``found``           with the longest payload found, which is ``frame``
+    ``mean_period_ns``  of its frames, which in segments can follow each other sooner [ns]
+    """
+
+    bound: Traffic
+    found: Traffic
+    frame: Frame
+    mean_period_ns: int
+
+
+def read_messages(
+    files: Sequence[Path], periods: Sequence[str], bus: BusSettings
+) -> tuple[list[SentMessage], list[str], list[str]]:
+    """Return the messages of the files by priority, and the names of segmented and left out ones.
+
+    Left out are those without a period. Raises SettingsError for a file that cannot be read, and
+    for two messages of one identifier.
+    """
+    listed = [message for file in files for message in _read(file)]
+    periods_ms = _periods_ms(periods, [message.name for message in listed])
+    sent, left_out = [], []
+    by_source: dict[int, list[tuple[ListedMessage, float]]] = {}
+    named: dict[tuple[int, int], str] = {}
+    for message in listed:
+        period_ms = periods_ms.get(message.name, message.cycle_ms)
+        if period_ms is None:
+            left_out.append(message.name)
+            continue
+        key = message.can_id, message.flags & EXTENDED
+        if key in named:
+            raise SettingsError(
+                f"{named[key]} and {message.name} have the same identifier "
+                f"0x{message.can_id:X}: on one bus each message needs its own"
+            )
+        named[key] = message.name
+        if message.is_segmented:
+            by_source.setdefault(source_address(message.can_id), []).append((message, period_ms))
+        else:
+            sent.append(_sent(message, period_ms, bus))
+    for source, messages in by_source.items():
+        sent += _in_segments(source, messages, bus)
+    sent.sort(key=lambda message: message.bound.priority)
+    segmented = [message.name for messages in by_source.values() for message, _ in messages]
+    return sent, segmented, left_out
+
+
+def _read(file: Path) -> tuple[ListedMessage, ...]:
+    try:
+        return read_message_set(file)
+    except OSError as error:
+        raise SettingsError(f"{file}: {error.strerror}") from error
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def _periods_ms(periods: Sequence[str], names: Sequence[str]) -> Mapping[str, float]:
+    given: dict[str, float] = {}
+    for text in periods:
+        name, _, value = text.partition("=")
+        try:
+            given[name] = float(value)
+        except ValueError:
+            given[name] = 0.0
+        if name not in names or not 0.1 <= given[name] <= 3_600_000:
+            raise SettingsError(
+                f"--period {text}: NAME=MS with a message of the files and 0.1 to 3600000 ms"
+            )
+    return given
+
+
+def _in_segments(
+    source: int, messages: Sequence[tuple[ListedMessage, float]], bus: BusSettings
+) -> Iterator[SentMessage]:
+    """Return what carries long messages of a source: announcements, and packets in turn."""
+    counts = [packets(message.length) for message, _ in messages]
+    often_ms = 1.0 / sum(1.0 / period_ms for _, period_ms in messages)
+    packets_ms = 1.0 / sum(
+        count / period_ms for count, (_, period_ms) in zip(counts, messages, strict=True)
+    )
+    for name, can_id, least_ns, mean_ms in (
+        ("TP.CM", announcement_id(source), (1 + min(counts)) * GAP_NS, often_ms),
+        ("TP.DT", data_id(source), GAP_NS, packets_ms),
+    ):
+        carrier = ListedMessage(f"{name} 0x{source:02X}", can_id, EXTENDED, 8, None, ())
+        one = _sent(carrier, least_ns / NS_PER_MS, bus)
+        yield one._replace(mean_period_ns=max(least_ns, round(mean_ms * NS_PER_MS)))
+
+
+def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMessage:
+    longest = longest_frame(message.can_id, message.length, message.flags)
+    bound = Traffic(
+        message.name,
+        arbitration_field(longest.frame),
+        bus.duration_ns(longest.bound),
+        round(period_ms * NS_PER_MS),
+        round(bus.jitter_ms * NS_PER_MS),
+    )
+    found = bound._replace(frame_ns=bus.duration_ns(longest.found))
+    return SentMessage(bound, found, longest.frame, bound.period_ns)
+
+
+RANDOM_NS = 1_000_000_000
+RANDOM_RUNS = 10
+"""Periodic messages keep their phases, so that each run has others."""
+
+
+class Response(NamedTuple):
+    """One message.
+
+    ``bound_ns``     longest response with any payload; None if the bus is overloaded
+    ``critical_ns``  simulated at the critical instant with the longest payloads found; None if the
+                     bus is overloaded, or has errors, which the simulation has not
+    ``random_ns``    longest one simulated with random phases and jitter
+    ``miss``         chance, at most, that a release misses its deadline, which is its period, with
+                     errors at random; None without any
+    """
+
+    message: SentMessage
+    bound_ns: int | None
+    critical_ns: int | None
+    random_ns: int | None
+    miss: float | None
+
+
+def respond(messages: Sequence[SentMessage], bus: BusSettings, seed: int) -> list[Response]:
+    """Analyse and simulate every message."""
+    bounds, found = [m.bound for m in messages], [m.found for m in messages]
+    frames = {m.bound.name: m.frame for m in messages}
+    is_overloaded = load(found, bus.wire()) >= 1
+    random_ns: dict[str, int] = {}
+    for run in range(0 if is_overloaded else RANDOM_RUNS):
+        run_ns = random_responses_ns(found, frames, bus.model(), RANDOM_NS, (seed, run))
+        random_ns = {name: max(ns, random_ns.get(name, 0)) for name, ns in run_ns.items()}
+    responses = []
+    for message in messages:
+        name = message.bound.name
+        bound_ns = worst_response_ns(message.bound, bounds, bus.wire())
+        critical_ns = miss = None
+        if not is_overloaded:
+            critical_ns = critical_response_ns(message.found, found, frames, bus.model())
+        if bus.bit_error_rate is not None:
+            errors_s, period_ns = bus.bit_error_rate * bus.bitrate_bit_s, message.bound.period_ns
+            miss = miss_probability(message.bound, bounds, bus.wire(), errors_s, period_ns)
+        responses.append(Response(message, bound_ns, critical_ns, random_ns.get(name), miss))
+    return responses

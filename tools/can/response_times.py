@@ -1,0 +1,201 @@
+"""Bounds the response time of each message on a CAN bus, beside the worst case simulated.
+
+    steer-by-wire response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
+
+Several files share one bus. Messages without a cycle time are left out and named, unless
+``--period NAME=MS`` gives one. Where the set has this project's steering messages, the delay that
+the bus adds to them stands beside what each law tolerates. Exit status 0 whatever it finds.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from steer_by_wire.closed_loop.reports.terminal import plain_table
+from steer_by_wire.runtime.command_line import command_parser, number, whole_number
+from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate, output_file
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.tools.can.message_set import (
+    RANDOM_NS,
+    RANDOM_RUNS,
+    BusSettings,
+    Response,
+    read_messages,
+    respond,
+)
+from steer_by_wire.tools.can.steering import (
+    DEFAULT_PRESETS,
+    Steering,
+    Tolerance,
+    steering_of,
+)
+
+NAME = "steer-by-wire response-times"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Analyse a message set and print it; returns the exit status."""
+    parser = command_parser(
+        NAME, __doc__, f"{NAME} dbc/steer_by_wire.dbc --bitrate 125000", "FILE... [options]"
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="DBC, KCD, SYM, ARXML")
+    parser.add_argument(
+        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
+        help="of CAN FD's data phase (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--jitter-ms", type=number(0.0, 60_000.0, "ms"), default=0.0, metavar="MS",
+        help="how late each release can be (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--error-interval-ms", type=number(0.0, 60_000.0, "ms"), metavar="MS",
+        help="least time between two bus errors (default: no errors)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--errors-at-once", type=whole_number(0, 100), default=0, metavar="N",
+        help="so many more errors at the worst instants, as in a burst",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
+        help="errors at random: the chance that a release misses its deadline",
+    )  # fmt: skip
+    parser.add_argument(
+        "--period", action="append", default=[], metavar="NAME=MS",
+        help="the cycle time of a message; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--preset", action="append", metavar="NAME",
+        help=f"controllers to compare with (default: {', '.join(DEFAULT_PRESETS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
+        help="of the random phases (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
+    bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
+    messages, segmented, left_out = read_messages(options.files, options.period, bus)
+    if segmented:
+        say(NAME, f"carried by TP.CM and TP.DT: {', '.join(segmented)}", sys.stderr)
+    if left_out:
+        say(NAME, f"left out, without a cycle time: {', '.join(left_out)}", sys.stderr)
+    if not messages:
+        say(NAME, "no message has a cycle time; give some with --period NAME=MS", sys.stderr)
+        return ExitStatus.SETTINGS
+    steering = steering_of(messages, bus, options.preset or DEFAULT_PRESETS)
+    responses = respond(messages, bus, options.seed)
+    console = Console(markup=False, highlight=False)
+    console.width = max(console.width, 100)
+    console.print(response_table(responses, bus))
+    if steering is not None:
+        console.print(steering_text(steering), soft_wrap=True)
+    if options.json is not None:
+        write_json(options.json, record_of(responses, bus, steering, options.seed))
+    return ExitStatus.OK
+
+
+def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
+    """Return one row a message, highest priority first."""
+    title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
+    numbers = ("bytes", "period", "frame", "bound", "worst case", "random", "deadline")
+    table = plain_table(("message", "identifier"), numbers, title)
+    table.caption = (
+        "bound: any payload and phases. worst case: the bus model at the critical instant, "
+        f"with the longest payloads found. random: {RANDOM_RUNS} runs of {RANDOM_NS / 1e9:g} s "
+        "with random phases. deadline: the period; a figure is the chance of a miss, at most."
+    )
+    for response in responses:
+        bound = response.message.bound
+        frame = response.message.frame
+        width = 8 if frame.flags & 1 else 3
+        table.add_row(
+            bound.name, f"0x{frame.can_id:0{width}X}", str(len(frame.data)),
+            f"{bound.period_ns / 1e6:g}", _ms(bound.frame_ns), _ms(response.bound_ns),
+            _ms(response.critical_ns), _ms(response.random_ns), _verdict(response),
+        )  # fmt: skip
+    return table
+
+
+def steering_text(steering: Steering) -> str:
+    """Return what the bus adds to the steering's delay, and what each law tolerates."""
+    most = "without bound" if steering.most_ns is None else f"at most {_ms(steering.most_ns)} ms"
+    lines = [
+        f"bus load: {100 * steering.load:.1f} %",
+        f"LATERAL_ERROR and STEERING_COMMAND together: {_ms(steering.least_ns)} ms on a free bus, "
+        f"{most}",
+        "Constant delay that the loop of each law tolerates, and the load by more urgent messages "
+        "(sent more and more often) at which the bus alone reaches it:",
+    ]
+    width = max(len(tolerance.preset) for tolerance in steering.tolerances)
+    return "\n".join([*lines, *(_tolerance(t, width) for t in steering.tolerances)])
+
+
+def record_of(
+    responses: Sequence[Response], bus: BusSettings, steering: Steering | None, seed: int
+) -> dict[str, Any]:
+    """Return everything, for another program; times in nanoseconds."""
+    return {
+        "bus": bus._asdict(),
+        "seed": seed,
+        "messages": [
+            {
+                **response.message.bound._asdict(),
+                "mean_period_ns": response.message.mean_period_ns,
+                "can_id": response.message.frame.can_id,
+                "longest_payload": response.message.frame.data.hex(),
+                "longest_found_ns": response.message.found.frame_ns,
+                "bound_ns": response.bound_ns,
+                "critical_ns": response.critical_ns,
+                "random_ns": response.random_ns,
+                "miss_probability": response.miss,
+            }
+            for response in responses
+        ],
+        "steering": None
+        if steering is None
+        else steering._asdict() | {"tolerances": [t._asdict() for t in steering.tolerances]},
+    }
+
+
+def _tolerance(tolerance: Tolerance, width: int) -> str:
+    if tolerance.margin_ns == 0:
+        return f"  {tolerance.preset:{width}}  not stable, even without delay"
+    if tolerance.margin_ns is None:
+        margin = "any delay that was tried"
+    else:
+        margin = f"{tolerance.margin_ns / 1e6:6.1f} ms"
+    at = "no load" if tolerance.load_max is None else f"{100 * tolerance.load_max:.1f} % load"
+    return f"  {tolerance.preset:{width}}  {margin}, reached at {at}"
+
+
+def _verdict(response: Response) -> str:
+    if response.bound_ns is None:
+        return "no bound"
+    if response.bound_ns > response.message.bound.period_ns:
+        return "MISSED"
+    if response.miss is None:
+        return "met"
+    # Below that it is what rounding leaves of 1.
+    return "met, < 1e-12" if response.miss < 1e-12 else f"met, {response.miss:.1e}"
+
+
+def _ms(time_ns: int | None) -> str:
+    return "-" if time_ns is None else f"{time_ns / 1e6:.3f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,266 @@
+"""Design gains and filters of a controller for a vehicle known within bounds.
+
+    steer-by-wire design VEHICLE --spec SPEC [--out DIR] [--verify]
+
+From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
+preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
+prints why each value is what it is. The presets practical_* are the output of
+
+    steer-by-wire design paper_vehicle --spec practical --out controller/presets
+
+Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
+written.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, wait
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
+from steer_by_wire.closed_loop.worker_processes import worker_pool
+from steer_by_wire.controller.laws.predictor import FALLBACK
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.runtime.command_line import (
+    add_out_argument,
+    add_overrides_argument,
+    command_parser,
+)
+from steer_by_wire.runtime.program.option_types import settings_file
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.settings.settings import load_settings, preset_names
+from steer_by_wire.tools.design.candidate import KEYS, any_settings
+from steer_by_wire.tools.design.design import Design, NoDesignError, verification_line, verify
+from steer_by_wire.tools.design.explanation import demand_lines, reason_lines
+from steer_by_wire.tools.design.predictor import design_predictor
+from steer_by_wire.tools.design.report import (
+    predictor_figures,
+    predictor_preset_text,
+    preset_name,
+)
+from steer_by_wire.tools.design.specification import PredictorTable, Specification
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
+from steer_by_wire.tools.design.virtual_check import (
+    plant_text,
+    refuse_what_the_rig_does_not_drive,
+)
+from steer_by_wire.tools.design.worker import (
+    Job,
+    SharedProgress,
+    begin_worker,
+    run_job,
+    shared_progress,
+)
+
+NAME = "steer-by-wire design"
+SHIPPED = "steer_by_wire.tools.design"
+"""The package with vehicles and specifications."""
+NO_DESIGN = 1
+WORKERS = 2
+_POLL_S = 0.2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"{NAME} paper_vehicle --spec practical --out out/gains",
+        "VEHICLE --spec SPEC [options]",
+    )
+    parser.add_argument(
+        "vehicle", type=settings_file(SHIPPED), metavar="VEHICLE",
+        help="a file, or paper_vehicle or highway_vehicle",
+    )  # fmt: skip
+    parser.add_argument(
+        "--spec", type=settings_file(SHIPPED), required=True, metavar="SPEC",
+        help=f"a file, or one of {', '.join(_specifications())}",
+    )  # fmt: skip
+    add_overrides_argument(parser, what="one value on top of the specification")
+    add_out_argument(parser, "out/gains", "folder for the presets")
+    parser.add_argument(
+        "--pictures", type=Path, metavar="DIR",
+        help="folder for pictures and the plant's settings (default: as --out)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--verify",
+        action="store_true",
+        help="also run every corner and delay in virtual time, half a second each",
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _specifications() -> list[str]:
+    return [name for name in preset_names(SHIPPED) if not name.endswith("_vehicle")]
+
+
+def _run(options: argparse.Namespace) -> int:
+    begin_s = time.perf_counter()
+    vehicle = load_settings(VehicleFile, None, options.vehicle)
+    spec = load_settings(Specification, None, options.spec, options.overrides)
+    refuse_what_the_rig_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
+    pictures = options.pictures or options.out
+    for folder in (options.out, pictures):
+        folder.mkdir(parents=True, exist_ok=True)
+    rig = pictures / f"{spec.name}_plant.toml"
+    rig.write_text(plant_text(spec, vehicle, any_settings(spec, vehicle)), encoding="utf-8")
+    sources = (options.vehicle.name, options.spec.name)
+    jobs = [
+        Job(spec, vehicle, law, sources, options.out, pictures, index)
+        for index, law in enumerate(linear_laws(spec))
+    ]
+    console = plain_console()
+    print(
+        f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
+        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
+        f" {spec.minimise.replace('_', ' ')}"
+    )
+    status = int(ExitStatus.OK)
+    fallback: ControllerSettings | None = None
+    progress = shared_progress(len(jobs))
+    workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
+    with worker_pool(workers, begin_worker, progress) as pool:
+        futures = [pool.submit(run_job, job) for job in jobs]
+        _watch(console, linear_laws(spec), futures, progress)
+        for future in futures:
+            try:
+                design = future.result()
+            except NoDesignError as error:
+                say(NAME, f"error: {error}", sys.stderr)
+                status = NO_DESIGN
+                continue
+            for line in _lines(spec, design, options.out):
+                print(line)
+            if options.verify:
+                verification = verify(pool, spec, vehicle, design)
+                print(verification_line(spec, design, verification))
+                status = status if verification.held else NO_DESIGN
+            if design.law == FALLBACK:
+                fallback = design.settings
+    if "predictor" in spec.laws and spec.predictor is not None:
+        designed = (spec, spec.predictor, vehicle, fallback)
+        status = max(status, _design_predictor(console, *designed, sources, options))
+    print(f"\nplant for these: {rig}")
+    print(f"{time.perf_counter() - begin_s:.0f} s")
+    return status
+
+
+def linear_laws(spec: Specification) -> list[str]:
+    """Return the laws that are designed by the linear analysis."""
+    return [law for law in spec.laws if law in KEYS]
+
+
+def _design_predictor(
+    console: Console,
+    spec: Specification,
+    table: PredictorTable,
+    vehicle: VehicleFile,
+    fallback: ControllerSettings | None,
+    sources: tuple[str, str],
+    options: argparse.Namespace,
+) -> int:
+    if table.fallback is not None:
+        fallback = controller_preset(table.fallback)
+    if fallback is None:
+        say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
+        return NO_DESIGN
+    name = preset_name(spec, "predictor")
+    with _bars(console, TextColumn("predictor")) as bars:
+        task = bars.add_task(name, total=1.0, best="")
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
+
+        def show(done: float, best: float) -> None:
+            bars.update(task, completed=done, best=f"best {best:.4g}")
+            lines.update({"predictor": done})
+
+        design = design_predictor(spec, table, vehicle, fallback, show)
+    print(f"\npredictor  ({design.judged} sets of parameters judged)")
+    for label, text in predictor_figures(spec, table, design):
+        print(f"  {label:18}{text}")
+    text = predictor_preset_text(spec, table, vehicle, design, sources)
+    (options.out / f"{name}.toml").write_text(text, encoding="utf-8")
+    print(f"  -> {options.out / name}.toml")
+    held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
+    return int(ExitStatus.OK) if held else NO_DESIGN
+
+
+def _watch(
+    console: Console, laws: Sequence[str], futures: Sequence[Future[Design]], shared: SharedProgress
+) -> None:
+    with _bars(console, TextColumn("{task.description:8}")) as bars:
+        tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
+        waiting: set[Future[Design]] = set(futures)
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
+        while waiting:
+            _, waiting = wait(waiting, timeout=_POLL_S)
+            done = [1.0 if f.done() else shared[2 * n] for n, f in enumerate(futures)]
+            lines.update(dict(zip(laws, done, strict=True)))
+            for index, task in enumerate(tasks):
+                best = shared[2 * index + 1]
+                shown = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
+                bars.update(task, completed=done[index], best=shown)
+
+
+def _bars(console: Console, name: TextColumn) -> Progress:
+    best = TextColumn("{task.fields[best]}")
+    return progress_bars(console, name, BarColumn(30), TimeElapsedColumn(), best)
+
+
+def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
+    judgement = design.found.judgement
+    yield ""
+    yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
+    yield from demand_lines(judgement)
+    confirmation = design.found.confirmation
+    if confirmation is not None:
+        yield f"  stable up to      {confirmation.stable_up_to_ns / 1e6:g} ms"
+        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
+            lag_ms = confirmation.with_lag_up_to_ns / 1e6
+            yield f"                    {lag_ms:g} ms behind a lag of {spec.actuator.lag_s:g} s"
+        yield f"  slowest mode      {confirmation.decay_1_s:.3g} 1/s"
+    if design.rms_held_up_to_ns is not None:
+        yield f"  RMS limit kept    up to {design.rms_held_up_to_ns / 1e6:g} ms"
+    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
+    for reason in design.reasons:
+        yield from reason_lines(reason, judgement.objective)
+    yield f"  -> {out / preset_name(spec, design.law)}.toml"
+
+
+EVERY_S = 10.0
+
+
+class ProgressLines:
+    """Prints on standard error how much of each search is done.
+
+    ``is_shown``  whether to print; a terminal has bars instead
+    """
+
+    def __init__(
+        self, name: str, *, is_shown: bool, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._name = name
+        self._is_shown = is_shown
+        self._clock_s = clock_s
+        self._begin_s = self._last_s = clock_s()
+
+    def update(self, done: Mapping[str, float]) -> None:
+        """Print what is done of each, 0 to 1, unless a line was printed shortly before."""
+        now_s = self._clock_s()
+        if not self._is_shown or now_s - self._last_s < EVERY_S:
+            return
+        self._last_s = now_s
+        shares = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in done.items())
+        text = f"{self._name}: {now_s - self._begin_s:.0f} s: {shares} of the search"
+        print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

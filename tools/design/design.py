@@ -1,0 +1,212 @@
+"""Designs one law: search, confirmation, reasons, and its figures to print and draw.
+
+Every corner and every delay of a design in virtual time, against the linear analysis.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.laws.design import design_law
+from ...controller.settings import ControllerSettings
+from ...runtime.node.node import NS_PER_MS
+from ...runtime.records import FloatArray
+from .candidate import SETTINGS_KEYS, controller_settings, why_no_gains
+from .explanation import Reason, failed, reasons
+from .judgement import DEMANDS, Study, make_study, unsteered_runs_m
+from .search import Found, Progress, find, find_any
+from .specification import Specification
+from .tracking import rms_m, tracking_grid
+from .vehicle_file import VehicleFile
+from .virtual_check import constant, drive, drives, jittered
+
+
+class NoDesignError(Exception):
+    """No parameters of a law meet all demands; the text names those that are in the way."""
+
+
+class RmsByDelay(NamedTuple):
+    """RMS of the lateral error of the worst path; ``rms_m`` of shape (corners, delays)."""
+
+    delays_ns: tuple[int, ...]
+    rms_m: FloatArray
+
+
+class Design(NamedTuple):
+    """A law that meets all demands.
+
+    ``rms``               over all delays at which every corner is stable
+    ``rms_held_up_to_ns``  up to which delay the RMS keeps its limit; None where it has none
+    ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
+    """
+
+    law: str
+    settings: ControllerSettings
+    found: Found
+    reasons: tuple[Reason, ...]
+    rms: RmsByDelay
+    rms_held_up_to_ns: int | None
+    jitter_rms_m: tuple[float, ...]
+
+
+def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
+    """Return the law that is best by the specification; raises NoDesignError."""
+    reason = why_no_gains(spec, vehicle)
+    if reason is not None:
+        raise NoDesignError(f"{law}: {reason}")
+    fine = make_study(spec, vehicle, fine=True)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
+    if not found.feasible:
+        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}")
+    described = describe(fine, found)
+    return described._replace(reasons=tuple(reasons(fine, found.candidate)))
+
+
+def describe(study: Study, found: Found) -> Design:
+    """Return everything about a law that has been found but the reasons for it."""
+    spec, vehicle, law = study.spec, study.vehicle, found.candidate.law
+    settings = controller_settings(spec, vehicle, law, found.candidate.values())
+    by_delay = rms_by_delay(study, settings, found)
+    asked = drives(spec, vehicle, settings, map(jittered, spec.jitter))
+    jitter_m = np.array([drive(one).rms_m for one in asked])
+    worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
+    return Design(
+        law,
+        settings,
+        found,
+        (),
+        by_delay,
+        _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
+        tuple(float(value) for value in worst_m[: len(spec.jitter)]),
+    )
+
+
+def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> RmsByDelay:
+    """Return the RMS at every delay of the range, and beyond it as long as all is stable."""
+    spec = study.spec
+    last_ns = spec.delays_ns[-1]
+    if found.confirmation is not None:
+        last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
+    delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
+    grid = tracking_grid(
+        study.models, unsteered_runs_m(spec, study.vehicle), delays_ns, spec.period_ns
+    )
+    return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
+
+
+def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
+    """Return the last delay before the first at which the RMS is above its limit [ns]."""
+    if largest_m is None:
+        return None
+    beyond = np.flatnonzero(by_delay.rms_m.max(axis=0) > largest_m)
+    last = int(beyond[0]) - 1 if len(beyond) else len(by_delay.delays_ns) - 1
+    return by_delay.delays_ns[last] if last >= 0 else -1
+
+
+def _why_no_design(
+    spec: Specification, vehicle: VehicleFile, found: Found, progress: Progress
+) -> str:
+    """Return which demands the best law fails, and whether a design exists without one of the
+    demands, or with separate gains for two halves of the box.
+    """
+    best = ", ".join(
+        f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
+    )
+    fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
+    law = found.candidate.law
+    relaxed = (
+        (name, make_study(spec, vehicle, fine=False, without=frozenset({name}))) for name in DEMANDS
+    )
+    culprits = [name for name, study in relaxed if find_any(study, law, progress)]
+    dropped = (
+        f"without one of these there is a design: {', '.join(culprits)}"
+        if culprits
+        else "with any single demand dropped none was found either"
+    )
+    halved = [
+        f"{field} at {middle:g}"
+        for field, middle, halves in split_boxes(vehicle)
+        if all(find_any(make_study(spec, half, fine=False), law, progress) for half in halves)
+    ]
+    split = (
+        f"split the box into two designs at one of these: {', '.join(halved)}"
+        if halved
+        else "no split of the box in two halves helps"
+    )
+    return f"no design; the nearest ({best}) fails: {fails}; {dropped}; {split}"
+
+
+def split_boxes(
+    vehicle: VehicleFile,
+) -> Iterator[tuple[str, float, tuple[VehicleFile, VehicleFile]]]:
+    """Yield the two halves of the box for each of its ranges, the nominal vehicle in the middle."""
+    for field, minimum, maximum in vehicle.box.ranges:
+        middle = 0.5 * (minimum + maximum)
+        low, high = (
+            vehicle.model_copy(
+                update={
+                    "vehicle": vehicle.vehicle.model_copy(update={field: 0.5 * (begin + end)}),
+                    "uncertainty": vehicle.uncertainty.model_copy(update={field: (begin, end)}),
+                }
+            )
+            for begin, end in ((minimum, middle), (middle, maximum))
+        )
+        yield field, middle, (low, high)
+
+
+_CHUNK = 8
+
+
+class Verification(NamedTuple):
+    """The results of all runs.
+
+    ``rms_m``      the largest RMS, and the delay at which it was
+    ``steer_rad``  the largest steer
+    ``deviation``  the largest difference to the linear analysis, of the RMS it gives
+    """
+
+    runs: int
+    rms_m: float
+    delay_ns: int
+    steer_rad: float
+    deviation: float
+    held: bool
+
+
+def verify(
+    pool: Executor, spec: Specification, vehicle: VehicleFile, design: Design
+) -> Verification:
+    """Run the range of delays at all corners and on all paths."""
+    asked = drives(spec, vehicle, design.settings, map(constant, spec.delays_ns))
+    driven = list(pool.map(drive, asked, chunksize=_CHUNK))
+    shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
+    rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
+    columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
+    linear_m = design.rms.rms_m[:, columns]
+    steer_rad = max(run.steer_rad for run in driven)
+    largest_m = spec.rms_m_max_of(design.law)
+    worst = int(rms_m.max(axis=0).argmax())
+    return Verification(
+        len(driven),
+        float(rms_m.max()),
+        spec.delays_ns[worst],
+        steer_rad,
+        float(np.abs(rms_m / linear_m - 1.0).max()),
+        (largest_m is None or float(rms_m.max()) <= largest_m)
+        and steer_rad < spec.limits.steer_rad_max,
+    )
+
+
+def verification_line(spec: Specification, design: Design, found: Verification) -> str:
+    """Return the result of the runs in virtual time in one line."""
+    largest_m = spec.rms_m_max_of(design.law)
+    limit = "" if largest_m is None else f", at most {largest_m:g} m"
+    return (
+        f"  virtual time      {found.runs} runs: RMS at most {found.rms_m:.4g} m"
+        f" (at {found.delay_ns // NS_PER_MS} ms{limit}),"
+        f" steer at most {found.steer_rad:.3g} rad;"
+        f" within {100.0 * found.deviation:.2g} % of the linear analysis:"
+        f" {'held' if found.held else 'NOT HELD'}"
+    )

@@ -1,0 +1,246 @@
+"""Judges a law by all demands of a specification, over all corners and delays.
+
+The plants' responses and the paths do not depend on the law, and are computed once. A study is
+coarse, for the search, or fine, for the result. They differ in the number of delays at which the
+RMS is computed and of points on the frequency axis.
+
+The runs of a specification as the vehicle feels them: curvature over time at its speed.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
+from ...controller.analysis.sampled_loop import SampledLoop
+from ...controller.filters.transfer_function import TransferFunction
+from ...controller.laws.design import LawDesign
+from ...plant_emulator.path.path import Path, curvature
+from ...plant_emulator.path.shapes import build_path
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import FloatArray
+from .candidate import Candidate, controller_settings, designs
+from .loop_figures import (
+    FrequencyGrid,
+    StabilityGrid,
+    behind_lag,
+    frequency_grid,
+    loop_figures,
+    slow_poles,
+    stability_grid,
+)
+from .specification import Specification
+from .tracking import TrackingGrid, track, tracking_grid, unsteered_error_m
+from .vehicle_file import VehicleFile
+
+_SAMPLES_PER_TICK = 4
+"""Between two, curvature is taken as linear, which is exact except at the path's break points."""
+
+
+def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return the lateral error without steering at the ticks, shape (paths, corners, ticks) [m]."""
+    ticks = spec.ticks
+    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
+    paths = [build_path(path) for path in spec.course.paths]
+    interval_s = spec.period_ns / NS_PER_S / _SAMPLES_PER_TICK
+
+    @lru_cache
+    def unsteered(path_index: int, speed_m_s: float) -> FloatArray:
+        met = _curvature_met(paths[path_index], speed_m_s, interval_s, ticks)
+        return unsteered_error_m(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
+
+    return np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
+
+
+def _curvature_met(path: Path, speed_m_s: float, interval_s: float, ticks: int) -> FloatArray:
+    count = (ticks - 1) * _SAMPLES_PER_TICK + 1
+    return np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
+
+
+_MARGIN_DECAY_1_S = 0.02
+"""How fast a loop has to settle to count as stable beyond the range, in the search."""
+_COARSE_DELAYS = 6
+_COARSE_POINTS, _FINE_POINTS = 192, 1500
+_UNSTABLE = 100.0
+"""Violation of an unstable design, to which the share of unstable loops is added."""
+DEMANDS = (
+    "settling",
+    "delay margin",
+    "actuator lag",
+    "PD settling",
+    "PD damping",
+    "PD bandwidth",
+    "peak sensitivity",
+    "noise gain",
+    "RMS error",
+    "steer",
+    "steer rate",
+)
+"""Their names."""
+
+
+class Demand(NamedTuple):
+    """One demand and how far a law is from it.
+
+    ``value``  what the law has; of a count, how many loops or roots fail
+    ``limit``  the most it may be
+    """
+
+    name: str
+    value: float
+    limit: float
+
+    @property
+    def excess(self) -> float:
+        """By what share of the limit the value exceeds it, 0 if it does not; a count as it is."""
+        beyond = max(0.0, self.value - self.limit)
+        return beyond / self.limit if self.limit else beyond
+
+
+class Judgement(NamedTuple):
+    """A law under all demands.
+
+    ``objective``  what is minimised; infinite where a loop is unstable
+    ``violation``  0 if all demands are met, else the larger the further from it
+    """
+
+    objective: float
+    violation: float
+    demands: tuple[Demand, ...]
+
+
+class Study(NamedTuple):
+    """A specification and a vehicle, and what of the computation is the same for every law."""
+
+    spec: Specification
+    vehicle: VehicleFile
+    models: tuple[TransferFunction, ...]
+    tracking: TrackingGrid
+    frequency: FrequencyGrid
+    stability: Mapping[str, StabilityGrid]
+    without: frozenset[str]  # demands that are not made
+
+
+def make_study(
+    spec: Specification, vehicle: VehicleFile, *, fine: bool, without: frozenset[str] = frozenset()
+) -> Study:
+    """Return a study; ``without`` names demands to leave out."""
+    models = vehicle.models
+    period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
+    settling_1_s = spec.d_stability.settling_1_s
+    stability = {
+        "settling": stability_grid(models, spec.delays_ns, period_ns, settling_1_s, points),
+        "delay margin": stability_grid(
+            models, spec.margin_delays_ns, period_ns, _MARGIN_DECAY_1_S, points
+        ),
+    }
+    if spec.actuator is not None:
+        lagged = [behind_lag(model, spec.actuator.lag_s) for model in models]
+        stability["actuator lag"] = stability_grid(
+            lagged, spec.lag_delays_ns, period_ns, _MARGIN_DECAY_1_S, points
+        )
+    delays_ns = spec.delays_ns if fine else _thinned(spec.delays_ns, _COARSE_DELAYS)
+    return Study(
+        spec,
+        vehicle,
+        models,
+        tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, period_ns),
+        frequency_grid(models, delays_ns, period_ns, points),
+        {name: grid for name, grid in stability.items() if name not in without},
+        without,
+    )
+
+
+def judge_candidate(study: Study, candidate: Candidate) -> Judgement:
+    """Judge a candidate of the search."""
+    return judge_law(study, candidate.law, candidate.values())
+
+
+def judge_law(study: Study, law: str, values: dict[str, float]) -> Judgement:
+    """Judge a law with these parameters, the cheap demands first.
+
+    What means nothing for an unstable loop is left out then.
+    """
+    settings = controller_settings(study.spec, study.vehicle, law, values)
+    design, pd_design = designs(settings)
+    demands = [
+        Demand(name, float(np.count_nonzero(slow_poles(grid, design))), 0.0)
+        for name, grid in study.stability.items()
+    ]
+    cells = sum(grid.plants.shape[0] * grid.plants.shape[1] for grid in study.stability.values())
+    slow = sum(demand.value for demand in demands)
+    if "settling" in study.without:
+        slow += _diverging(study, design)
+    if slow:
+        return Judgement(np.inf, _UNSTABLE + slow / cells, tuple(demands))
+    demands += _region(study, pd_design)
+    demands += _frequency(study, design)
+    if sum(demand.excess for demand in demands) > 0.5:
+        return _judged(study, np.inf, demands)
+    demands += _runs(study, design, law)
+    named = {demand.name: demand.value for demand in demands}
+    objective = {
+        "rms": "RMS error",
+        "peak_sensitivity": "peak sensitivity",
+        "noise_gain": "noise gain",
+    }[study.spec.minimise]
+    return _judged(study, named[objective], demands)
+
+
+def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
+    made = tuple(demand for demand in demands if demand.name not in study.without)
+    return Judgement(objective, sum(demand.excess for demand in made), made)
+
+
+def _diverging(study: Study, design: LawDesign) -> int:
+    """Return how many loops are unstable or nearly so, where settling is not demanded."""
+    return sum(
+        not SampledLoop(design, model, study.spec.period_ns).is_stable(study.spec.delays_ns[-1])
+        for model in study.models
+    )
+
+
+def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
+    """Return how many loops of the PD alone fail each part of the D-stability."""
+    table, period_ns = study.spec.d_stability, study.spec.period_ns
+    parts = []
+    for model in study.models:
+        loop = SampledLoop(pd_design, model, period_ns)
+        for delay_ns in table.delays_ns:
+            roots = in_s_plane(loop.closed_loop_poles(delay_ns), period_ns)
+            parts.append(judge(table.demands, roots[None]))
+    failing = {
+        "PD settling": sum(not part.settled[0] for part in parts),
+        "PD damping": sum(not part.damped[0] for part in parts),
+        "PD bandwidth": sum(not part.dominant[0] for part in parts),
+    }
+    return [Demand(name, count / len(parts), 0.0) for name, count in failing.items()]
+
+
+def _frequency(study: Study, design: LawDesign) -> list[Demand]:
+    figures = loop_figures(study.frequency, design)
+    spec = study.spec
+    peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
+    return [
+        Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
+        Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
+    ]
+
+
+def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
+    tracking, limits = track(study.tracking, design), study.spec.limits
+    largest_m = study.spec.rms_m_max_of(law)
+    rms_m_max = np.inf if largest_m is None else largest_m
+    return [
+        Demand("RMS error", float(tracking.rms_m.max()), rms_m_max),
+        Demand("steer", float(tracking.steer_rad.max()), limits.steer_rad_max),
+        Demand("steer rate", float(tracking.steer_rate_rad_s.max()), limits.steer_rate_rad_s_max),
+    ]
+
+
+def _thinned(delays_ns: tuple[int, ...], count: int) -> tuple[int, ...]:
+    last = len(delays_ns) - 1
+    picked = {round(last * index / max(1, count - 1)) for index in range(count)}
+    return tuple(delays_ns[index] for index in sorted(picked))

@@ -1,0 +1,200 @@
+"""Stability, peak sensitivity and noise gain of the sampled loop, for many plants at once.
+
+With L = -P K, the loop cut at the command:
+
+    law                K(z) = C (zI - A)⁻¹ B + D                      from lateral error to steer
+    plant              P(z) = C (zI - A)⁻¹ (b_new + b_old z⁻¹) z⁻ⁿ    from steer to lateral error
+    peak sensitivity   max over ω of |1/(1 + L)| on the unit circle, the inverse of the smallest
+                       distance of L from -1
+    noise gain         standard deviation of the steer [rad] for white noise of 1 m standard
+                       deviation on every measurement:  √(1/2π ∫ |K/(1 + L)|² dθ)
+    stability          Nyquist's count on the circle |z| = e^{-σT}: the poles of the closed loop
+                       outside of it are those of the open loop outside of it, less the turns of
+                       1 + L around 0; none means that every mode decays faster than σ
+
+The matrices are those of ``controller.analysis.linear_system``. The law's are brought to Schur form
+first, after which one back substitution serves all z: a polynomial would lose the dozen poles near
+z = 1 in its coefficients, and a linear solve for each z would take longer.
+
+The count on a grid of points can miss an encirclement between two of them. It serves searches; the
+final result is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur
+
+from ...controller.analysis.linear_system import held_plant, law_system, without_idle_states
+from ...controller.filters.transfer_function import Factor, TransferFunction
+from ...controller.laws.design import LawDesign
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import ComplexArray, FloatArray, IntArray
+
+
+class TriangularLaw(NamedTuple):
+    """C (zI - A)⁻¹ B + D with A upper triangular, complex."""
+
+    triangle: ComplexArray
+    inputs: ComplexArray
+    outputs: ComplexArray
+    d: float
+
+
+def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
+    """Return the response of a linear law at each of ``z``, shape (Z,), none of them a pole."""
+    triangle, inputs, outputs, d = triangular(design)
+    states = np.empty((len(inputs), len(z)), dtype=np.complex128)
+    for row in range(len(inputs) - 1, -1, -1):
+        later = triangle[row, row + 1 :] @ states[row + 1 :]
+        states[row] = (inputs[row] + later) / (z - triangle[row, row])
+    return np.asarray(outputs @ states + d, dtype=np.complex128)
+
+
+@lru_cache(maxsize=1)
+def triangular(design: LawDesign) -> TriangularLaw:
+    """Return a law in Schur form; the newest is kept, as demand after demand asks for it."""
+    needed = without_idle_states(law_system(design))
+    # Balancing costs no rounding and saves two digits: the states differ by orders of magnitude.
+    balanced, (scale, _) = matrix_balance(needed.a, permute=False, separate=True)
+    triangle, basis = schur(balanced, output="complex")
+    inputs = basis.conj().T @ (needed.b / scale)
+    return TriangularLaw(triangle, inputs, (needed.c * scale) @ basis, needed.d)
+
+
+def plant_responses(
+    model: TransferFunction, delays_ns: Sequence[int], period_ns: int, z: ComplexArray
+) -> ComplexArray:
+    """Return the held plant's response at each of ``z`` for each delay, shape (delays, Z)."""
+    responses = np.empty((len(delays_ns), len(z)), dtype=np.complex128)
+    row = _output_row(model, period_ns, z)
+    for index, delay_ns in enumerate(delays_ns):
+        plant = held_plant(model, period_ns, delay_ns)
+        newer_and_older = row @ plant.b_new + (row @ plant.b_old) / z
+        responses[index] = newer_and_older * z ** float(-plant.whole_periods)
+    return responses
+
+
+def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:
+    """Return the model behind a steering actuator 1/(lag s + 1); lag ≥ 0 [s]."""
+    if lag_s == 0.0:
+        return model
+    one = Factor(0.0, 0.0, 1.0)
+    return model.times(TransferFunction(0, (one,), (Factor(0.0, lag_s, 1.0),)))
+
+
+def _output_row(model: TransferFunction, period_ns: int, z: ComplexArray) -> ComplexArray:
+    """Return C (zI - A)⁻¹ at each z, shape (Z, states); the delay has no part in it."""
+    plant = held_plant(model, period_ns, 0)
+    matrices = z[:, None, None] * np.eye(len(plant.c)) - plant.a.T
+    rows = np.linalg.solve(matrices, plant.c[:, None].astype(np.complex128))
+    return np.asarray(rows[:, :, 0], dtype=np.complex128)
+
+
+_OMEGA_RAD_S_MIN = 0.02
+"""The grids of ω are linear below this and logarithmic above."""
+
+
+class StabilityGrid(NamedTuple):
+    """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (corners, delays, Z)."""
+
+    radius: float
+    z: ComplexArray
+    plants: ComplexArray
+    poles_outside: IntArray  # of each corner's plant, shape (corners,)
+
+
+class FrequencyGrid(NamedTuple):
+    """Plants on the upper half of the unit circle, z = 1 left out; ``plants`` as above."""
+
+    angle_rad: FloatArray  # ωT, shape (Z,)
+    z: ComplexArray
+    plants: ComplexArray
+
+
+class LoopFigures(NamedTuple):
+    """Both of shape (corners, delays)."""
+
+    peak_sensitivity: FloatArray
+    noise_gain_rad_m: FloatArray
+
+
+def stability_grid(
+    models: Sequence[TransferFunction],
+    delays_ns: Sequence[int],
+    period_ns: int,
+    decay_1_s: float,
+    points: int,
+) -> StabilityGrid:
+    """Return the grid for the count of poles that decay more slowly than σ; σ > 0 [1/s]."""
+    period_s = period_ns / NS_PER_S
+    radius = math.exp(-decay_1_s * period_s)
+    angle_rad = _spread(math.pi, min(0.5 * decay_1_s, _OMEGA_RAD_S_MIN) * period_s, points)
+    z = radius * np.exp(1j * angle_rad)
+    poles = [np.linalg.eigvals(held_plant(model, period_ns, 0).a) for model in models]
+    outside = [int(np.count_nonzero(np.abs(each) > radius)) for each in poles]
+    return StabilityGrid(radius, z, _plants(models, delays_ns, period_ns, z), np.array(outside))
+
+
+def frequency_grid(
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, points: int
+) -> FrequencyGrid:
+    """Return the grid for sensitivity and noise gain."""
+    angle_rad = _spread(math.pi, _OMEGA_RAD_S_MIN * period_ns / NS_PER_S, points)[1:]
+    z = np.exp(1j * angle_rad)
+    return FrequencyGrid(angle_rad, z, _plants(models, delays_ns, period_ns, z))
+
+
+def slow_poles(grid: StabilityGrid, design: LawDesign) -> IntArray:
+    """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
+    distance = 1.0 - grid.plants * law_response(design, grid.z)
+    # From ω = 0 to π; the lower half of the circle adds as many turns again.
+    turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
+    poles = np.abs(np.diagonal(triangular(design).triangle))
+    open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > grid.radius))
+    return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
+
+
+def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
+    """Return the figures of a law around every plant of the grid; meaningless if unstable."""
+    law = law_response(design, grid.z)
+    sensitivity = sensitivity_size(grid, law)
+    power = np.square(sensitivity * np.abs(law))
+    mean = 0.5 * (power[..., 1:] + power[..., :-1]) @ np.diff(grid.angle_rad) / math.pi
+    # Below the first point the power is taken as constant.
+    mean += power[..., 0] * grid.angle_rad[0] / math.pi
+    return LoopFigures(_peak(sensitivity), np.sqrt(mean))
+
+
+def sensitivity_size(grid: FrequencyGrid, law: ComplexArray) -> FloatArray:
+    """Return |1/(1 + L)| at every point, shape (corners, delays, Z)."""
+    return np.asarray(1.0 / np.abs(1.0 - grid.plants * law), dtype=np.float64)
+
+
+def _peak(size: FloatArray) -> FloatArray:
+    """Return the peak over the last axis, of the parabola through the maximum and its neighbours.
+
+    The maximum on the grid is too low for a peak between two points.
+    """
+    highest = np.clip(size.argmax(axis=-1), 1, size.shape[-1] - 2)[..., None]
+    before, top, after = (
+        np.take_along_axis(size, highest + step, axis=-1)[..., 0] for step in (-1, 0, 1)
+    )
+    bend = np.minimum(before - 2.0 * top + after, -1e-12)
+    rounded = top - np.square(after - before) / (8.0 * bend)
+    # At the ends of the axis the largest value need not be a peak.
+    return np.where(top >= np.maximum(before, after), rounded, size.max(axis=-1))
+
+
+def _plants(
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
+) -> ComplexArray:
+    return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
+
+
+def _spread(last: float, scale: float, points: int) -> FloatArray:
+    """Return 0 to ``last``, evenly below ``scale`` and by a constant factor above it."""
+    return np.asarray(scale * np.sinh(np.linspace(0.0, math.asinh(last / scale), points)))

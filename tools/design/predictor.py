@@ -1,0 +1,179 @@
+"""Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
+
+The gains of filter and feedback follow from these for every speed. Minimised is the RMS of the
+lateral error once it has settled, the worst of every path, vehicle and delay. Limited are the
+peak sensitivity, how much of the sensors' noise reaches the steer, and the largest error under each
+of the specification's conditions. The evolution strategy is the same as for the other laws.
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from ...controller.analysis.sampled_loop import SampledLoop
+from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
+from ...controller.filters.settings import EstimatorSettings, LinkSettings
+from ...controller.laws.design import design_law
+from ...controller.laws.predictor import FALLBACK, PredictorSettings
+from ...controller.settings import ControllerSettings
+from ...runtime.records import FloatArray
+from .candidate import validity
+from .evolution import evolve
+from .predictor_runs import LEFT_M, Task, largest_error_m, peak_sensitivity, runs, steer_noise_rad
+from .search import Progress
+from .specification import PredictorTable, Specification
+from .vehicle_file import VehicleFile
+from .virtual_check import constant, jittered
+
+_THREADS = 2
+_START = {
+    "steer_per_error_rad_m": 1.0,
+    "steering_offset_walk_rad_sqrt_s": 0.002,
+    "curvature_walk_1_m_sqrt_s": 0.02,
+    "yaw_rate_noise_rad_s_sqrt_s": 0.05,
+}
+"""What is searched, in logarithms, and from where."""
+_DECADE = math.log(10.0)
+_DIGITS = 2
+
+
+class PredictorDesign(NamedTuple):
+    """A predictor, and its figures.
+
+    ``rms_m``            worst path and vehicle at each of ``delays_ns``, from the start
+    ``settled_rms_m``    the same without the first seconds
+    ``steer_noise_rad``  standard deviation of what the noise adds to the steer
+    ``peak_sensitivity``  worst vehicle and delay
+    ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
+    ``conditions_m``     largest error under each of the specification's conditions
+    ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
+                         takes over without echoes; at most DELAY_NS_MAX of the analysis
+    """
+
+    settings: ControllerSettings
+    judged: int
+    vehicles: int
+    delays_ns: tuple[int, ...]
+    rms_m: FloatArray
+    settled_rms_m: FloatArray
+    steer_noise_rad: float
+    peak_sensitivity: float
+    jitter_rms_m: tuple[float, ...]
+    conditions_m: tuple[float, ...]
+    fallback_up_to_ns: int
+
+
+def design_predictor(
+    spec: Specification,
+    table: PredictorTable,
+    vehicle: VehicleFile,
+    fallback: ControllerSettings,
+    progress: Progress,
+) -> PredictorDesign:
+    """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
+
+    ``progress``  called with the share of the search that is done, and its best cost [m]
+    """
+    start = np.array([math.log(value) for value in _START.values()])
+    random = np.random.default_rng(spec.search.seed)
+    points = spec.search.points_per_parameter * len(start)
+    best, judged = start, 0
+    with ThreadPoolExecutor(_THREADS) as pool:
+        task = Task(pool, spec, table, vehicle)
+
+        def cost(values: FloatArray) -> float:
+            try:
+                settings = _settings(table, vehicle, fallback, values)
+            except ValidationError:
+                return LEFT_M * LEFT_M
+            return _cost(task, settings)
+
+        for generation in evolve(cost, start, np.full(len(start), 0.3 * _DECADE), points, random):
+            best, judged = generation.best, generation.judged
+            progress(generation.number / table.generations, generation.best_cost)
+            if generation.number >= table.generations:
+                break
+        settings = _settings(table, vehicle, fallback, best)
+        return describe_predictor(task, settings)._replace(judged=judged)
+
+
+def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
+    """Return the figures of a predictor."""
+    spec, delays_ns = task.spec, task.table.delays_ns
+    columns = runs(task, settings, [constant(delay_ns) for delay_ns in delays_ns])
+    jitters = runs(task, settings, [jittered(one) for one in spec.jitter])
+    return PredictorDesign(
+        settings,
+        0,
+        len(task.vehicles),
+        delays_ns,
+        np.array([max(run.rms_m for run in column) for column in columns]),
+        np.array([max(run.settled_rms_m for run in column) for column in columns]),
+        steer_noise_rad(task, settings, columns[-1]),
+        peak_sensitivity(task, settings, delays_ns),
+        tuple(max(run.settled_rms_m for run in column) for column in jitters),
+        tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
+        _fallback_up_to_ns(task.vehicle, settings),
+    )
+
+
+def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
+    """Return up to which constant delay the pd_ddob is stable at every corner."""
+    design = design_law(settings.model_copy(update={"law": FALLBACK}))
+    loops = (SampledLoop(design, model, settings.period_ns) for model in vehicle.models)
+    margins = (delay_margin_ns(stable_delays(loop)) for loop in loops)
+    return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
+
+
+def _cost(task: Task, settings: ControllerSettings) -> float:
+    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
+    spec, table = task.spec, task.table
+    last_ns = table.delays_ns[-1]
+    columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
+    worst_m = max(run.settled_rms_m for column in columns for run in column)
+    excess = max(
+        steer_noise_rad(task, settings, columns[-1]) / table.steer_noise_rad_max,
+        # It grows with the delay.
+        peak_sensitivity(task, settings, [last_ns]) / spec.peak_sensitivity_max,
+        *(largest_error_m(task, settings, met) / met.error_m_max for met in table.conditions),
+    )
+    return worst_m if excess <= 1.0 else LEFT_M * excess
+
+
+def _settings(
+    table: PredictorTable,
+    vehicle: VehicleFile,
+    fallback: ControllerSettings,
+    logarithms: FloatArray,
+) -> ControllerSettings:
+    """Return the settings of a point of the search, in numbers of two digits."""
+    values = {
+        key: float(f"{math.exp(value):.{_DIGITS}g}")
+        for key, value in zip(_START, logarithms, strict=True)
+    }
+    box = {name: (low, high) for name, low, high in vehicle.box.ranges}
+    speed = vehicle.vehicle.speed_m_s
+    low, high = box.get("speed_m_s", (speed, speed))
+    tables = fallback.model_dump(exclude={"law", "link", "estimator", "validity"})
+    tables["predictor"] = PredictorSettings(
+        steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
+        horizon_s_max=table.horizon_s_max,
+        measures_lag=table.measures_lag,
+        measures_mass=table.measures_mass,
+    )
+    return ControllerSettings(
+        **tables,
+        law="predictor",
+        validity=validity(vehicle, table.delay_ms_max),
+        link=LinkSettings(delay_averaging_s=table.delay_averaging_s),
+        estimator=EstimatorSettings(
+            lateral_error_noise_m=table.lateral_error_noise_m,
+            heading_error_noise_rad=table.heading_error_noise_rad,
+            speed_m_s_min=round(0.5 * low, 2),
+            speed_m_s_max=round(1.5 * high, 2),
+            **values,
+        ),
+    )

@@ -1,0 +1,158 @@
+"""Lateral error along a path of the sampled loop without limits, for many plants at once.
+
+    y = y_ρ + P u,   u = K y      so      Y(z) = Y_ρ(z) / (1 - P(z) K(z)),   U(z) = K(z) Y(z)
+
+    y    lateral error at the control ticks                                      [m]
+    y_ρ  the same without steering: (5), -V² ∫∫ ρ dt², ρ the path's curvature    [m]
+    P    plant behind the hold and a constant delay, at the ticks
+    K    law, its own command fed back as sent
+
+Everything is evaluated on the circle |z| = R > 1 and taken back to time by inverse FFT:
+
+    y[k] = R^k · ifft(Y(R e^{2πi j/M}))[k]
+
+The unit circle itself does not work, since plant and y_ρ have their double integrators there. What
+comes later than M ticks wraps around to the beginning, multiplied by R^-M, and rounding is
+multiplied by R^k: R is a compromise between the two. y_ρ may stop at the end of the run, because
+the loop is causal; M leaves the loop some time to settle after that.
+
+Limits, quantisation and jitter are left out; everything else is exact.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+
+from ...controller.filters.transfer_function import TransferFunction
+from ...controller.laws.design import LawDesign
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import ComplexArray, FloatArray
+from .loop_figures import law_response, plant_responses
+
+_LATE_FACTOR = 1e-8
+"""R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""
+_ROOM = 1.3
+"""Ticks of the transform per tick of the run."""
+
+
+class TrackingGrid(NamedTuple):
+    """Plants and paths on the circle |z| = R; Z of its points suffice, the rest being conjugate.
+
+    ``plants``     P, shape (corners, delays, Z)
+    ``unsteered``  Y_ρ, shape (paths, corners, Z)
+    """
+
+    period_ns: int
+    ticks: int
+    transform: int  # M
+    growth: FloatArray  # R^k for every tick of the run, shape (ticks,)
+    z: ComplexArray
+    plants: ComplexArray
+    unsteered: ComplexArray
+
+
+class Tracking(NamedTuple):
+    """The results of a law on the paths of a grid; each of shape (paths, corners, delays).
+
+    ``rms_m``            of the lateral error over the ticks 1 to last [m]
+    ``steer_rad``        largest |steer| [rad]
+    ``steer_rate_rad_s``  largest change of the command from tick to tick, per second [rad/s]
+    """
+
+    rms_m: FloatArray
+    steer_rad: FloatArray
+    steer_rate_rad_s: FloatArray
+
+
+def unsteered_error_m(
+    curvature_1_m: FloatArray, interval_s: float, speed_m_s: float, stride: int
+) -> FloatArray:
+    """Return y_ρ at every ``stride``-th sample of the curvature met at constant speed, (5).
+
+    ``curvature_1_m``  ρ at 0, interval, 2 interval, ..., taken as linear in between
+
+    The vehicle starts on the path, with no lateral speed.
+    """
+    earlier, later = curvature_1_m[:-1], curvature_1_m[1:]
+    slope = _accumulated(0.5 * interval_s * (earlier + later))
+    moved = interval_s * slope[:-1] + interval_s**2 * (2.0 * earlier + later) / 6.0
+    return np.asarray(-(speed_m_s**2) * _accumulated(moved)[::stride], dtype=np.float64)
+
+
+def tracking_grid(
+    models: Sequence[TransferFunction],
+    unsteered_m: FloatArray,
+    delays_ns: Sequence[int],
+    period_ns: int,
+) -> TrackingGrid:
+    """Return the part of the computation that is the same for every law.
+
+    ``models``       plants from steer to lateral error, one for each corner
+    ``unsteered_m``  y_ρ at the ticks from 0 on, shape (paths, corners, ticks)
+    """
+    ticks = unsteered_m.shape[-1]
+    transform = int(next_fast_len(math.ceil(_ROOM * ticks), real=True))
+    log_radius = -math.log(_LATE_FACTOR) / transform
+    points = np.arange(transform // 2 + 1)
+    z = np.exp(log_radius + 2j * math.pi * points / transform)
+    growth = np.exp(log_radius * np.arange(ticks))
+    plants = np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
+    return TrackingGrid(
+        period_ns, ticks, transform, growth, z, plants, rfft(unsteered_m / growth, transform)
+    )
+
+
+def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
+    """Return error and steer of a law on every path, corner and delay of the grid.
+
+    The result is meaningless where the loop is unstable.
+    """
+    law = law_response(design, grid.z)
+    sensitivity = 1.0 / (1.0 - grid.plants * law)
+    by_path = [_track_path(grid, law, path[:, None] * sensitivity) for path in grid.unsteered]
+    return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
+
+
+def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
+    """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
+    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
+    return np.stack([_rms(_in_time(grid, p[:, None] * sensitivity)) for p in grid.unsteered])
+
+
+def lateral_error_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
+    """Return the lateral error at every tick, shape (paths, corners, delays, ticks) [m]."""
+    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
+    return np.stack([_in_time(grid, path[:, None] * sensitivity) for path in grid.unsteered])
+
+
+def _track_path(
+    grid: TrackingGrid, law: ComplexArray, error: ComplexArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return RMS error, peak steer and peak rate from the error on the circle."""
+    steer_rad = _in_time(grid, error * law)
+    steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
+    rate_hz = NS_PER_S / grid.period_ns
+    return (
+        _rms(_in_time(grid, error)),
+        np.abs(steer_rad).max(axis=-1),
+        steps_rad.max(axis=-1) * rate_hz,
+    )
+
+
+def _in_time(grid: TrackingGrid, on_circle: ComplexArray) -> FloatArray:
+    """Return the samples of the run, last axis from (Z,) to (ticks,)."""
+    damped = irfft(on_circle, grid.transform)[..., : grid.ticks]
+    return np.asarray(damped * grid.growth, dtype=np.float64)
+
+
+def _rms(samples: FloatArray) -> FloatArray:
+    later = samples[..., 1:]
+    return np.asarray(np.sqrt(np.einsum("...k,...k->...", later, later) / later.shape[-1]))
+
+
+def _accumulated(steps: FloatArray) -> FloatArray:
+    """Return the running sum, starting with 0."""
+    return np.concatenate(([0.0], np.cumsum(steps)))

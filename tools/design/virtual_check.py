@@ -1,0 +1,133 @@
+"""The design in virtual time: both nodes, their frames and limits, quantised, with real jitter.
+
+The linear analysis leaves out limits, quantisation and jitter; this has them all. One run of 60 s
+takes about half a second, so the constant delays are run only on request.
+"""
+
+from collections.abc import Iterable
+from itertools import product
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from ...closed_loop.virtual import run_virtual_pair
+from ...controller.filters.nominal_model import NominalVehicle
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.network.latency import Distribution
+from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from ...plant_emulator.path.shapes import build_path
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.steering.settings import UNGUARDED
+from ...plant_emulator.vehicle.rig_settings import ActuatorSettings, PathSettings, VehicleSettings
+from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings.settings import SettingsError
+from ...runtime.settings.toml_text import dump_toml
+from .specification import JitterTable, Specification
+from .vehicle_file import VehicleFile
+
+
+class Drive(NamedTuple):
+    """One run: a law, a vehicle of the box, a path, and the latency of the commands.
+
+    ``lag_s``  of the steering
+    """
+
+    settings: ControllerSettings
+    corner: NominalVehicle
+    path: PathSettings
+    duration_s: float
+    latency: LatencySettings
+    lag_s: float = 0.0
+    seed: int = 1
+
+
+class Driven(NamedTuple):
+    """Its result: RMS of the lateral error [m], and the largest steer [rad]."""
+
+    rms_m: float
+    steer_rad: float
+
+
+def drive(asked: Drive) -> Driven:
+    """Run both nodes on a wire that takes no time."""
+    result = run_virtual_pair(plant_settings(asked), asked.settings, None)
+    return Driven(
+        float(result.plant["node"]["lateral_error_rms_m"]),
+        float(result.controller["node"]["peak_steer_rad"]),
+    )
+
+
+def plant_settings(asked: Drive) -> PlantSettings:
+    """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
+    return PlantSettings(
+        duration_s=asked.duration_s,
+        seed=asked.seed,
+        sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
+        vehicle=VehicleSettings(**asked.corner._asdict()),
+        path=asked.path,
+        actuator=ActuatorSettings(lag_s=asked.lag_s),
+        latency=BothLatencySettings(downlink=asked.latency),
+        safety=UNGUARDED,
+    )
+
+
+def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSettings) -> str:
+    """Return the TOML of the plant that the designs are for: nominal vehicle, first path.
+
+    ``settings``  of any of the designs, which share their rate
+    """
+    course, line = spec.course, LatencySettings()
+    rig = plant_settings(
+        Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
+    )
+    return (
+        f"# The plant to the controllers of {spec.name}: as in the runs that confirm them, thus\n"
+        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(rig)
+    )
+
+
+def refuse_what_the_rig_does_not_drive(
+    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
+) -> None:
+    """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
+    for path in spec.course.paths:
+        build_path(path)
+    for asked in drives(spec, vehicle, settings, [LatencySettings()]):
+        try:
+            plant_settings(asked)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise SettingsError(
+                f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
+                f" {first['msg'].lower()}"
+            ) from error
+
+
+def constant(delay_ns: int) -> LatencySettings:
+    """Return a constant latency of the commands."""
+    return LatencySettings(mean_s=delay_ns / NS_PER_S)
+
+
+def jittered(table: JitterTable) -> LatencySettings:
+    """Return the latency of commands: gamma, anew for each, the newest wins."""
+    return LatencySettings(
+        model=Distribution.GAMMA,
+        mean_s=table.mean_ms / 1e3,
+        spread_s=table.spread_ms / 1e3,
+        loss=table.loss,
+    )
+
+
+def drives(
+    spec: Specification,
+    vehicle: VehicleFile,
+    settings: ControllerSettings,
+    latencies: Iterable[LatencySettings],
+) -> list[Drive]:
+    """Return a run for each path, corner and latency, in this order."""
+    cells = product(spec.course.paths, vehicle.box.vertices(), latencies)
+    return [
+        Drive(settings, corner, path, spec.course.duration_s, latency)
+        for path, corner, latency in cells
+    ]

@@ -1,0 +1,58 @@
+"""What runs in a worker process: one law from search to files."""
+
+import ctypes
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...closed_loop.reports.plot_style import plot_style
+from .design import Design, design
+from .pictures import draw_design
+from .report import preset_name, preset_text
+from .specification import Specification
+from .vehicle_file import VehicleFile
+
+SharedProgress = Any
+"""For each law how much of its search is done, and its best cost: an array of 2 n numbers."""
+
+_PROGRESS: list[SharedProgress] = []
+
+
+class Job(NamedTuple):
+    """A law to be designed; ``sources`` are the names of the files of vehicle and specification."""
+
+    spec: Specification
+    vehicle: VehicleFile
+    law: str
+    sources: tuple[str, str]
+    preset_folder: Path
+    picture_folder: Path
+    place: int
+
+
+def shared_progress(laws: int) -> SharedProgress:
+    """Return the memory in which workers report their progress."""
+    shared: SharedProgress = get_context("spawn").Array(ctypes.c_double, 2 * laws, lock=False)
+    return shared
+
+
+def begin_worker(progress: SharedProgress) -> None:
+    """Keep the memory of the progress."""
+    _PROGRESS[:] = [progress]
+
+
+def run_job(job: Job) -> Design:
+    """Design a law and write its preset and its picture."""
+    found = design(job.spec, job.vehicle, job.law, partial(_report, job.place))
+    name = preset_name(job.spec, job.law)
+    text = preset_text(job.spec, job.vehicle, found, job.sources)
+    (job.preset_folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    with plot_style():
+        draw_design(job.spec, job.vehicle, found).savefig(job.picture_folder / f"{name}.png")
+    return found
+
+
+def _report(index: int, done: float, best: float) -> None:
+    for progress in _PROGRESS:
+        progress[2 * index : 2 * index + 2] = done, best

@@ -1,0 +1,182 @@
+"""How late this machine wakes a program up, and when a controller's work of the period is done.
+
+The executor is the one that the programs use, waiting on the real port. Its node does what the
+controller does in a period, with a measurement that it makes up and a command that it does not
+send: a probe must not disturb a bus in use.
+
+Separates measurements taken while the host gave processor time to another machine.
+
+A virtual machine that is stopped cannot be on time. Linux counts the time stolen from it, coarsely;
+so time is cut into slices, and a slice in which any was stolen is disturbed as a whole.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Generic, NamedTuple, TypeVar
+
+from ...controller.node.node import ControllerNode
+from ...controller.settings import ControllerSettings, controller_preset
+from ...runtime.frame.frame import Frame
+from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.node.real_time import Port, RealTimeExecutor
+from ...runtime.node.statistics import DurationStatistics, DurationSummary
+from ...runtime.program.host import StealClock
+from ..benchmarking.wake_ups import measurements
+
+SLICE_NS = 200 * NS_PER_MS
+
+T = TypeVar("T")
+
+
+class Sliced(NamedTuple, Generic[T]):
+    """What was measured.
+
+    ``undisturbed``     samples of the slices without stolen time, as far as it is known
+    ``steal_fraction``  of all processors' time, 0 to 1; None where the platform does not report it
+    """
+
+    samples: list[T]
+    undisturbed: list[T]
+    steal_fraction: float | None
+
+
+class Slices(Generic[T]):
+    """Takes samples of any kind, as they are measured."""
+
+    def __init__(self, make_clock: Callable[[], StealClock] = StealClock) -> None:
+        self._make_clock = make_clock
+        self._whole = self._clock = make_clock()
+        self._samples: list[T] = []
+        self._undisturbed: list[T] = []
+        self._begin = 0  # of the slice, in samples
+        self._end_ns: int | None = None
+
+    def add(self, sample: T, now_ns: int) -> None:
+        """Take a sample that ended at ``now_ns``."""
+        self._samples.append(sample)
+        if self._end_ns is None:
+            self._end_ns = now_ns + SLICE_NS
+        elif now_ns >= self._end_ns:
+            self._cut()
+            self._end_ns = now_ns + SLICE_NS
+
+    def result(self) -> Sliced[T]:
+        """End the last slice."""
+        self._cut()
+        return Sliced(self._samples, self._undisturbed, self._whole.fraction())
+
+    def _cut(self) -> None:
+        if not self._clock.fraction():
+            self._undisturbed += self._samples[self._begin :]
+        self._begin = len(self._samples)
+        self._clock = self._make_clock()
+
+
+PRESET = "practical_pd_ddob"
+"""The law with the longest computing time."""
+
+
+class Sample(NamedTuple):
+    """One period: from its deadline to the wake-up, and to the end of its work [ns]."""
+
+    lateness_ns: int
+    done_ns: int
+
+
+class Figures(NamedTuple):
+    """Statistics of a number of periods; ``missed`` ones passed without a wake-up."""
+
+    lateness: DurationSummary
+    done: DurationSummary
+    missed: int
+
+
+class WakeUps(NamedTuple):
+    """A measurement at one rate.
+
+    ``undisturbed``  the same without the slices in which the host took time
+    """
+
+    rate_hz: int
+    everything: Figures
+    undisturbed: Figures
+    steal_fraction: float | None
+
+
+class WorkingNode:
+    """Does a controller's work in every period until ``end_ns``."""
+
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        start_ns: int,
+        end_ns: int,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._controller = ControllerNode(settings, start_ns)
+        self._frames = measurements()
+        self._end_ns = end_ns
+        self._clock_ns = clock_ns
+        self._ticks = 0
+        self._slices: Slices[Sample] = Slices()
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next period begins [ns]."""
+        return self._controller.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the time is up."""
+        return self._controller.deadline_ns >= self._end_ns
+
+    def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
+        """Ignore the frame."""
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Work without sending."""
+        deadline_ns = self._controller.deadline_ns
+        self._controller.on_frame(self._frames[self._ticks % len(self._frames)], now_ns)
+        self._controller.on_tick(now_ns)
+        self._ticks += 1
+        done_ns = self._clock_ns()
+        self._slices.add(Sample(now_ns - deadline_ns, done_ns - deadline_ns), done_ns)
+        return ()
+
+    def result(self) -> Sliced[Sample]:
+        """Return what was measured."""
+        return self._slices.result()
+
+
+def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> WakeUps:
+    """Work ``rate_hz`` times a second for ``seconds``; raises BusError."""
+    settings = controller_preset(PRESET, [f"rate_hz={rate_hz}"])
+    start_ns = time.monotonic_ns() + NS_PER_S // 10  # the design of the law takes milliseconds
+    node = WorkingNode(settings, start_ns, start_ns + round(seconds * NS_PER_S))
+    RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
+    sliced = node.result()
+    period_ns = settings.period_ns
+    return WakeUps(
+        rate_hz,
+        figures_of(sliced.samples, period_ns),
+        figures_of(sliced.undisturbed, period_ns),
+        sliced.steal_fraction,
+    )
+
+
+def figures_of(samples: Sequence[Sample], period_ns: int) -> Figures:
+    """Summarise periods."""
+    return Figures(
+        summary_of(sample.lateness_ns for sample in samples),
+        summary_of(sample.done_ns for sample in samples),
+        sum(sample.lateness_ns // period_ns for sample in samples),
+    )
+
+
+def summary_of(durations_ns: Iterable[int]) -> DurationSummary:
+    """Summarise durations."""
+    statistics = DurationStatistics()
+    for duration_ns in durations_ns:
+        statistics.record(duration_ns)
+    return statistics.summary()

@@ -1,0 +1,1 @@
+"""The campaign in virtual time: what is tried, what is seen, and what detected it."""

@@ -1,0 +1,261 @@
+"""What a campaign must show: a table of findings, each with its figure.
+
+The CRC's residual probability, expected and seen: random corruption that passes as a message.
+
+E2E profile 5 has a CRC of 16 bits: of frames with random errors in more than three bits, one in
+65536 has a CRC that fits. A range, a value table or a counter rejects some of these too, so
+
+    accepted ≤ corrupted · 2^-16
+
+is the bound in a run. Only the CRC is judged here, so the figure is tested from both sides.
+"""
+
+import random
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
+from ....dbc.messages import Mode as ControllerMode
+from ....runtime.frame.frame import Frame
+from .memory import GROWTH_BYTES_MAX, LONGER, Memory
+from .scenario import GOLDEN
+from .specification import NodeFaultKind
+from .trial import Result, Verdict
+
+RESIDUAL = 2.0**-16
+IMPROBABLE = 1e-4
+_BITS = 64
+
+
+class Residual(NamedTuple):
+    """Frames corrupted at random, and how many had a CRC that fits."""
+
+    corrupted: int
+    fitting: int
+
+    @property
+    def expected(self) -> float:
+        """How many of them are expected to fit."""
+        return self.corrupted * RESIDUAL
+
+
+def measure_residual(frames: int, seed: int = 1) -> Residual:
+    """Put random errors, half of all bits, into ``frames`` frames of both control messages."""
+    draw = random.Random(seed)  # noqa: S311 no secret
+    command = encode(SteeringCommand(0.05, 77, ControllerMode.ACTIVE), 7)
+    error = encode(LateralError(0.02, -0.01), 200)
+    words = [int.from_bytes(frame.data, "little") for frame in (command, error)]
+    ids = (CAN_IDS[SteeringCommand], CAN_IDS[LateralError])
+    fitting = 0
+    for number in range(frames):
+        which = number & 1
+        flips = draw.getrandbits(_BITS) or 1
+        judged = decode(Frame(ids[which], (words[which] ^ flips).to_bytes(8, "little")))
+        fitting += judged not in (Rejection.BAD_CRC, Rejection.MASQUERADED)
+    return Residual(frames, fitting)
+
+
+def exceeds(accepted: int, corrupted: int) -> bool:
+    """Whether too many were accepted for the CRC's residual probability to explain it."""
+    from scipy.special import pdtrc
+
+    return accepted > 0 and float(pdtrc(accepted - 1, corrupted * RESIDUAL)) < IMPROBABLE
+
+
+def falls_short(accepted: int, corrupted: int) -> bool:
+    """Whether too few were accepted for the errors to have been random."""
+    from scipy.special import pdtr
+
+    return float(pdtr(accepted, corrupted * RESIDUAL)) < IMPROBABLE
+
+
+_IDLE = (Verdict.NO_EFFECT, Verdict.NO_CHANCE)
+
+
+class Finding(NamedTuple):
+    """A property to be shown, whether it holds, and its figure.
+
+    ``holds``  None if no run can show it; it then counts as not holding
+    """
+
+    what: str
+    holds: bool | None
+    figure: str
+
+
+def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
+    """Return the findings of a campaign.
+
+    Without a golden run, or without a detectable fault, no finding holds that needs one.
+    """
+    golden = [result for result in results if result.kind == GOLDEN]
+    faulty = [result for result in results if result.kind != GOLDEN]
+    return [
+        *_handled(faulty, ftti_ms),
+        _effective(faulty),
+        _recovered(faulty),
+        _smooth(faulty),
+        _unalarmed(golden, faulty),
+        _valid(results),
+        _protected(results),
+        _queues(results),
+        _unreceived(results),
+    ]
+
+
+def residual_finding(measured: Residual) -> Finding:
+    """Return whether random errors pass the CRC as often as expected, and no less often."""
+    is_too_many = exceeds(measured.fitting, measured.corrupted)
+    is_too_few = falls_short(measured.fitting, measured.corrupted)
+    figure = (
+        f"{measured.fitting} of {measured.corrupted} frames with random errors in half of their "
+        f"bits had a CRC that fits; expected are {measured.expected:.1f}"
+    )
+    what = "the CRC's residual probability is 2^-16"
+    return Finding(what, not (is_too_many or is_too_few), figure)
+
+
+def memory_finding(measured: Memory) -> Finding:
+    """Return whether a pair with faults keeps no memory from each control period."""
+    figure = (
+        f"{measured.warm_bytes / 1e6:.2f} MB held after {measured.run_s / LONGER:g} s with faults, "
+        f"{measured.late_bytes / 1e6:.2f} MB after {measured.run_s:g} s: "
+        f"{measured.growth_bytes:.1f} bytes a control period, the smallest object takes "
+        f"{GROWTH_BYTES_MAX:g}"
+    )
+    return Finding("no unbounded memory", measured.growth_bytes < GROWTH_BYTES_MAX, figure)
+
+
+def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
+    """Detectable faults are detected; their frames are rejected; control is left where required."""
+    seen = [one for one in faulty if one.expected != "none" and one.verdict not in _IDLE]
+    late = [one for one in seen if one.fdti_s is None or not 0.0 <= one.fdti_s <= 1e-3 * ftti_ms]
+    leaving = [one for one in seen if one.safe_state]
+    stayed = [one for one in leaving if one.fhti_s is None or one.fhti_s > 1e-3 * ftti_ms]
+    falsified = [one for one in seen if one.false_frames]
+    believed = [one for one in falsified if one.verdict is Verdict.BELIEVED]
+    followed = [one for one in falsified if one.verdict is Verdict.FOLLOWED]
+    kinds = ", ".join(dict.fromkeys(one.kind for one in followed)) or "none"
+    after = sum(one.false_after for one in followed)
+    frames = sum(one.false_frames for one in followed)
+    share = f", with {100.0 * after / frames:.0f} % of their false frames" if frames else ""
+    return [
+        Finding(
+            f"every detectable fault detected within {ftti_ms:g} ms, and none before its onset",
+            bool(seen) and not late,
+            f"{len(seen) - len(late)} of {len(seen)}, slowest FDTI "
+            f"{_slowest_ms(one.fdti_s for one in seen)}{_first(late)}",
+        ),
+        Finding(
+            f"control left within {ftti_ms:g} ms where nothing is left to act on",
+            not stayed if leaving else None,
+            f"{len(leaving) - len(stayed)} of {len(leaving)}, slowest FHTI "
+            f"{_slowest_ms(one.fhti_s for one in leaving)}{_first(stayed)}",
+        ),
+        Finding(
+            "false frames refused once detected, where anything distinguishes them from true ones",
+            not believed if falsified else None,
+            f"{len(falsified) - len(followed) - len(believed)} of {len(falsified)} runs; "
+            f"{len(followed)} followed, as was to be expected ({kinds}){share}{_first(believed)}",
+        ),
+    ]
+
+
+def _effective(faulty: Sequence[Result]) -> Finding:
+    idle = [one for one in faulty if one.verdict is Verdict.NO_EFFECT]
+    spared = [one for one in faulty if one.verdict is Verdict.NO_CHANCE]
+    kinds = ", ".join(dict.fromkeys(one.label for one in spared))
+    note = f"; {len(spared)} by chance without ({kinds})" if spared else ""
+    figure = f"{len(faulty) - len(idle) - len(spared)} of {len(faulty)} runs{note}{_first(idle)}"
+    return Finding("every fault had an effect", bool(faulty) and not idle, figure)
+
+
+def _recovered(faulty: Sequence[Result]) -> Finding:
+    running = [one for one in faulty if one.verdict not in _IDLE]
+    asked = [one for one in running if one.recovery_allowed_s is not None]
+    missing = [one for one in asked if not one.is_back]
+    allowed_s = [one.recovery_allowed_s or 0.0 for one in asked]
+    least, most = min(allowed_s, default=0.0), max(allowed_s, default=0.0)
+    figure = (
+        f"{len(asked) - len(missing)} of {len(asked)}, slowest "
+        f"{_slowest_ms(one.recovery_s for one in asked)}; allowed are {1e3 * least:.0f} to "
+        f"{1e3 * most:.0f} ms, by the latency{_first(missing)}"
+    )
+    what = "both nodes in control again after the fault, unless a peer is dead"
+    return Finding(what, not missing if asked else None, figure)
+
+
+def _smooth(faulty: Sequence[Result]) -> Finding:
+    """Command and wheel do not jump when a node recovers."""
+    command = [one.command_return_rad for one in faulty if one.command_return_rad is not None]
+    wheel = [one.wheel_return_rad for one in faulty if one.wheel_return_rad is not None]
+    jumped = [one for one in faulty if one.jumps]
+    figure = (
+        f"{len(command)} runs with a return of the controller, {len(wheel)} of the steering; "
+        f"largest step of the command then {max(command, default=0.0):.5f} rad, of the wheel "
+        f"{max(wheel, default=0.0):.5f} rad beside what commands that come at once do"
+    )
+    if jumped:
+        figure += f"; {len(jumped)} runs jump{_first(jumped)}: {jumped[0].jumps}"
+    what = "no step on the way back beyond what fades and limits allow"
+    return Finding(what, not jumped if command or wheel else None, figure)
+
+
+def _unalarmed(golden: Sequence[Result], faulty: Sequence[Result]) -> Finding:
+    alarms = [one for one in golden if one.verdict is Verdict.FALSE_ALARM]
+    early = [one for one in faulty if one.verdict is Verdict.EARLY]
+    figure = f"{len(alarms)} of {len(golden)} golden runs counted anything{_first(alarms + early)}"
+    holds = bool(golden) and not alarms and not early
+    return Finding("no false detection in golden runs", holds, figure)
+
+
+def _valid(results: Sequence[Result]) -> Finding:
+    unsafe = [one for one in results if one.verdict is Verdict.UNSAFE]
+    figure = f"{len(unsafe)} of {len(results)} runs{_first(unsafe)}"
+    what = "no invalid or out-of-limit value sent by a node"
+    return Finding(what, bool(results) and not unsafe, figure)
+
+
+def _protected(results: Sequence[Result]) -> Finding:
+    corrupted = sum(result.corrupted for result in results)
+    accepted = sum(result.corrupted_accepted for result in results)
+    figure = (
+        f"{accepted} of {corrupted} corrupted frames accepted; the CRC's residual probability "
+        f"2^-16 lets {corrupted * RESIDUAL:.2g} be expected"
+    )
+    what = "no frame accepted that fails its protection"
+    return Finding(what, not exceeds(accepted, corrupted) if corrupted else None, figure)
+
+
+def _queues(results: Sequence[Result]) -> Finding:
+    """Every queue of a node rejects what exceeds its size; only a full bus fills one."""
+    filled = [one for one in results if one.bus_refused and one.kind != NodeFaultKind.BABBLING]
+    refused = sum(result.bus_refused for result in results)
+    figure = f"{refused} frames found their queue of 64 full, all behind a babbling node"
+    if filled:
+        figure = f"queues filled without a babbling node in {len(filled)} runs" + _first(filled)
+    return Finding("no unbounded queue", bool(results) and not filled, figure)
+
+
+def _unreceived(results: Sequence[Result]) -> Finding:
+    checked = [result for result in results if result.as_golden is not None]
+    disturbed = [result for result in checked if result.verdict is Verdict.DISTURBED]
+    figure = (
+        f"{len(checked) - len(disturbed)} of {len(checked)} runs are the golden one bit for bit, "
+        f"and nothing counted" + _first(disturbed)
+    )
+    what = "faults where no node listens change nothing"
+    return Finding(what, not disturbed if checked else None, figure)
+
+
+def _slowest_ms(times_s: Iterable[float | None]) -> str:
+    known = [time_s for time_s in times_s if time_s is not None]
+    return f"{1e3 * max(known):.1f} ms" if known else "none"
+
+
+def _first(results: Sequence[Result]) -> str:
+    """Name the first of the results that should not occur."""
+    if not results:
+        return ""
+    one = results[0]
+    return f"; first: {one.name} ({one.verdict}{': ' + one.unsafe[:80] if one.unsafe else ''})"

@@ -1,0 +1,224 @@
+"""A campaign in the terminal, as CSV and as one page of HTML."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from ....closed_loop.reports.page import Cell, Section, Table, number, page
+from ..live.campaign import live_section
+from ..live.judgement import Outcome
+from .acceptance import Finding
+from .grouping import Comparison, Group, in_ms, in_percent
+from .scenario import GOLDEN, laws_of
+from .specification import CampaignSettings
+from .trial import FAILURES, Result
+
+_FAILED_SHOWN = 50
+_NAMES_SHOWN = 10
+_DEFINITIONS = (
+    "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
+    "cause in that receiver's own report; FRTI from there until it leaves control, where nothing "
+    "is left to act on; FHTI is their sum. Elsewhere the reaction is to refuse the frame at once, "
+    "or there is none. Accepted: of the frames that the fault has made of true ones, or put beside "
+    "them, the share that the receiver accepted; with a verdict of 'detected, followed' it went on "
+    "to accept them after it had seen the fault. What the plant sees behind its latency line "
+    "(silence, limiter) counts from when the effect has come out of it, with the latency of the "
+    "last command that did. Reported: until the node sends the first frame that says so. Recovery: "
+    "from the fault's end until both nodes are in control again. Times are the longest of all "
+    "runs, in milliseconds, shares in percent.",
+    "Which mechanism can detect a fault is decided by what the fault is, before any run. A fault "
+    "that is not detectable shows a receiver nothing that differs from a sound sender; its "
+    "deviation says what that costs.",
+)
+
+
+def table_lines(groups: Sequence[Group]) -> list[str]:
+    """Return the table for a terminal: a line for each case."""
+    lines = [
+        f"{'fault':17} {'of':17} {'magn.':>6} {'runs':>4}  {'can be seen by':19} "
+        f"{'FDTI':>5} {'FRTI':>5} {'FHTI':>5} {'rep.':>5} {'acc.':>4} {'recov':>6} {'dev.':>6} "
+        f"{'rate':>6}  verdicts",
+        f"{'':68}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[%]':>4} {'[ms]':>6} "
+        f"{'[m]':>6} {'[rad/s]':>7}",
+    ]
+    lines += [
+        f"{one.kind:17} {one.where:17} {one.magnitude:6g} {one.runs:4}  {one.expected:19.19} "
+        f"{in_ms(one.fdti_s):>5} {in_ms(one.frti_s):>5} {in_ms(one.fhti_s):>5} "
+        f"{in_ms(one.reported_s):>5} {in_percent(one.accepted):>4} "
+        f"{_recovery(one):>6} {one.lateral_error_peak_m:6.3f} {one.steer_rate_peak_rad_s:6.1f}  "
+        f"{one.verdicts}"
+        for one in groups
+    ]
+    return lines
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Return the findings, a line each."""
+    width = max(len(one.what) for one in findings)
+    return [f"{_held(one):3}  {one.what:{width}}  {one.figure}" for one in findings]
+
+
+def _held(finding: Finding) -> str:
+    """Return whether a finding holds; a dash where no run bears on it."""
+    return "-" if finding.holds is None else "yes" if finding.holds else "NO"
+
+
+def comparison_lines(comparison: Comparison) -> list[str]:
+    """Return the four groups, with the first names of those that matter."""
+    lines = [
+        f"fixed {len(comparison.fixed)}, unchanged {len(comparison.unchanged)}, "
+        f"new failure {len(comparison.new_failure)}, still failing "
+        f"{len(comparison.still_failing)}; {comparison.added} runs added, "
+        f"{comparison.removed} no longer run"
+    ]
+    for what, results in _named_groups(comparison):
+        lines += [f"  {what}: {one.name} ({one.verdict})" for one in results[:_NAMES_SHOWN]]
+        if len(results) > _NAMES_SHOWN:
+            lines.append(f"  {what}: and {len(results) - _NAMES_SHOWN} more")
+    return lines
+
+
+def write_csv(path: Path, results: Sequence[Result]) -> None:
+    """Write a line for each run."""
+    with path.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened)
+        writer.writerow(Result._fields)
+        for result in results:
+            counts = " ".join(f"{cause}={count}" for cause, count in result.counts.items())
+            writer.writerow(result._replace(counts=counts))  # type: ignore[arg-type]
+
+
+def campaign_page(
+    spec: CampaignSettings,
+    results: Sequence[Result],
+    groups: Sequence[Group],
+    findings: Sequence[Finding],
+    comparison: Comparison | None,
+    live: Sequence[Outcome] = (),
+) -> str:
+    """Return the page; ``live``: outcomes of the live campaign, if it was run."""
+    golden = sum(result.kind == GOLDEN for result in results)
+    failed = [result for result in results if result.verdict in FAILURES]
+    sections = [
+        Section(
+            "Acceptance",
+            [
+                f"{len(results)} runs of {spec.motion_s:g} s of motion in virtual time, {golden} "
+                f"of them without a fault: {len(groups) - (golden > 0)} cases at "
+                f"{len(spec.points)} operating points, each with its laws. Each fault lasts "
+                f"{spec.fault_s:g} s; the fault tolerant time interval is {spec.ftti_ms:g} ms. "
+                f"Campaign seed {spec.seed}."
+            ],
+            tables=[_findings_table(findings)],
+        )
+    ]
+    if comparison is not None:
+        sections.append(_comparison_section(comparison))
+    sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
+    if live:
+        sections.append(live_section(live))
+    sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
+    how_many = f"{len(failed)} of {len(results)}." if failed else "None."
+    sections.append(Section("Runs that failed", [how_many], tables=[_failed_table(failed)]))
+    sections.append(Section("Operating points", [], tables=[_points_table(spec)]))
+    return page("Fault campaign", sections)
+
+
+def _findings_table(findings: Sequence[Finding]) -> Table:
+    rows = [[Cell(_held(one)), Cell(one.what), Cell(one.figure)] for one in findings]
+    return Table(("holds", "what", "figure"), rows)
+
+
+def _cases_table(groups: Sequence[Group]) -> Table:
+    headings = (
+        *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FRTI", "FHTI"),
+        *("reported", "accepted", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
+    )
+    rows = [
+        [
+            Cell(f"{one.kind} {one.magnitude:g}" if one.where else one.kind),
+            Cell(one.where),
+            Cell(one.expected),
+            Cell(one.detected_by or one.counted),
+            number(in_ms(one.fdti_s)),
+            number(in_ms(one.frti_s)),
+            number(in_ms(one.fhti_s)),
+            number(in_ms(one.reported_s)),
+            number(in_percent(one.accepted)),
+            number(_recovery(one)),
+            number(f"{one.lateral_error_peak_m:.3f}"),
+            number(f"{one.steer_rate_peak_rad_s:.1f}"),
+            Cell(one.verdicts),
+        ]
+        for one in groups
+    ]
+    return Table(headings, rows)
+
+
+def _why_table(groups: Sequence[Group]) -> Table:
+    """Return what was expected of each kind of fault; equal reasons are one row."""
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for one in groups:
+        case = f"{one.magnitude:g} {one.where}"
+        reasons.setdefault((one.kind, one.expected, one.why), []).append(case)
+    rows = [
+        [Cell(kind), Cell(", ".join(cases)), Cell(expected), Cell(why)]
+        for (kind, expected, why), cases in reasons.items()
+    ]
+    return Table(("fault", "magnitude and message", "can be seen by", "because"), rows)
+
+
+def _failed_table(failed: Sequence[Result]) -> Table:
+    rows = []
+    for one in failed[:_FAILED_SHOWN]:
+        counted = ", ".join(f"{cause} {n}" for cause, n in one.counts.items())
+        times = number(in_ms(one.fdti_s)), number(in_ms(one.fhti_s))
+        what = Cell(one.unsafe or one.jumps or counted)
+        rows.append([Cell(one.name), Cell(str(one.verdict)), *times, what])
+    return Table(("run", "verdict", "FDTI", "FHTI", "counted"), rows)
+
+
+def _points_table(spec: CampaignSettings) -> Table:
+    rows = [
+        [
+            Cell(point.name),
+            number(f"{point.speed_m_s:.3g}"),
+            number(f"{point.virtual_mass_kg:g}"),
+            number(f"{point.downlink_ms:g}"),
+            number(f"{point.uplink_ms:g}"),
+            number(f"{point.jitter_ms:g}"),
+            number(f"{point.noise_m:g}"),
+            Cell("ellipse" if point.path is None else point.path.kind.replace("_", " ")),
+            Cell(", ".join(laws_of(spec, point))),
+        ]
+        for point in spec.points
+    ]
+    headings = (
+        *("point", "speed [m/s]", "mass [kg]", "downlink [ms]", "uplink [ms]"),
+        *("jitter [ms]", "noise [m]", "path", "laws"),
+    )
+    return Table(headings, rows)
+
+
+def _comparison_section(comparison: Comparison) -> Section:
+    rows = [
+        [Cell(what), Cell(one.name), Cell(str(one.verdict)), number(in_ms(one.fhti_s))]
+        for what, results in _named_groups(comparison)
+        for one in results[:_FAILED_SHOWN]
+    ]
+    summary = comparison_lines(comparison)[0]
+    summary += f"; up to {_FAILED_SHOWN} runs of a group are named."
+    tables = [Table(("group", "run", "verdict now", "FHTI now [ms]"), rows)]
+    return Section("Beside the earlier campaign", [summary[0].upper() + summary[1:]], tables=tables)
+
+
+def _named_groups(comparison: Comparison) -> list[tuple[str, list[Result]]]:
+    return [
+        ("new failure", comparison.new_failure),
+        ("still failing", comparison.still_failing),
+        ("fixed", comparison.fixed),
+    ]
+
+
+def _recovery(one: Group) -> str:
+    return in_ms(one.recovery_s) if one.recovered == one.runs else "never"

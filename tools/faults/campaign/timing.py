@@ -1,0 +1,84 @@
+"""How soon the receiver of a fault detected it, reacted to it and reported it."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ....runtime.node.node import NEVER_NS, NS_PER_S
+from .detectability import MECHANISM_OF, Mechanism
+from .observation import SAFE_CAUSES, Watch
+from .scenario import Case
+from .specification import CONTROLLER, PLANT
+from .watched_pair import Pair
+
+
+class Times(NamedTuple):
+    """By which counter the receiver detected the fault, and the times of its reactions [s]."""
+
+    detected_by: str
+    fdti_s: float | None
+    frti_s: float | None
+    fhti_s: float | None
+    reported_s: float | None
+
+
+_UNSEEN = Times("", None, None, None, None)
+
+
+def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]:
+    """Return the slower receiver's times, and when the fault was first detected [ns].
+
+    What the plant detects behind its latency line counts from when the fault's first effect left
+    that line.
+    """
+    detected_ns: int | None = None
+    found: list[Times] = []
+    for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller)):
+        if case.receiver not in (name, "both") or not case.expected.mechanisms:
+            continue
+        late_ns = _downlink_latency_ns(pair) if name == PLANT else 0
+        seen = _since(watch, case.expected.mechanisms, effect_ns, late_ns)
+        if not seen:
+            return _UNSEEN, None
+        fdti_s, cause = min(seen)
+        detected_ns = min(watch.first_seen_ns[cause], detected_ns or NEVER_NS)
+        any_cause = _since(watch, None, effect_ns, late_ns)
+        safe = [since_s for since_s, one in any_cause if one in SAFE_CAUSES]
+        fhti_s: float | None = fdti_s
+        if case.expected.safe_state:
+            fhti_s = max(fdti_s, min(safe)) if safe else None
+        reports_ns = [at_ns for at_ns in watch.reported_ns if at_ns >= effect_ns]
+        reported_s = (reports_ns[0] - effect_ns) / NS_PER_S if reports_ns else None
+        frti_s = None if fhti_s is None else fhti_s - fdti_s
+        found.append(Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, reported_s))
+    if not found:
+        return _UNSEEN, None
+    slowest = max(found, key=lambda times: math.inf if times.fhti_s is None else times.fhti_s)
+    return slowest, detected_ns
+
+
+def _downlink_latency_ns(pair: Pair) -> int:
+    """Return the latency of the command in effect when the plant detected the fault [ns]."""
+    seen = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
+    seen_ns = min((at_ns for at_ns in seen if at_ns is not None), default=0)
+    started_ns = pair.plant.started_ns or 0
+    for sample in pair.plant_node.samples:  # the first one that has it in effect
+        is_since = round(sample.time_s * NS_PER_S) + started_ns >= seen_ns
+        if is_since and not math.isnan(sample.downlink_latency_s):
+            return round(sample.downlink_latency_s * NS_PER_S)
+    return 0
+
+
+def _since(
+    watch: Watch, mechanisms: Sequence[Mechanism] | None, effect_ns: int, late_ns: int
+) -> list[tuple[float, str]]:
+    """Return how long after the effect each cause was first counted [s]."""
+    seen = []
+    for cause, at_ns in watch.first_seen_ns.items():
+        mechanism = MECHANISM_OF.get(cause)
+        if mechanism is None or (mechanisms is not None and mechanism not in mechanisms):
+            continue
+        # What acts behind the latency line is affected one latency later.
+        behind_line = mechanism in (Mechanism.FRESHNESS, Mechanism.LIMITER)
+        seen.append(((at_ns - effect_ns - (late_ns if behind_line else 0)) / NS_PER_S, cause))
+    return seen

@@ -1,0 +1,116 @@
+"""The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from ....controller.node.node import ControllerNode
+from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
+from ....plant_emulator.faults.stage import FaultyNode
+from ....plant_emulator.node.node import PlantNode
+from ....plant_emulator.settings import PlantSettings
+from ....plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from ....runtime.bus_model.bus_model import BusModel
+from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
+from ....runtime.node.node import NEVER_NS, NS_PER_S, ReportingNode
+from ....runtime.node.virtual_time import VirtualTimeExecutor
+from ..injection.babbling_node import BabbledBus
+from .detectability import MECHANISM_OF, Sight, sight_of
+from .node_faults import NodeFault, with_node_faults
+from .observation import Watch, bounds_of
+from .recovery import Way, way_of
+from .scenario import Case, Scenario, controller_settings_of, plant_settings_of
+from .specification import CONTROLLER, PLANT, NodeFaultKind
+
+BABBLER_ID = 0x000
+"""It wins the arbitration against every frame of the pair."""
+_CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
+"""Kinds that break a frame's protection."""
+_FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
+"""Kinds that make frames nobody has sent, with a valid protection."""
+_FALSIFYING = frozenset(FaultKind) - {
+    FaultKind.DROP,
+    FaultKind.BURST_LOSS,
+    FaultKind.DUPLICATE,
+    FaultKind.REORDER,
+    FaultKind.DELAY_SPIKE,
+}
+"""Kinds that hand over frames other than those just sent; the rest lose, double or delay."""
+_PARAMS_KEPT = 64
+
+
+class Pair(NamedTuple):
+    """The two nodes of a run, watched; the plant behind the fault stage."""
+
+    plant_node: PlantNode
+    edge: FaultyNode[Watch]
+    plant: Watch
+    controller: Watch
+    bus: BabbledBus
+    sight: Sight
+    way: Way
+
+
+def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
+    """Return the pair of a run, not yet run.
+
+    ``further``  faults of nodes beside that of the case; of all, one may be a babbling node
+    """
+    case = scenario.case
+    node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
+    plant = plant_settings_of(scenario, case.faults)
+    controller = controller_settings_of(scenario.law, scenario.spec.ftti_ms)
+    onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
+    bounds = bounds_of(plant, controller)
+    wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
+    kinds = {fault.kind for fault in case.faults}
+    # Where frames are forged too, a frame that nobody has sent may be intact.
+    # A node that nobody receives cannot have its frames accepted.
+    is_corrupting = kinds & _CORRUPTING and not kinds & _FORGING and not case.is_unreceived
+
+    def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
+        own = wanted if case.receiver in (name, "both") else ()
+        struck = with_node_faults(node, name, node_faults)
+        seen_from = peer_sent if is_corrupting else None
+        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
+
+    sent_by_plant: set[Any] = set()
+    controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
+    # Neither seed nor faults affect the motion, so runs share it.
+    motion = _motion_params(plant.model_copy(update={"seed": 1, "faults": ()}))
+    node = PlantNode(plant, 0, motion)
+    plant_watch = watched(node, PLANT, controller_watch.sent)
+    plant_watch.sent = sent_by_plant
+    start_ns, stop_ns = NEVER_NS, NEVER_NS
+    for fault in node_faults:
+        if fault.kind is NodeFaultKind.BABBLING:
+            start_ns, stop_ns = fault.window_ns
+    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=BUFFER_FULL)
+    bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
+    edge = FaultyNode(plant_watch, case.faults, scenario.seed)
+    for stage in edge.stages:
+        is_down = stage.settings.direction is FaultDirection.DOWNLINK
+        if stage.settings.kind in _FALSIFYING:
+            stage.on_change = (plant_watch if is_down else controller_watch).expect_false
+    way = way_of(plant, controller, scenario.point, 1e-3 * scenario.spec.ftti_ms)
+    sight = sight_of(plant, controller)
+    return Pair(node, edge, plant_watch, controller_watch, bus, sight, way)
+
+
+def run_pair(scenario: Scenario, pair: Pair) -> None:
+    """Run a pair to the end of its motion."""
+    end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
+    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+
+
+def onset_ns_of(case: Case) -> int:
+    """Return from when counters are compared with those before [ns]; 0 for a golden run."""
+    if case.node_fault is not None:
+        return case.node_fault.window_ns[0]
+    # The stage's clock starts with the first command, some periods after this one.
+    return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
+
+
+@lru_cache(maxsize=_PARAMS_KEPT)
+def _motion_params(settings: PlantSettings) -> MotionParams:
+    return motion_params(settings)

@@ -1,0 +1,78 @@
+"""A babbling node: always has a frame ready, so that the bus is never free.
+
+Its identifier decides the effect. The highest identifier takes the bus time that the others leave;
+the lowest takes all of it; one between two messages starves the message of lower priority, and must
+not delay the other. The payload counts up, so that a recording shows missing frames.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from ....dbc.messages import CAN_IDS, DATA_IDS
+from ....runtime.bus_model.bus_model import BusModel
+from ....runtime.bus_model.bus_records import Delivery
+from ....runtime.bus_model.transmit_queue import BusOverflowError
+from ....runtime.frame.frame import Frame
+from ....runtime.node.node import NEVER_NS
+
+LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
+HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
+"""Several, because the emulated bus takes a bounded number of frames from each client: four queues
+last for 60 ms in which the machine may stall babbler and broker. The pair's identifiers lie in
+between."""
+_PAIR_IDS = sorted(CAN_IDS[message] for message in DATA_IDS)
+GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS) if above - below > 1]
+"""The identifiers between two of the pair's own, where there are any. All in one gap affect the
+pair alike: messages of higher priority get through, those of lower priority wait."""
+_BABBLER = -1
+
+
+def babble(can_id: int, number: int) -> Frame:
+    """Return frame ``number`` of the babbling node."""
+    return Frame(can_id, number.to_bytes(8, "little"))
+
+
+class BabbledBus:
+    """A bus with a babbling node on it, as the wire of a virtual-time executor.
+
+    ``model``     the bus, which has no other sender
+    ``can_id``    of the babbling node
+    ``start_ns``  when it begins, ``end_ns`` when it stops [ns]
+
+    The nodes do not get its frames: on a real bus their receive filters keep them away. A node's
+    frame that finds its queue full is lost and counted, as in a transmit queue that is full.
+    """
+
+    def __init__(self, model: BusModel, can_id: int, start_ns: int, end_ns: int) -> None:
+        self._model = model
+        self._can_id = can_id
+        self._start_ns = start_ns
+        self._end_ns = end_ns
+        self._is_ready = False
+        self.babbled = self.refused = 0
+
+    @property
+    def next_event_ns(self) -> int:
+        """When the next frame is complete, or when the babbling begins [ns]."""
+        begins_ns = NEVER_NS if self.babbled or self._is_ready else self._start_ns
+        return min(self._model.next_event_ns, begins_ns)
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Take a frame of a node, if there is room."""
+        try:
+            self._model.submit(frame, sender, now_ns)
+        except BusOverflowError:
+            self.refused += 1
+
+    def advance(self, now_ns: int) -> Sequence[Delivery]:
+        """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
+        completed = self._model.advance(now_ns)
+        others = [delivery for delivery in completed if delivery.sender != _BABBLER]
+        if len(others) < len(completed):
+            self._is_ready = False
+            self.babbled += len(completed) - len(others)
+        # The next arbitration is after the intermission, so this is in time for it.
+        if not self._is_ready and self._start_ns <= now_ns < self._end_ns:
+            self._model.submit(babble(self._can_id, self.babbled), _BABBLER, now_ns)
+            self._is_ready = True
+        return others

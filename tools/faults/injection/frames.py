@@ -1,0 +1,201 @@
+"""The frames of each kind of fault: some for each place in its sequence, seeded.
+
+The same fault, seed and place give the same frames. Nothing here knows the time: the caller passes
+it to ``FrameSource``, which returns when its next frame is due [ns].
+"""
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+from ....dbc.codec.protection import COUNTERS
+from ....dbc.messages import (
+    CAN_IDS,
+    COMMAND_COUNTERS,
+    Decoded,
+    LateralError,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    decode,
+    encode,
+)
+from ....plant_emulator.faults.effects import with_value
+from ....runtime.frame.frame import ERROR, Frame
+from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
+from ....runtime.node.node import NEVER_NS, NS_PER_S
+from .babbling_node import HIGHEST_PRIORITY_IDS, babble
+from .kinds import LiveFault, LiveKind
+
+PERIOD_NS = 10_000_000
+"""Period of forged and malformed frames unless the magnitude sets it: that of the pair's own."""
+FRAMES_AT_ONCE = 200
+"""Limit after a stall of the machine; a flood is limited by the bus alone."""
+_COMMAND_ID = CAN_IDS[SteeringCommand]
+_RECEIVED_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
+Produce = Callable[[int], Sequence[Frame]]
+"""Frames of one place in the sequence."""
+
+
+class Timed(NamedTuple):
+    """A frame of a recording, and when it was sent after the first one [ns]."""
+
+    offset_ns: int
+    frame: Frame
+
+
+class FrameSource:
+    """Frames of one fault as they become due.
+
+    ``start_ns``  when the onsets' clock starts
+    ``produce``   the frames of each place, ``offset_ns`` when its place is after the onset
+    ``react``     the frames that follow a received one, if the fault listens
+    """
+
+    def __init__(
+        self,
+        fault: LiveFault,
+        start_ns: int,
+        produce: Produce,
+        offset_ns: Callable[[int], int],
+        react: Callable[[Frame], Sequence[Frame]] | None = None,
+    ) -> None:
+        self.fault = fault
+        self.onset_ns = start_ns + round(fault.onset_s * NS_PER_S)
+        self.end_ns = start_ns + round(fault.end_s * NS_PER_S)
+        self._produce = produce
+        self._offset_ns = offset_ns
+        self._react = react
+        self._index = 0
+
+    @property
+    def next_due_ns(self) -> int:
+        """When it has the next frame [ns]; NEVER_NS when there is none."""
+        due_ns = self.onset_ns + self._offset_ns(self._index)
+        return due_ns if due_ns < self.end_ns else NEVER_NS
+
+    def due(self, now_ns: int) -> Iterator[Frame]:
+        """Yield what is due; a caller that cannot send one stops, and gets the next one later."""
+        for _ in range(FRAMES_AT_ONCE):
+            if now_ns >= self.end_ns or self.next_due_ns > now_ns:
+                return
+            self._index += 1
+            yield from self._produce(self._index - 1)
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Return the frames that follow a frame of another participant."""
+        if self._react is None or not self.onset_ns <= now_ns < self.end_ns:
+            return ()
+        return self._react(frame)
+
+
+def frame_source(
+    fault: LiveFault, start_ns: int, seed: int, bitrate_bit_s: int, recording: Sequence[Timed] = ()
+) -> FrameSource:
+    """Return the source of a fault that acts by frames, not on a process.
+
+    ``seed``       of the fault: what is random in it is a function of that and the place
+    ``recording``  what a replay sends
+    """
+    draws = random.Random(seed)  # noqa: S311 it has to be repeatable
+    if fault.kind is LiveKind.REPLAY:
+        return _replay(fault, start_ns, recording)
+    if fault.kind is LiveKind.SPOOF_NEXT:
+        return FrameSource(
+            fault, start_ns, lambda _: (), lambda _: NEVER_NS, lambda one: _next_of(fault, one)
+        )
+    if fault.kind is LiveKind.BABBLE:
+        return FrameSource(fault, start_ns, _babble, _babble_times(fault, bitrate_bit_s))
+    period_ns = PERIOD_NS
+    if fault.kind in (LiveKind.NOISE, LiveKind.WRONG_IDENTIFIER):
+        period_ns = round(NS_PER_S / fault.magnitude)
+    return FrameSource(fault, start_ns, _producer(fault, draws), lambda index: index * period_ns)
+
+
+def _producer(fault: LiveFault, draws: random.Random) -> Produce:
+    first = draws.randrange(COMMAND_COUNTERS)
+    if fault.kind is LiveKind.SPOOF:
+        return lambda index: (_command(fault.magnitude, first + index),)
+    if fault.kind is LiveKind.NOISE:
+        return lambda _index: (_noise(draws),)
+    left = int(fault.magnitude)
+    spoils: dict[LiveKind, Callable[[Frame], Frame]] = {
+        LiveKind.BIT_FLIPS: lambda frame: _flipped(frame, fault.magnitude, draws),
+        LiveKind.WRONG_LENGTH: lambda frame: frame._replace(data=frame.data[:left]),
+        LiveKind.WRONG_IDENTIFIER: _moved,
+    }
+    spoil = spoils[fault.kind]
+    return lambda index: tuple(spoil(frame) for frame in _true_ones(fault.to, first + index))
+
+
+def _replay(fault: LiveFault, start_ns: int, recording: Sequence[Timed]) -> FrameSource:
+    def offset_ns(index: int) -> int:
+        if index >= len(recording):
+            return NEVER_NS
+        return round(recording[index].offset_ns / fault.magnitude)
+
+    return FrameSource(fault, start_ns, lambda index: (recording[index].frame,), offset_ns)
+
+
+def _babble(index: int) -> Sequence[Frame]:
+    return (babble(HIGHEST_PRIORITY_IDS[0], index),)
+
+
+def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
+    if fault.magnitude >= 1.0:
+        return lambda _index: 0  # always due; the bus sets the number
+    bits = frame_bits(_babble(0)[0]).nominal + INTERMISSION_BITS
+    period_ns = round(bits * NS_PER_S / bitrate_bit_s / fault.magnitude)
+    return lambda index: index * period_ns
+
+
+def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
+    """Forge the next frame of the sender; the true one then arrives as a repetition."""
+    if frame.can_id != _COMMAND_ID:
+        return ()
+    forged = with_value(frame, "steer_rad", lambda _name, _value: fault.magnitude, steps=1)
+    return () if forged is None else (forged,)
+
+
+def _command(steer_rad: float, counter: int) -> Frame:
+    message = SteeringCommand(steer_rad, counter % COMMAND_COUNTERS, Mode.ACTIVE)
+    return encode(message, counter % COUNTERS)
+
+
+def _true_ones(to: str, counter: int) -> Iterator[Frame]:
+    """Yield well-formed frames for the receivers, for a fault to spoil."""
+    if to in ("plant", "both"):
+        yield _command(0.0, counter)
+    if to in ("controller", "both"):
+        yield encode(LateralError(0.0, 0.0), counter % COUNTERS)
+
+
+def _flipped(frame: Frame, chance: float, draws: random.Random) -> Frame:
+    """Flip each bit with a chance, and at least one: otherwise it would be a spoofed frame."""
+    bits = 8 * len(frame.data)
+    mask = sum(1 << bit for bit in range(bits) if draws.random() < chance)
+    mask = mask or 1 << draws.randrange(bits)
+    word = int.from_bytes(frame.data, "little") ^ mask
+    return frame._replace(data=word.to_bytes(len(frame.data), "little"))
+
+
+def _moved(frame: Frame) -> Frame:
+    """Return the content of another message under the identifier of this one."""
+    decoded = decode(frame)
+    counter = decoded.counter if isinstance(decoded, Decoded) else 0
+    status = encode(SteeringStatus(0.0, 0, SteeringStatusCode.APPLYING), counter)
+    return frame._replace(data=status.data)
+
+
+def _noise(draws: random.Random) -> Frame:
+    # Half of them under identifiers that a node receives: of all identifiers, hardly any is.
+    is_received = draws.random() < 0.5
+    can_id = draws.choice(_RECEIVED_IDS) if is_received else draws.randrange(0x800)
+    return Frame(can_id, draws.randbytes(draws.randrange(9)))
+
+
+def recording_of(frames: Sequence[tuple[int, Frame]]) -> list[Timed]:
+    """Return the frames of a log that can be sent again, in the order of their times [ns]."""
+    sendable = sorted((one for one in frames if not one[1].flags & ERROR), key=lambda one: one[0])
+    return [Timed(time_ns - sendable[0][0], frame) for time_ns, frame in sendable]

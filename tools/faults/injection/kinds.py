@@ -1,0 +1,189 @@
+"""The faults of a live bus: the kinds, the magnitude of each, and the syntax.
+
+    KIND[,key=value...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
+
+An injector is one more node: it can add frames to a bus, and stop or kill a process of its user.
+Faults that change what others send (loss, delay, stuck signals) belong to the fault stage at the
+plant's edge, ``plant_emulator.faults.stage``.
+"""
+
+import math
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+TIME_S_MAX = 1e5
+PID_MAX = 1 << 22
+"""The largest process number that Linux can be configured for."""
+RECEIVERS = ("plant", "controller", "both")
+NODES = ("plant", "controller")
+
+
+class LiveKind(StrEnum):
+    """What goes wrong."""
+
+    BABBLE = "babble"
+    """A node that sends with the lowest identifiers, so that no frame of the pair gets through."""
+    SPOOF = "spoof"
+    """Commands with a valid CRC and a counter of the intruder's own."""
+    SPOOF_NEXT = "spoof_next"
+    """After each command a forged one with the next counter: the intruder reads the bus."""
+    REPLAY = "replay"
+    """A recording is sent again."""
+    BIT_FLIPS = "bit_flips"
+    WRONG_LENGTH = "wrong_length"
+    WRONG_IDENTIFIER = "wrong_identifier"
+    """The content of another message, with that one's valid CRC."""
+    NOISE = "noise"
+    """Random bytes and lengths; half under identifiers that are received, half under any."""
+    KILL = "kill"
+    """SIGKILL."""
+    PAUSE = "pause"
+    """SIGSTOP, and SIGCONT at the end."""
+    CLOCK_JUMP = "clock_jump"
+    """A pause of the magnitude: the monotonic clock of a running process cannot be changed."""
+    BUS_OFF = "bus_off"
+    """The CAN controller of a node is off the bus until the end; on an emulated bus only."""
+
+
+class LiveMagnitude(NamedTuple):
+    """The magnitude of a kind: its meaning and unit in words, its range and its default."""
+
+    what: str
+    minimum: float
+    maximum: float
+    default: float
+    is_whole: bool = False
+
+
+MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
+    {
+        LiveKind.BABBLE: LiveMagnitude("share of the bus; 1: always a frame ready", 0.01, 1.0, 1.0),
+        LiveKind.SPOOF: LiveMagnitude("steer in rad", -1.3, 1.3, 0.5),
+        LiveKind.SPOOF_NEXT: LiveMagnitude("steer in rad", -1.3, 1.3, 0.5),
+        LiveKind.REPLAY: LiveMagnitude("speed; 1: as recorded", 0.01, 100.0, 1.0),
+        LiveKind.BIT_FLIPS: LiveMagnitude("probability that a bit flips", 1e-3, 0.5, 0.05),
+        LiveKind.WRONG_LENGTH: LiveMagnitude("bytes that are left", 0, 7, 5, True),
+        LiveKind.WRONG_IDENTIFIER: LiveMagnitude("frames/s", 1.0, 2000.0, 100.0),
+        LiveKind.NOISE: LiveMagnitude("frames/s", 1.0, 2000.0, 500.0),
+        LiveKind.KILL: LiveMagnitude("none", 1.0, 1.0, 1.0),
+        LiveKind.PAUSE: LiveMagnitude("none", 1.0, 1.0, 1.0),
+        LiveKind.CLOCK_JUMP: LiveMagnitude("s that the clock goes ahead", 1e-3, 1000.0, 0.5),
+        LiveKind.BUS_OFF: LiveMagnitude("none", 1.0, 1.0, 1.0),
+    }
+)
+PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
+FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS - {LiveKind.BUS_OFF}
+_KEYS_OF_FRAMES = ("onset_s", "duration_s", "magnitude")
+_MALFORMED = (LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER)
+_KEYS = {
+    **dict.fromkeys(LiveKind, _KEYS_OF_FRAMES),
+    **dict.fromkeys(_MALFORMED, (*_KEYS_OF_FRAMES, "to")),
+    LiveKind.KILL: ("onset_s", "pid"),
+    LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
+    LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
+    LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
+}
+
+
+class LiveFault(NamedTuple):
+    """One fault; times since the injector was ready [s].
+
+    ``to``   which node's identifiers a malformed frame uses: plant, controller or both
+    ``pid``  of the process that is stopped or killed; 0 for none
+    ``of``   whose CAN controller goes into bus-off: plant or controller; empty for none
+    """
+
+    kind: LiveKind
+    onset_s: float = 0.0
+    duration_s: float = 1.0
+    magnitude: float = 1.0
+    to: str = "both"
+    pid: int = 0
+    of: str = ""
+
+    @property
+    def end_s(self) -> float:
+        """When it is over [s]."""
+        lasts_s = {LiveKind.KILL: 0.0, LiveKind.CLOCK_JUMP: self.magnitude}
+        return self.onset_s + lasts_s.get(self.kind, self.duration_s)
+
+
+def parse_fault(text: str, pid: int = 0) -> LiveFault:
+    """Parse one fault; raises ValueError with one line naming the mistake and what is allowed.
+
+    ``pid``  for a process fault that names none itself
+    """
+    name, *parts = text.split(",")
+    try:
+        kind = LiveKind(name)
+    except ValueError:
+        raise ValueError(f"{name[:40]!r}: no such fault; there are {', '.join(LiveKind)}") from None
+    given: dict[str, str] = {}
+    for part in parts:
+        key, sign, value = part.partition("=")
+        if key not in _KEYS[kind] or not sign:
+            keys = ", ".join(_KEYS[kind])
+            raise ValueError(f"{kind}: {part[:40]!r} is not KEY=VALUE with a key of {keys}")
+        if key in given:
+            raise ValueError(f"{kind}: {key} is given twice")
+        given[key] = value
+    return _fault_of(kind, given, pid)
+
+
+def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
+    what, low, high, default, is_whole = MAGNITUDES[kind]
+    to = given.get("to", "both")
+    if to not in RECEIVERS:
+        raise ValueError(f"{kind}: to must be {', '.join(RECEIVERS)}, not {to[:40]!r}")
+    of = given.get("of", "controller") if kind is LiveKind.BUS_OFF else ""
+    if of and of not in NODES:
+        raise ValueError(f"{kind}: of must be {' or '.join(NODES)}, not {of[:40]!r}")
+    magnitude = _number(kind, given, "magnitude", default, low, high, f" ({what})")
+    if is_whole and magnitude % 1.0:
+        raise ValueError(f"{kind}: magnitude ({what}) must be whole, not {magnitude:g}")
+    number = pid
+    if "pid" in given:
+        whole = given["pid"].isascii() and given["pid"].isdecimal() and len(given["pid"]) < 10
+        number = int(given["pid"]) if whole else -1
+    if kind in PROCESS_KINDS and not 1 < number <= PID_MAX:
+        raise ValueError(
+            f"{kind}: needs a process, by pid=N here or --pid N, 2 to {PID_MAX}"
+            + (f", not {given['pid'][:40]!r}" if "pid" in given else "")
+        )
+    onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
+    duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
+    target = number if kind in PROCESS_KINDS else 0
+    return LiveFault(kind, onset_s, duration_s, magnitude, to, target, of)
+
+
+def _number(
+    kind: LiveKind,
+    given: Mapping[str, str],
+    key: str,
+    default: float,
+    low: float,
+    high: float,
+    what: str = "",
+) -> float:
+    if key not in given:
+        return default
+    try:
+        value = float(given[key])
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        raise ValueError(
+            f"{kind}: {key}{what} must be {low:g} to {high:g}, not {given[key][:40]!r}"
+        )
+    return value
+
+
+def list_lines() -> list[str]:
+    """Return a line for each kind: its magnitude, range and default, and the keys it takes."""
+    lines = []
+    for kind, (what, low, high, default, _) in MAGNITUDES.items():
+        size = "" if what == "none" else f"{what}, {low:g} to {high:g}, default {default:g}"
+        lines.append(f"{kind:17}{size:65}{', '.join(_KEYS[kind])}")
+    return lines

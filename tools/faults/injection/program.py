@@ -1,0 +1,170 @@
+"""Inject faults into a live bus and into live processes, at set times and with a seed.
+
+    steer-by-wire inject babble,onset_s=2,duration_s=1 -i emulated -c can0
+    steer-by-wire inject spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
+    steer-by-wire inject pause,onset_s=1,duration_s=0.5 --pid 4711
+    steer-by-wire inject --list
+
+Times count from the line "ready". Ctrl-C ends it in order; a process that it has stopped is
+continued however the run ends. ``steer-by-wire faults --live`` injects faults into a pair of its
+own, one by one.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from steer_by_wire.closed_loop.recordings.log_file import open_log
+from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
+from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.frame.frame import FD
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.port.port import ClosablePort, open_port
+from steer_by_wire.runtime.port.python_can import BusPort, add_bus_arguments, shutting_down
+from steer_by_wire.runtime.port.socketcan import SocketCanPort
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main, say
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.faults.injection import kinds
+from steer_by_wire.tools.faults.injection.frames import Timed, frame_source, recording_of
+from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
+from steer_by_wire.tools.faults.injection.processes import BusOffFault, ProcessFault
+
+NAME = "steer-by-wire inject"
+FAULTS_MAX = 100
+SEED_MAX = 1 << 32
+REPLAY_FRAMES_MAX = 2_000_000
+"""Ten minutes of a full bus."""
+BITRATE_BIT_S = 500_000
+_RECEIVED = frozenset({CAN_IDS[SteeringCommand]})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = command_parser(
+        NAME, __doc__, f"{NAME} babble,onset_s=2,duration_s=1", "FAULT... [options]"
+    )
+    parser.add_argument(
+        "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
+    )
+    parser.add_argument("--list", action="store_true", help="list the faults")
+    parser.add_argument("--pid", metavar="N", help="the process for kill, pause and clock_jump")
+    parser.add_argument("--recording", type=Path, metavar="FILE", help="the log that replay sends")
+    parser.add_argument("--seed", default="1", metavar="N", help="seed of all random numbers")
+    parser.add_argument(
+        "--report", type=output_file, metavar="FILE", help="write the actions, JSON"
+    )
+    add_bus_arguments(parser)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list:
+        print("\n".join(kinds.list_lines()))
+        return ExitStatus.OK
+    seed = _whole(options.seed, "--seed", 0, SEED_MAX)
+    faults = _faults(options)
+    recording = _recording(options, faults)
+    stop = StopRequest()
+    with ExitStack() as stack:
+        port = None
+        if any(fault.kind not in kinds.PROCESS_KINDS for fault in faults):
+            opened = open_port(options, _RECEIVED)
+            stack.enter_context(shutting_down(opened.port))
+            port, where = opened.port, opened.description
+            _refuse_fd_on_a_classic_bus(options, recording, port)
+        else:
+            where = "no bus"
+        stack.enter_context(stop.on_signals())
+        start_ns = time.monotonic_ns()
+        bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
+        sources = [
+            frame_source(fault, start_ns, seed * FAULTS_MAX + place, bitrate, recording)
+            for place, fault in enumerate(faults)
+            if fault.kind in kinds.FRAME_KINDS
+        ]
+        deeds: list[Deed] = []
+        injection = Injection(port, sources, deeds, start_ns, _print_action)
+        with injection.running():
+            for fault in faults:
+                # One by one: if a later one cannot be taken, those already taken are released.
+                if fault.kind is kinds.LiveKind.BUS_OFF:
+                    deeds.append(BusOffFault(fault, start_ns, port))
+                elif fault.kind in kinds.PROCESS_KINDS:
+                    process = ProcessFault(fault, start_ns)
+                    deeds.append(process)
+                    say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
+            say(NAME, f"ready on {where}, seed {seed}")
+            is_over = injection.run(stop)
+    if options.report is not None:
+        report = {
+            "seed": seed,
+            "ended_by": "finished" if is_over else stop.reason,
+            "actions": [action._asdict() for action in injection.actions],
+            "frames": injection.results,
+        }
+        write_json(options.report, report)
+    return ExitStatus.OK
+
+
+def _faults(options: argparse.Namespace) -> list[kinds.LiveFault]:
+    if not 0 < len(options.faults) <= FAULTS_MAX:
+        raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
+    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, kinds.PID_MAX)
+    try:
+        return [kinds.parse_fault(text, pid) for text in options.faults]
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def _whole(text: str, what: str, low: int, high: int) -> int:
+    is_whole = text.isascii() and text.isdecimal() and len(text) < 12
+    if not (is_whole and low <= int(text) <= high):
+        raise SettingsError(f"{what} must be {low} to {high}, whole, not {text[:40]!r}")
+    return int(text)
+
+
+def _recording(options: argparse.Namespace, faults: Sequence[kinds.LiveFault]) -> list[Timed]:
+    if not any(fault.kind is kinds.LiveKind.REPLAY for fault in faults):
+        return []
+    if options.recording is None:
+        raise SettingsError("replay: needs a log, by --recording FILE")
+    frames = []
+    for logged in open_log(options.recording):
+        if logged.time_ns is None:
+            raise SettingsError(f"{options.recording}: has no times to send its frames at")
+        frames.append((logged.time_ns, logged.frame))
+        if len(frames) > REPLAY_FRAMES_MAX:
+            raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
+    found = recording_of(frames)
+    if not found:
+        raise SettingsError(f"{options.recording}: has error frames only")
+    return found
+
+
+def _refuse_fd_on_a_classic_bus(
+    options: argparse.Namespace, recording: Sequence[Timed], port: ClosablePort
+) -> None:
+    """Raise SettingsError where a replay would end at its first CAN FD frame."""
+    has_fd = any(one.frame.flags & FD for one in recording)
+    if has_fd and isinstance(port, BusPort | SocketCanPort) and not port.takes_fd:
+        raise SettingsError(
+            f"{options.recording}: has CAN FD frames, and the bus takes classic ones only;"
+            " give --fd, if it can carry them"
+        )
+
+
+def _print_action(action: Action) -> None:
+    clock = datetime.fromtimestamp(action.time_ns / NS_PER_S, UTC).astimezone()
+    at = f"{clock:%H:%M:%S}.{clock.microsecond // 1000:03d}"
+    say(NAME, f"{at}  {action.since_s:8.3f} s  {action.fault}: {action.what}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

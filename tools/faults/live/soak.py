@@ -1,0 +1,190 @@
+"""Run the pair as real processes on an emulated bus that a babbling node keeps full.
+
+    steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
+    steer-by-wire soak --rest-bus car.dbc --load 0.5
+
+First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
+recorder must have every frame, and memory must not grow. Then its priority lies between those of
+two messages of the pair, for each such two: the message of higher priority must not wait behind it.
+Then it has the highest: no frame of the pair gets through, which both nodes have to detect. Exit
+status: 0 when all of these hold, 1 when not, 3 when a process failed, 4 when a file cannot be
+written.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from steer_by_wire.closed_loop.bus import traffic_of
+from steer_by_wire.closed_loop.reports.terminal import plain_table
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, seconds
+from steer_by_wire.runtime.program.host import StealClock
+from steer_by_wire.runtime.program.option_types import priority
+from steer_by_wire.runtime.program.options import add_traffic_arguments, bus_settings
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.faults.injection.babbling_node import (
+    GAPS,
+    HIGHEST_PRIORITY_IDS,
+    LOWEST_PRIORITY_IDS,
+)
+from steer_by_wire.tools.faults.live.pair_on_bus import CHANNEL, LiveSoak, Plan, run_live_soak
+from steer_by_wire.tools.faults.live.verdict import (
+    SEED,
+    Finding,
+    between_findings,
+    bounds_ns,
+    load_findings,
+    starve_findings,
+)
+
+NAME = "steer-by-wire soak"
+NOT_SHOWN = 1
+WIDTH = 132
+"""Width of the tables, whose figures are no use cut short."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the soak; returns the exit status."""
+    parser = command_parser(NAME, __doc__, f"{NAME} --duration-s 60")
+    for option, default_s, where in (
+        ("--duration-s", 600.0, "with the lowest priority"),
+        ("--between-s", 10.0, "between each two messages of the pair"),
+        ("--starve-s", 10.0, "with the highest priority"),
+    ):
+        text = f"babbling {where} (default: %(default)g)"
+        parser.add_argument(option, type=seconds, default=default_s, metavar="S", help=text)
+    parser.add_argument(
+        "--priority",
+        type=priority,
+        default=50,
+        metavar="0..99",
+        help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
+    )
+    add_traffic_arguments(parser)
+    add_out_argument(parser, "out/soak", "folder for logs and figures; 12 MB a minute")
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    console = Console(markup=False, highlight=False, width=WIDTH)
+    bus = bus_settings(options)
+    if bus.has_errors:
+        raise SettingsError(f"{options.bus_settings}: the soak demands a bus without errors")
+    traffic_of(bus, SEED)  # a mistake in it is one of the command line
+    plan_of = partial(Plan, bus=bus, priority=options.priority)
+    parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
+        "load": (plan_of(LOWEST_PRIORITY_IDS, options.duration_s), load_findings),
+        **{
+            f"between-{gap[0]:03X}": (plan_of(tuple(gap[:4]), options.between_s), between_findings)
+            for gap in GAPS
+        },
+        "starve": (plan_of(HIGHEST_PRIORITY_IDS, options.starve_s), starve_findings),
+    }
+    records, holds, steal = {}, True, StealClock()
+    begin_s = time.monotonic()
+    for name, (plan, judge) in parts.items():
+        run = run_live_soak(plan, options.out / name, partial(say, NAME, stream=sys.stderr))
+        findings = list(judge(run))
+        holds = holds and all(finding.holds for finding in findings)
+        records[name] = record_of(run, findings)
+        title = f"babbling with {plan.name} for {plan.babble_s:g} s"
+        console.print(findings_table(title, findings), "", messages_table(run), "")
+        console.print(memory_table(run), "")
+    stolen = steal.fraction()
+    write_json(
+        options.out / "figures.json",
+        {"duration_s": time.monotonic() - begin_s, "steal_fraction": stolen, **records},
+    )
+    if stolen:
+        console.print(f"{100 * stolen:.1f} % of the processor time went to other guests")
+    return ExitStatus.OK if holds else NOT_SHOWN
+
+
+def findings_table(title: str, findings: Sequence[Finding]) -> Table:
+    """Return what was to be shown, and whether it was."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for name in ("", "", "measured"):
+        table.add_column(name)
+    for finding in findings:
+        table.add_row("ok" if finding.holds else "NO", finding.what, finding.figure)
+    return table
+
+
+def messages_table(run: LiveSoak) -> Table:
+    """Return the figures of each message; times in microseconds."""
+    counts = ("id", "sent", "on bus", "lost", "reord.", "taken", "missed")
+    headings = (*counts, "p50", "p99", "max", "bound", "handed p99", "max")
+    title = "frames, and their delay before the start of frame [us]"
+    table = plain_table([""], headings, title)
+    for row in _rows(run):
+        arbitration, handed = row["arbitration"], row["handed_over"]
+        table.add_row(
+            row["name"],
+            f"0x{row['can_id']:03X}",
+            *(str(row[key]) for key in ("sent", "on_bus", "lost", "reordered", "taken", "missed")),
+            *(_us(arbitration[key]) for key in ("p50_s", "p99_s", "max_s", "bound_s")),
+            *(_us(handed[key]) for key in ("p99_s", "max_s")),
+        )
+    return table
+
+
+def _us(time_s: float | None) -> str:
+    """Return a time in microseconds; a dash where there is no bound."""
+    return "-" if time_s is None else f"{1e6 * time_s:.0f}"
+
+
+def memory_table(run: LiveSoak) -> Table:
+    """Return the resident memory of each process [KiB]."""
+    headings = ("start", "middle", "end", "growth", "slope per minute")
+    table = plain_table([""], headings, "memory [KiB]")
+    for name, figures in run.memory.items():
+        growth = (f"{figures.growth_kib:+.0f}", f"{figures.slope_kib_min:+.1f}")
+        table.add_row(name, *map(str, figures[:3]), *growth)
+    return table
+
+
+def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return all figures of one run for JSON."""
+    bus = run.bus._asdict()
+    bus["control"] = {f"{can_id:03X}": len(frames) for can_id, frames in run.bus.control.items()}
+    return {
+        "plan": {**run.plan._asdict(), "bus": run.plan.bus.model_dump(mode="json")},
+        "findings": [finding._asdict() for finding in findings],
+        "bus": bus,
+        "messages": list(_rows(run)),
+        "modes": run.modes,
+        "memory": {name: figures._asdict() for name, figures in run.memory.items()},
+        "memory_samples": dict(run.memory_samples),
+        "reports": dict(run.reports),
+    }
+
+
+def _rows(run: LiveSoak) -> Iterator[dict[str, Any]]:
+    delays = run.reports["broker"]["channels"][CHANNEL]["arbitration_delay"]
+    bounds = bounds_ns(run)
+    for message in run.messages:
+        arbitration = dict(delays[f"{message.can_id:03X}"])
+        bound_ns = bounds.get(message.can_id)
+        arbitration["bound_s"] = None if bound_ns is None else bound_ns * 1e-9
+        waited = message.waited
+        yield {
+            **{key: value for key, value in message._asdict().items() if key != "waited"},
+            "arbitration": arbitration,
+            "handed_over": {
+                "p50_s": waited.p50_ns * 1e-9,
+                "p99_s": waited.p99_ns * 1e-9,
+                "max_s": waited.max_ns * 1e-9,
+            },
+        }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

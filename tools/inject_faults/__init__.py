@@ -1,1 +1,0 @@
-"""Inject faults into a live bus or live processes, and record what was done."""

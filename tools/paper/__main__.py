@@ -1,0 +1,209 @@
+"""Reproduce the figures and tables of SAE 2018-01-1086 with this project's models and laws.
+
+    steer-by-wire paper [--figure N ...] [--table N ...] [--all] [--out DIR]
+
+Writes to DIR a PNG and a CSV for each picture and a JSON for each figure. ``index.html``, written
+last, shows published and reproduced values side by side, with a verdict.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+
+from steer_by_wire.closed_loop.reports.plot_style import plot_style
+from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
+from steer_by_wire.closed_loop.worker_processes import worker_pool
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser
+from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.tools.paper.index_page import index_page
+from steer_by_wire.tools.paper.result import (
+    Reproduction,
+    Written,
+    read_written,
+    write_reproduction,
+)
+
+
+class Entry(NamedTuple):
+    """One figure or table.
+
+    ``key``                 as in its Reproduction, and the stem of its files
+    ``kind``, ``number``    what selects it: --figure 8, --table 2
+    ``module``, ``name``    of the function without arguments that computes it, in this folder
+    """
+
+    key: str
+    kind: str
+    number: str
+    module: str
+    name: str
+
+
+def _figure(number: int, module: str, suffix: str = "") -> Entry:
+    name = f"figure_{number}{suffix}"
+    return Entry(f"figure_{number:02d}{suffix}", "figure", str(number), module, name)
+
+
+ENTRIES = (
+    _figure(2, "uncertainty_figure"),
+    _figure(7, "parameter_space_figures"),
+    _figure(8, "parameter_space_figures"),
+    _figure(8, "parameter_space_figures", "_beyond"),
+    _figure(9, "uncertainty_figure"),
+    _figure(10, "frequency_figures"),
+    _figure(11, "frequency_figures"),
+    _figure(12, "network_figure"),
+    _figure(14, "path_figures"),
+    _figure(15, "path_figures"),
+    *(_figure(number, "dob_figures") for number in range(16, 21)),
+    Entry("table_2", "table", "2", "table_2", "table_2"),
+    *(_figure(number, "delay_figures") for number in range(21, 25)),
+    _figure(21, "delay_runs", "_varying"),
+    Entry("robustness_table", "table", "robustness", "robustness_table", "robustness_table"),
+)
+"""In the order of the paper, which is the order of the index page."""
+
+NOT_COMPUTED = {
+    "figure": {
+        "1": "a sketch of the vehicle",
+        **dict.fromkeys(("3", "4", "5", "6", "13"), "a block diagram"),
+    },
+    "table": {"1": "the vehicle's parameters, an input"},
+}
+"""Figures and tables of the paper in which there is nothing to compute."""
+
+
+def numbers_of(kind: str) -> tuple[str, ...]:
+    """Return the numbers that ``--figure`` or ``--table`` takes, each once."""
+    return tuple(dict.fromkeys(entry.number for entry in ENTRIES if entry.kind == kind))
+
+
+def entry_of(key: str) -> Entry:
+    """Return the entry with a key; raises KeyError where there is none."""
+    return {entry.key: entry for entry in ENTRIES}[key]
+
+
+def function_of(entry: Entry) -> Callable[[], Reproduction]:
+    """Import and return the function that computes an entry."""
+    function: Callable[[], Reproduction] = getattr(
+        import_module(f"steer_by_wire.tools.paper.{entry.module}"), entry.name
+    )
+    return function
+
+
+NAME = "steer-by-wire paper"
+WORKERS = 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Reproduce what is requested; returns the exit status."""
+    parser = command_parser(NAME, __doc__, f"{NAME} --figure 7 --table 2 --out out/paper")
+    for kind in ("figure", "table"):
+        parser.add_argument(
+            f"--{kind}",
+            action="append",
+            default=[],
+            metavar="N",
+            help=f"repeatable: {', '.join(numbers_of(kind))}",
+        )
+    parser.add_argument("--all", action="store_true", help="all of them (default)")
+    add_out_argument(parser, "out/paper")
+    return run_main(NAME, partial(_reproduce, parser.parse_args(arguments)))
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    console = plain_console()
+    entries = selected(options.figure, options.table, everything=options.all)
+    options.out.mkdir(parents=True, exist_ok=True)
+    reproduce_all(entries, options.out, console)
+    return ExitStatus.OK
+
+
+def selected(
+    figures: Sequence[str], tables: Sequence[str], *, everything: bool
+) -> tuple[Entry, ...]:
+    """Return what to compute, all where nothing is named; raises SettingsError."""
+    wanted = [("figure", number) for number in figures] + [("table", number) for number in tables]
+    for kind, number in wanted:
+        numbers = numbers_of(kind)
+        if number not in numbers:
+            reason = NOT_COMPUTED[kind].get(number)
+            why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
+            raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
+    if everything or not wanted:
+        return ENTRIES
+    return tuple(entry for entry in ENTRIES if (entry.kind, entry.number) in wanted)
+
+
+def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:
+    """Compute and write in worker processes, then write the index page.
+
+    A failure does not keep the others from being written; the first one is raised at the end.
+    """
+    start_s = time.perf_counter()
+    failures: list[BaseException] = []
+    workers = min(WORKERS, len(entries))
+    text = TextColumn("{task.description}")
+    bars = progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeElapsedColumn(), text)
+    with worker_pool(workers) as pool, bars as progress:
+        task = progress.add_task("", total=len(entries))
+        for done, running in _run(pool, entries, out):
+            progress.update(task, description=", ".join(running))
+            for entry, future in done:
+                progress.advance(task)
+                failure = future.exception()
+                if failure is None:
+                    console.print(f"{entry.key:18}  {future.result().verdict}")
+                else:
+                    console.print(f"{entry.key:18}  failed: {failure}")
+                    failures.append(failure)
+    index = write_index(out)
+    elapsed_s = time.perf_counter() - start_s
+    console.print(f"{len(entries) - len(failures)} results in {elapsed_s:.0f} s: {index}")
+    if failures:
+        raise failures[0]
+
+
+def _run(
+    pool: ProcessPoolExecutor, entries: Sequence[Entry], out: Path
+) -> Iterator[tuple[list[tuple[Entry, Future[Written]]], list[str]]]:
+    """Yield, whenever that changes, what has finished since and what is running."""
+    waiting = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
+    running: dict[Future[Written], Entry] = {}
+    while waiting or running:
+        while waiting and len(running) < WORKERS:
+            entry = waiting.pop(0)
+            running[pool.submit(reproduce, entry.key, str(out))] = entry
+        yield [], [entry.key for entry in running.values()]
+        finished, _ = wait(running, return_when=FIRST_COMPLETED)
+        done = [(running.pop(future), future) for future in finished]
+        yield done, [entry.key for entry in running.values()]
+
+
+def reproduce(key: str, out: str) -> Written:
+    """Compute one entry and write its files; runs in a worker process."""
+    with plot_style():
+        return write_reproduction(function_of(entry_of(key))(), Path(out))
+
+
+def write_index(out: Path) -> Path:
+    """Write the page of everything in a folder; returns its path."""
+    written = read_written(out, [entry.key for entry in ENTRIES])
+    index = out / "index.html"
+    page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
+    index.write_text(page, encoding="utf-8")
+    return index
+
+
+if __name__ == "__main__":
+    sys.exit(main())

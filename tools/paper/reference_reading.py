@@ -1,0 +1,183 @@
+"""Figures 21 to 24 read with the path as the reference of (18): runs, pictures and comparisons.
+
+A hypothesis, not a proof: the text does not say what the reference was, and has the curvature as a
+disturbance for Figures 20 and 23 alone. Read with the path as the reference r, as in (18) and in
+the block diagrams, Figures 21, 22 and 24 show loops without a disturbance. A sine of 1 m over 40 m
+is taken; (19), whose yaw damping is misprinted in the same way, is the vehicle. All that is added
+to the paper's laws is the filter of the derivative.
+
+The nodes have no reference: their path is the zero of the lateral error. So the parts of the laws
+run here by themselves, the loops of Figures 6 and 13 around (19) sampled exactly, in the order of
+one control period: measure, decide, limit, hold. The reference enters the PD alone; the observers
+see y.
+
+    u = C (r - y_fb) - d̂
+"""
+
+from collections import deque
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.signal import cont2discrete
+
+from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.result import rms
+from ...controller.filters.cdob import cdob_at_rest, cdob_step
+from ...controller.filters.discretization import design_cdob, design_dob, design_pd
+from ...controller.filters.dob import dob_at_rest, dob_step
+from ...controller.filters.nominal_model import paper_eq19
+from ...controller.filters.pd import pd_at_rest, pd_step
+from ...controller.filters.transfer_function import TransferFunction
+from ...controller.interface.limits import limit_step
+from ...controller.settings import ControllerSettings, controller_preset, limits_of
+from ...runtime.node.node import NS_PER_S
+from ...runtime.records import FloatArray
+from .delay_runs import Law
+from .result import CLAIM, Comparison, Picture
+from .simulation import PAPER_DELAY_S
+
+AMPLITUDE_M = 1.0
+WAVELENGTH_M = 40.0
+SPEED_M_S = 5.0 / 3.6
+DURATION_S = 60.0
+
+
+class Followed(NamedTuple):
+    """Time histories of one law on the reference, one row a control period; error is r - y."""
+
+    time_s: FloatArray
+    error_m: FloatArray
+    steer_rad: FloatArray
+    steer_rate_rad_s: FloatArray
+
+
+def follow(controller: ControllerSettings, delay_s: float) -> Followed:
+    """Return how a law of the paper follows the sine with a delay of the commands.
+
+    ``delay_s``  rounded to whole control periods
+    """
+    period_s, limits, model = controller.period_s, limits_of(controller), paper_eq19()
+    pd = design_pd(controller.pd, period_s)
+    dob = None if controller.dob is None else design_dob(controller.dob, model, period_s)
+    cdob = None if controller.cdob is None else design_cdob(controller.cdob, model, period_s)
+    x_pd = pd_at_rest(pd, 0.0)
+    x_dob = None if dob is None else dob_at_rest(dob, 0.0)
+    x_cdob = None if cdob is None else cdob_at_rest(cdob, 0.0)
+    a, b, c = _sampled(model, period_s)
+    x, steer_rad, disturbance_rad = np.zeros(len(b)), 0.0, 0.0
+    on_their_way = deque([0.0] * round(delay_s * NS_PER_S / controller.period_ns))
+    time_s = period_s * np.arange(round(DURATION_S / period_s))
+    reference_m = AMPLITUDE_M * np.sin(2.0 * np.pi * SPEED_M_S / WAVELENGTH_M * time_s)
+    rows = []
+    for wanted_m in reference_m.tolist():
+        y_m = feedback_m = float(c @ x)
+        demand_sent_rad = steer_rad + disturbance_rad
+        if dob is not None and x_dob is not None:
+            x_dob, disturbance_rad = dob_step(dob, x_dob, y_m, steer_rad)
+        if cdob is not None and x_cdob is not None:
+            x_cdob, feedback_m, _ = cdob_step(cdob, x_cdob, y_m, demand_sent_rad)
+        x_pd, demand_rad = pd_step(pd, x_pd, feedback_m - wanted_m)
+        before_rad = steer_rad
+        steer_rad = limit_step(limits, steer_rad, demand_rad - disturbance_rad)
+        rows.append((wanted_m - y_m, steer_rad, (steer_rad - before_rad) / period_s))
+        on_their_way.append(steer_rad)
+        x = a @ x + b * on_their_way.popleft()
+    error_m, sent_rad, rate_rad_s = np.array(rows, dtype=np.float64).T
+    return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad, rate_rad_s)
+
+
+def _sampled(model: TransferFunction, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, b and c of N/(s² D) for a held command."""
+    (zeros,), (poles,) = model.numerator, model.denominator
+    a = np.diag(np.ones(3), 1)
+    a[3, 2:] = -poles.s0, -poles.s1
+    b, c = np.array([[0.0], [0.0], [0.0], [1.0]]), np.array([[zeros.s0, zeros.s1, zeros.s2, 0.0]])
+    a_d, b_d, c_d, *_ = cont2discrete((a, b, c, np.zeros((1, 1))), period_s)
+    return a_d, b_d[:, 0], c_d[0]
+
+
+READING = "path as the reference"
+FILTERS_RAD_S = (15.0, 30.0)
+CAPTION = (
+    f"Beside it, the path read as the reference of (18): a sine of {AMPLITUDE_M:g} m over"
+    f" {WAVELENGTH_M:g} m at 5 km/h, {DURATION_S:g} s, no curvature as a disturbance, (19) itself"
+    " as the vehicle, 80 ms; the error is r - y."
+)
+WHY = (
+    " With the path as the reference r, as in (18) and the block diagrams, and (19) itself as the"
+    " vehicle, the statement holds with a filtered derivative and the laws as published. That the"
+    " authors did so is a hypothesis: the text has neither the reference nor a value of the curves."
+)
+_STEP = 50
+"""Rows of a picture: one in so many control periods."""
+
+
+class Quantity(NamedTuple):
+    """A column of ``Followed``, and what it is called."""
+
+    name: str
+    unit: str
+    column: str
+
+
+ERROR = Quantity("error", "m", "error_m")
+STEER = Quantity("steer", "rad", "steer_rad")
+STEER_RATE = Quantity("steering rate", "rad/s", "steer_rate_rad_s")
+"""What "speed" in Figure 24 may be."""
+
+
+def smaller(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
+    """Return whether the second law has the smaller RMS, for each filter."""
+    return _compared(statement, quantity, laws, lambda first, second: second < first)
+
+
+def alike(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
+    """Return whether the RMS of the two laws differ by less than a tenth, for each filter."""
+    return _compared(statement, quantity, laws, lambda a, b: abs(b - a) < 0.1 * a)
+
+
+def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) -> Picture:
+    """Draw a quantity of two laws on the reference, a panel for each filter."""
+    figure = Figure(figsize=(10.5, 4.2))
+    columns: dict[str, FloatArray] = {}
+    for axes, filter_rad_s in zip(
+        figure.subplots(1, len(FILTERS_RAD_S), sharey=True), FILTERS_RAD_S, strict=True
+    ):
+        for colour, law in zip(COLOURS, laws, strict=False):
+            time_s, values = _run(law, filter_rad_s).time_s, _values(law, filter_rad_s, quantity)
+            columns["time_s"] = time_s[::_STEP]
+            columns[f"N {filter_rad_s:g} rad/s: {law.label}"] = values[::_STEP]
+            text = f"{law.label}, RMS {rms(values):.3g}"
+            axes.plot(time_s[::_STEP], values[::_STEP], color=colour, lw=0.9, label=text)
+        axes.set(xlabel="time [s]")
+        axes.set_title(f"Path as the reference, N = {filter_rad_s:g} rad/s", fontsize=10.5)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+    figure.axes[0].set_ylabel(label)
+    return Picture(name, figure, columns)
+
+
+def _compared(
+    statement: str, quantity: Quantity, laws: tuple[Law, Law], holds: Callable[[float, float], bool]
+) -> list[Comparison]:
+    compared = []
+    for filter_rad_s in FILTERS_RAD_S:
+        what = f"RMS {quantity.name}, {READING}, N = {filter_rad_s:g} rad/s"
+        values = {law.label: rms(_values(law, filter_rad_s, quantity)) for law in laws}
+        texts = (f"{label}: {value:.4f} {quantity.unit}" for label, value in values.items())
+        is_held = holds(*values.values())
+        compared.append(Comparison(what, statement, "; ".join(texts), is_held, CLAIM, READING))
+    return compared
+
+
+def _values(law: Law, filter_rad_s: float, quantity: Quantity) -> FloatArray:
+    values: FloatArray = getattr(_run(law, filter_rad_s), quantity.column)
+    return values
+
+
+@cache
+def _run(law: Law, filter_rad_s: float) -> Followed:
+    override = f"pd.derivative_filter_rad_s={filter_rad_s}"
+    return follow(controller_preset(law.preset, (override,)), PAPER_DELAY_S)

@@ -1,0 +1,172 @@
+"""The reproduction of one figure or table: pictures, data, a verdict, and the files of these.
+
+A PNG and a CSV per picture, and a summary as JSON. The index page is made of the summaries, so that
+figures computed one by one still end up on one page.
+"""
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+from pydantic import ConfigDict, TypeAdapter
+
+from ...runtime.records import FloatArray
+from ...runtime.settings.settings import SettingsError
+
+
+class Verdict(StrEnum):
+    """How the paper's statement compares with the result."""
+
+    REPRODUCED = "reproduced"
+    WITH_CORRECTION = "reproduced with the stated correction"
+    ONE_READING = "reproduced in one reading of the text, with the stated correction"
+    CLAIM_ONLY = "the claim holds, not all numbers do"
+    NOT_REPRODUCIBLE = "not reproducible from the text"
+    BEYOND = "beyond the paper"
+    """The paper has no such figure or table: there is nothing to reproduce."""
+
+
+class Picture(NamedTuple):
+    """One picture and the data drawn in it.
+
+    ``name``     of its files, without suffix: figure_09, figure_09_with_delay
+    ``columns``  one table, all of one length: a header with the unit in the name, and numbers
+    """
+
+    name: str
+    figure: Figure
+    columns: Mapping[str, FloatArray]
+
+
+CLAIM, NUMBER = "claim", "number"
+"""What a comparison may decide: a statement of the text, or a printed number."""
+
+
+class Comparison(NamedTuple):
+    """One figure of the paper beside ours, as text with units.
+
+    ``published``   what the paper prints, or states in words; "" where it states nothing
+    ``reproduced``  what was computed
+    ``agrees``      None where there is nothing to agree with
+    ``decides``     CLAIM or NUMBER where the verdict follows from it; "" where it does not
+    ``reading``     of an ambiguous text, in which it decides
+    """
+
+    quantity: str
+    published: str
+    reproduced: str
+    agrees: bool | None
+    decides: str = ""
+    reading: str = ""
+
+
+def unpublished(quantity: str, reproduced: str) -> Comparison:
+    """Return a figure of ours of which the paper states nothing."""
+    return Comparison(quantity, "", reproduced, None)
+
+
+def verdict_of(comparisons: Sequence[Comparison], *, is_corrected: bool) -> Verdict:
+    """Return the verdict that follows from the comparisons that decide.
+
+    ``is_corrected``  whether something printed was corrected, or something missing supplied
+    """
+    claims = [one for one in comparisons if one.decides == CLAIM]
+    readings = {one.reading for one in claims}
+    holding = [
+        reading
+        for reading in readings
+        if all(one.agrees for one in claims if one.reading == reading)
+    ]
+    if not holding:
+        return Verdict.NOT_REPRODUCIBLE
+    if len(holding) < len(readings):
+        return Verdict.ONE_READING
+    if not all(one.agrees for one in comparisons if one.decides == NUMBER):
+        return Verdict.CLAIM_ONLY
+    return Verdict.WITH_CORRECTION if is_corrected else Verdict.REPRODUCED
+
+
+class Reproduction(NamedTuple):
+    """One figure or table of the paper.
+
+    ``key``      figure_09 or table_2
+    ``caption``  the paper's parameters and ours
+    ``why``      the reasons for the verdict, with the correction spelt out
+    """
+
+    key: str
+    title: str
+    caption: str
+    pictures: tuple[Picture, ...]
+    comparisons: tuple[Comparison, ...]
+    verdict: Verdict
+    why: str
+
+
+class Written(NamedTuple):
+    """A reproduction without its figures; ``pictures`` are the stems of PNG and CSV."""
+
+    key: str
+    title: str
+    caption: str
+    pictures: tuple[str, ...]
+    comparisons: tuple[Comparison, ...]
+    verdict: Verdict
+    why: str
+
+
+_RECORD = TypeAdapter(Written, config=ConfigDict(strict=True))
+
+
+def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
+    """Write all files of a reproduction, the summary last; raises OSError."""
+    for picture in reproduction.pictures:
+        picture.figure.savefig(folder / f"{picture.name}.png")
+        write_columns(picture, folder / f"{picture.name}.csv")
+    names = tuple(picture.name for picture in reproduction.pictures)
+    written = Written(**reproduction._asdict() | {"pictures": names})
+    record = written._asdict() | {
+        "comparisons": [comparison._asdict() for comparison in written.comparisons]
+    }
+    text = json.dumps(record, indent=1, ensure_ascii=False)
+    _summary(folder, written.key).write_text(text, encoding="utf-8")
+    return written
+
+
+def write_columns(picture: Picture, file: Path) -> None:
+    """Write the data of a picture, with all digits; what is not a number stays empty."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(picture.columns)
+        rows = zip_longest(
+            *(values.tolist() for values in picture.columns.values()), fillvalue=math.nan
+        )
+        writer.writerows(["" if math.isnan(one) else repr(one) for one in row] for row in rows)
+
+
+def read_written(folder: Path, keys: Iterable[str]) -> list[Written]:
+    """Return the summaries in a folder, in the order of ``keys``.
+
+    Raises SettingsError naming an invalid summary.
+    """
+    files = [_summary(folder, key) for key in keys]
+    return [_read(file) for file in files if file.is_file()]
+
+
+def _summary(folder: Path, key: str) -> Path:
+    return folder / f"{key}.json"
+
+
+def _read(file: Path) -> Written:
+    try:
+        return _RECORD.validate_json(file.read_bytes())
+    except ValueError as error:
+        raise SettingsError(
+            f"{file}: is not a summary of this program; delete it, or choose another --out"
+        ) from error

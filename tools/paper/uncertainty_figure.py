@@ -1,0 +1,211 @@
+"""Figures 2 and 9: the uncertainty box, and the small gain condition (23) of the DOB.
+
+The box is V by m/μ. Beside (23) stands what is exact:
+
+    |Q(jω)| < 1/|Δ_m(jω)| for all ω,   Δ_m = (G e^(-sT) - G_n)/G_n
+
+The paper has T = 0. The exact answer is the count of roots of (21), delay included.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...closed_loop.parameter_space.root_count import on_axis
+from ...closed_loop.parameter_space.uncertainty import paper_box
+from ...closed_loop.reports.plot_style import COLOURS
+from ...controller.filters.discretization import q_order_2, q_type_2
+from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
+from ...controller.filters.transfer_function import TransferFunction
+from ...runtime.records import FloatArray
+from .continuous_loop import closed_loop_roots, dob_alone
+from .corners import CORNERS, corner_labels, corner_plants
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
+from .small_gain import (
+    Interval,
+    QFamily,
+    accepted_cutoffs,
+    condition_23,
+    cutoff_bound,
+    largest_uncertainty,
+    multiplicative_uncertainty,
+)
+
+
+def figure_2() -> Reproduction:
+    """Return the uncertainty box with its vertices."""
+    box = paper_box()
+    speeds_km_h = np.array([3.6 * vehicle.speed_m_s for vehicle in box.vertices()])
+    masses_kg = np.array([vehicle.virtual_mass_kg for vehicle in box.vertices()])
+    lightest_kg, heaviest_kg = 1600.0 / 1.0, 2000.0 / 0.4
+    figure = _draw_box(speeds_km_h, masses_kg)
+    return Reproduction(
+        key="figure_02",
+        title="Figure 2: parametric uncertainty box",
+        caption="V from 4 to 7 km/h, m from 1600 to 2000 kg, μ from 0.4 to 1; nominal 5 km/h,"
+        " 2000 kg, μ = 1.",
+        pictures=(
+            Picture("figure_02", figure, {"speed_km_h": speeds_km_h, "virtual_mass_kg": masses_kg}),
+        ),
+        comparisons=(
+            Comparison(
+                "virtual mass m/μ",
+                "1600 to 5000 kg",
+                f"{lightest_kg:.0f} to {heaviest_kg:.0f} kg",
+                (masses_kg.min(), masses_kg.max()) == (lightest_kg, heaviest_kg),
+            ),
+        ),
+        verdict=Verdict.REPRODUCED,
+        why="Arithmetic on the text's ranges. Which letter is which vertex is not in the text; here"
+        " they follow the columns of Table II.",
+    )
+
+
+def _draw_box(speeds_km_h: FloatArray, masses_kg: FloatArray) -> Figure:
+    nominal = paper_box().nominal
+    nominal_km_h = 3.6 * nominal.speed_m_s
+    figure = Figure(figsize=(6.4, 4.6))
+    axes = figure.subplots()
+    outline = [0, 1, 3, 2, 0]
+    axes.fill(speeds_km_h[outline], masses_kg[outline], color=COLOURS[1], alpha=0.12)
+    axes.plot(speeds_km_h[outline], masses_kg[outline], color=COLOURS[1])
+    axes.plot(nominal_km_h, nominal.virtual_mass_kg, "kx", ms=8)
+    axes.annotate(
+        f"nominal: {nominal_km_h:.0f} km/h, {nominal.virtual_mass_kg:.0f} kg",
+        (nominal_km_h, nominal.virtual_mass_kg),
+        xytext=(8, 6),
+        textcoords="offset points",
+    )
+    for label, speed_km_h, mass_kg in zip(corner_labels(), speeds_km_h, masses_kg, strict=True):
+        axes.plot(speed_km_h, mass_kg, "o", color=COLOURS[0])
+        axes.annotate(
+            label,
+            (speed_km_h, mass_kg),
+            xytext=(0, 8 if mass_kg > nominal.virtual_mass_kg else -17),
+            textcoords="offset points",
+            ha="center",
+        )
+    axes.set(xlabel="speed V [km/h]", ylabel="virtual mass m/μ [kg]")
+    axes.set(xlim=(3.2, 7.8), ylim=(1000.0, 5600.0), title="Uncertainty box")
+    return figure
+
+
+CUTOFF_RAD_S = 5.0
+"""ω_c of section VI.B.1."""
+DELAY_S = 0.08
+"""T of section IV."""
+_OMEGA_RAD_S = (1e-2, 1e3)
+_OMEGAS = 2001
+_GRID = 9
+_EXACT_POINTS = 50
+
+
+def figure_9() -> Reproduction:
+    """Return |Q| against 1/|Δ_m| at the vertices, the largest cutoff, and the exact answer."""
+    vehicle = steer_to_lateral_error(paper_box().nominal)
+    return Reproduction(
+        key="figure_09",
+        title="Figure 9: |Q| against 1/|Δ_m|",
+        caption="Q of (20) with ω_c = 5 rad/s; Δ_m = (G - G_n)/G_n at the four vertices of Figure"
+        " 2, C_r = 500,000 N/rad and l_s = 2 m; G_n of (19), and of the vehicle.",
+        pictures=(
+            _uncertainty_picture("figure_09", paper_eq19(), "G_n of (19)"),
+            _uncertainty_picture("figure_09_vehicle_model", vehicle, "G_n of Table I, 5 km/h"),
+            _uncertainty_picture("figure_09_with_delay", paper_eq19(), "G_n of (19)", DELAY_S),
+        ),
+        comparisons=(
+            *_condition_comparisons(paper_eq19(), "G_n of (19)"),
+            *_condition_comparisons(vehicle, "G_n of Table I"),
+        ),
+        verdict=Verdict.WITH_CORRECTION,
+        why="With C_r and l_s corrected the condition holds at ω_c = 5 rad/s. But it does not limit"
+        " ω_c: |Δ_m| < 1 at all ω, so every cutoff of (20) meets it. The type-2 Q, which exceeds"
+        " 1, fails it with the vehicle's own model at small cutoffs. What limits ω_c is the"
+        " delay, which (23) leaves out: with it in Δ_m there is a bound, and the exact bound of"
+        " the loop (21) is a little larger.",
+    )
+
+
+def exact_cutoffs(family: QFamily, model: TransferFunction, delay_s: float) -> tuple[Interval, ...]:
+    """Return the cutoffs at which the loop (21) has no root to the right, at all four vertices."""
+    plants = corner_plants()
+
+    def stable(cutoff_rad_s: float) -> bool:
+        law = dob_alone(family(cutoff_rad_s), model)
+        return all(closed_loop_roots(law, plant, delay_s).right == 0 for plant in plants)
+
+    return accepted_cutoffs(stable, _EXACT_POINTS)
+
+
+def _condition_comparisons(model: TransferFunction, name: str) -> tuple[Comparison, ...]:
+    plants = corner_plants()
+    q = q_order_2(CUTOFF_RAD_S)
+    ratios = [condition_23(q, largest_uncertainty((plant,), model)).size for plant in plants]
+    margins = ", ".join(
+        f"{corner} {-20.0 * np.log10(ratio):.1f}"
+        for corner, ratio in zip(CORNERS, ratios, strict=True)
+    )
+    finer = [steer_to_lateral_error(vehicle) for vehicle in paper_box().grid(_GRID)]
+    rows = [
+        Comparison(
+            f"smallest 1/|Q Δ_m| at ω_c = {CUTOFF_RAD_S:g} rad/s, {name}",
+            "above 0 dB" if name == "G_n of (19)" else "",
+            f"{margins} dB",
+            max(ratios) < 1.0 if name == "G_n of (19)" else None,
+        )
+    ]
+    for delay_s in (0.0, DELAY_S):
+        at_vertices = largest_uncertainty(plants, model, delay_s)
+        on_grid = largest_uncertainty(finer, model, delay_s)
+        for family, kind in ((q_order_2, "(20)"), (q_type_2, "type 2")):
+            bound = cutoff_bound(family, at_vertices)
+            inside = cutoff_bound(family, on_grid).ranges
+            exact = exact_cutoffs(family, model, delay_s)
+            what = f"ω_c that meet (23), Q of {kind}, {name}, T = {1e3 * delay_s:.0f} ms"
+            text = f"{_ranges(bound.ranges)}; finer grid of the box: {_ranges(inside)}"
+            text += f"; loop (21) stable: {_ranges(exact)}; {bound.reason()}"
+            rows.append(unpublished(what, text))
+    return tuple(rows)
+
+
+def _ranges(ranges: tuple[Interval, ...]) -> str:
+    texts = []
+    for minimum, maximum in ranges:
+        if np.isinf(maximum):
+            texts.append("all" if minimum == 0.0 else f"above {minimum:.3g} rad/s")
+        elif minimum == 0.0:
+            texts.append(f"up to {maximum:.4g} rad/s")
+        else:
+            texts.append(f"{minimum:.3g} to {maximum:.4g} rad/s")
+    return " and ".join(texts) or "none"
+
+
+def _uncertainty_picture(
+    name: str, model: TransferFunction, model_name: str, delay_s: float = 0.0
+) -> Picture:
+    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
+    plants = corner_plants()
+    columns = {"omega_rad_s": omega_rad_s}
+    figure = Figure(figsize=(8.0, 4.8))
+    axes = figure.subplots()
+    lines = zip(CORNERS, corner_labels(), plants, COLOURS, ("-", "--", "-", "--"), strict=False)
+    for corner, label, plant, colour, line in lines:
+        uncertainty = np.abs(multiplicative_uncertainty(plant, model, omega_rad_s, delay_s))
+        inverse_db = -20.0 * np.log10(uncertainty)
+        columns[f"inverse_uncertainty_{corner}_db"] = inverse_db
+        axes.semilogx(omega_rad_s, inverse_db, line, color=colour, label=f"1/|Δ_m|, {label}")
+    cutoffs = {f"{CUTOFF_RAD_S:g} rad/s": (CUTOFF_RAD_S, "-")}
+    largest_rad_s = cutoff_bound(
+        q_order_2, largest_uncertainty(plants, model, delay_s)
+    ).largest_rad_s
+    if np.isfinite(largest_rad_s):
+        cutoffs[f"{largest_rad_s:.1f} rad/s, the largest"] = (largest_rad_s, ":")
+    for index, (label, (cutoff_rad_s, line)) in enumerate(cutoffs.items()):
+        q_db = 20.0 * np.log10(np.abs(q_order_2(cutoff_rad_s).response(on_axis(omega_rad_s))))
+        columns["q_db" if index == 0 else "q_largest_db"] = q_db
+        axes.semilogx(omega_rad_s, q_db, line, color="black", lw=2.0, label=f"|Q|, ω_c = {label}")
+    axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", ylim=(-40.0, 40.0))
+    delay = f", T = {1e3 * delay_s:.0f} ms in the plant" if delay_s else ""
+    axes.set_title(f"|Q| against 1/|Δ_m|, {model_name}{delay}")
+    axes.margins(x=0.0)
+    axes.legend(loc="lower left", fontsize=9)
+    return Picture(name, figure, columns)

@@ -1,1 +1,0 @@
-"""Measure how late this machine wakes a real-time program, and its bus."""

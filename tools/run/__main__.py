@@ -1,0 +1,275 @@
+"""Run plant emulator and controller in one process, in virtual time or in real time.
+
+    steer-by-wire run --controller-preset practical_pd --out out/run
+    steer-by-wire run plant.toml --controller controller.toml --interface virtual
+
+Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
+the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
+reports, the plant's trace and every frame, and prints the command that makes the run again. The
+exit status is that of the two programs: 5 where one of them found a fault in itself, 6 where a
+condition of --fail-if is met. The last line is the verdict.
+"""
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from steer_by_wire.closed_loop.bus import SharedBus, virtual_wire, with_clocks
+from steer_by_wire.closed_loop.live import PairFiles
+from steer_by_wire.closed_loop.threaded import run_threaded_nodes
+from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
+from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements
+from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
+from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
+from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser
+from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.program.host import RealTimeRequest, StealClock, real_time
+from steer_by_wire.runtime.program.option_types import bit_rate
+from steer_by_wire.runtime.program.options import (
+    add_error_arguments,
+    add_traffic_arguments,
+    bus_settings,
+)
+from steer_by_wire.runtime.program.program import (
+    ExitStatus,
+    StopRequest,
+    fail_status,
+    run_main,
+    say,
+)
+from steer_by_wire.runtime.program.report import host_report, loop_report, write_json
+from steer_by_wire.runtime.program.run_node import FINISHED
+from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.settings.settings import (
+    Settings,
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+from steer_by_wire.runtime.settings.toml_text import dump_toml
+from steer_by_wire.tools.run.result import (
+    CONTROLLER,
+    PLANT,
+    QUANTITIES,
+    Run,
+    summary,
+    verdict,
+)
+
+NAME = "steer-by-wire run"
+BUS = "bus"
+"""Name of the file with the settings of the bus."""
+CONTROLLER_PRESET = "practical_pd_ddob"
+"""The controller's settings unless others are given."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    example = f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run"
+    parser = command_parser(NAME, __doc__, example, "[PLANT.toml] [options]")
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="with [vehicle], for plant and controller, as design reads it",
+    )
+    plant = parser.add_argument_group("plant")
+    plant.add_argument(
+        "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
+    )
+    plant.add_argument(
+        "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
+    )
+    add_overrides_argument(plant, "--plant-set", "one setting on top", dest=None)
+    plant.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
+    plant.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
+    controller = parser.add_argument_group("controller")
+    controller.add_argument(
+        "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
+    )
+    controller.add_argument(
+        "--controller-preset",
+        metavar="NAME",
+        help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
+        f"default without a file: {CONTROLLER_PRESET}",
+    )
+    controller.add_argument(
+        "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
+    )
+    add_overrides_argument(controller, "--controller-set", "one setting on top", dest=None)
+    wire = parser.add_mutually_exclusive_group()
+    wire.add_argument(
+        "--bitrate",
+        type=bit_rate,
+        metavar="BIT/S",
+        help="bit rate of the bus in virtual time (default: 500000)",
+    )
+    wire.add_argument(
+        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
+    )
+    wire.add_argument(
+        "--interface",
+        choices=("virtual",),
+        help="in real time, on python-can's bus within the process",
+    )
+    add_traffic_arguments(parser)
+    add_error_arguments(parser, "plant or controller", has_clocks=True)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
+    add_fail_if_argument(parser, QUANTITIES)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    plant_settings, controller_settings = _plant_settings(options), _controller_settings(options)
+    period_s = plant_settings.sensor_period_ns / NS_PER_S
+    if warning := sparse_measurements(controller_settings, period_s):
+        say(NAME, warning, sys.stderr)
+    bus = _bus_settings(options)
+    files = None if options.out is None else PairFiles(options.out)
+    if files is not None:
+        files.write_settings(plant_settings, controller_settings)
+        files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
+    log = files and files.candump_log
+    if options.interface:
+        run = _run_in_real_time(plant_settings, controller_settings, log)
+    else:
+        run = _run_in_virtual_time(plant_settings, controller_settings, bus, options, log)
+    reports = {
+        PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
+        CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
+    }
+    lines = summary(run, reports)
+    if files is not None:
+        for program, report in reports.items():
+            write_json(files.report(program), report)
+        rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
+        write_trace(files.plant_trace, rig.path, rig.samples)
+        lines += [("files", str(files.folder)), ("again", _command(options, files))]
+    status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
+    lines.append(("verdict", verdict(reports)))
+    width = max(len(heading) for heading, _ in lines)
+    for heading, text in lines:
+        print(f"{heading:{width}}  {text}")
+    if any(report["node"]["failure"] for report in reports.values()):
+        return ExitStatus.SAFE_STATE
+    return status
+
+
+def _plant_settings(options: argparse.Namespace) -> PlantSettings:
+    preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
+    given = {"duration_s": options.duration, "seed": options.seed}
+    overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+    vehicle, overrides = plant_vehicle(options.vehicle), [*options.plant_set, *overrides]
+    return load_settings(PlantSettings, preset, options.plant, overrides, vehicle)
+
+
+def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
+    name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
+    preset = read_preset(CONTROLLER_PRESETS, name) if name else None
+    overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
+    vehicle = nominal_vehicle(options.vehicle)
+    return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
+
+
+def _bus_settings(options: argparse.Namespace) -> BusSettings:
+    """Return the settings of the bus, refused where this run has none."""
+    settings = bus_settings(options)
+    if options.interface and settings != BusSettings():
+        raise SettingsError("python-can's bus takes no --bus-settings, traffic, errors or clocks")
+    if options.ideal_wire and not settings.is_quiet:
+        raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
+    return settings
+
+
+def _run_in_virtual_time(
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    settings: BusSettings,
+    options: argparse.Namespace,
+    candump_log: Path | None,
+) -> Run:
+    pair = make_virtual_pair(plant_settings, controller_settings)
+    bitrate = settings.bitrate_bit_s
+    bus = None if options.ideal_wire else virtual_wire(settings, plant_settings.seed)
+    stop = StopRequest()
+    begin_s = time.perf_counter()
+    with stop.on_signals():
+        try:
+            nodes = with_clocks(pair.edge, pair.controller, settings)
+            run_virtual_nodes(*nodes, bus, candump_log, stop)
+        except BusOverflowError as error:
+            raise BusError(f"{bitrate} bit/s are too few: {error}") from error
+    elapsed_s = time.perf_counter() - begin_s
+    wire = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
+    ended_by = stop.reason or FINISHED
+    where = f"virtual time over {wire}"
+    shared = bus if isinstance(bus, SharedBus) else None
+    return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
+
+
+def _run_in_real_time(
+    plant_settings: PlantSettings, controller_settings: ControllerSettings, candump_log: Path | None
+) -> Run:
+    params = motion_params(plant_settings)  # takes long, so before the first tick is due
+    stop = StopRequest()
+    with real_time(RealTimeRequest()) as answers, stop.on_signals():
+        steal = StealClock()
+        plant, controller, figures = run_threaded_nodes(
+            lambda start_ns: with_faults(
+                PlantNode(plant_settings, start_ns, params),
+                plant_settings.faults,
+                plant_settings.seed,
+            ),
+            lambda start_ns: ControllerNode(on_bus(controller_settings, takes_fd=False), start_ns),
+            candump_log,
+            stop,
+        )
+        host = host_report(answers, steal.fraction())
+    loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
+    description = "real time over python-can's interface virtual"
+    elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
+    return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
+
+
+def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "program": NAME,
+        "ended_by": run.ended_by,
+        "bus": run.bus,
+        "settings": settings.model_dump(mode="json"),
+        "node": dict(node),
+        **run.loops.get(program, {}),
+    }
+
+
+def _command(options: argparse.Namespace, files: PairFiles) -> str:
+    """Return the command that makes a run again from the settings it has left."""
+    command = ["steer-by-wire", "run", str(files.settings(PLANT))]
+    command += ["--controller", str(files.settings(CONTROLLER))]
+    if options.interface:
+        command += ["--interface", options.interface]
+    else:
+        command += ["--ideal-wire"] * options.ideal_wire
+        command += ["--bus-settings", str(files.settings(BUS))]
+    return shlex.join(command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""A run of both nodes, its figures for the user, and what ``--fail-if`` may name of them."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ...closed_loop.bus import SharedBus
+from ...controller.node import quantities as controller_quantities
+from ...controller.node.node import ControllerNode
+from ...controller.node.summary import controller_summary
+from ...plant_emulator.evaluation import quantities as plant_quantities
+from ...plant_emulator.evaluation.summary import plant_summary
+from ...plant_emulator.evaluation.verdict_text import verdict_text
+from ...plant_emulator.faults.stage import FaultyNode
+from ...plant_emulator.node.node import PlantNode
+from ...runtime.program.run_node import FINISHED
+from ...runtime.program.summary import durations_line
+from ...runtime.program.thresholds import of_part
+
+PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
+QUANTITIES = {
+    **of_part(plant_quantities.QUANTITIES, PLANT),
+    **of_part(controller_quantities.QUANTITIES, CONTROLLER, "controller_"),
+}
+"""What ``--fail-if`` may name."""
+
+
+class Run(NamedTuple):
+    """One run: its nodes, what carried their frames, what ended it.
+
+    ``elapsed_s``  how long it took [s]
+    ``loops``      what the loop of each program adds to its report; nothing in virtual time
+    ``shared``     the bus, where there was other traffic or noise on it
+    """
+
+    plant: PlantNode | FaultyNode[PlantNode]
+    controller: ControllerNode
+    bus: str
+    elapsed_s: float
+    ended_by: str
+    loops: Mapping[str, Mapping[str, Any]]
+    shared: SharedBus | None = None
+
+
+def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return the figures of a run, each with its heading."""
+    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
+    lines = [
+        ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
+        ("seed", str(plant["seed"])),
+        *controller_summary(controller),
+        *plant_summary(plant),
+    ]
+    if run.shared is not None:
+        lines += _bus_lines(run.shared)
+    for program in run.loops:
+        lateness = durations_line(reports[program]["loop"]["lateness"])
+        lines.append((program.replace("_", " "), f"lateness {lateness}"))
+    lines += [
+        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
+        for program, report in reports.items()
+        if report["node"]["failure"]
+    ]
+    if run.ended_by != FINISHED:
+        lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
+    return lines
+
+
+def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the plant's verdict, and what limited the commands on their way; or who failed."""
+    for program in PROGRAMS:
+        if failure := reports[program]["node"]["failure"]:
+            return f"safe state: {program.replace('_', ' ')}: {failure}"
+    limited = controller_quantities.limited_text(reports[CONTROLLER]["node"])
+    return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
+
+
+def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
+    load = bus.model.load
+    lost = f"{load.refused} lost in full transmit buffers"
+    lines = [("bus", f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, {lost}")]
+    if bus.errors is not None:
+        causes = ", ".join(f"{count} {cause}" for cause, count in bus.errors.causes.most_common())
+        text = (
+            f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
+            f"{bus.errors.missed_by_one} missed by one receiver, "
+            f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it"
+        )
+        lines.append(("bus errors", text))
+    return lines

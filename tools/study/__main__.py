@@ -1,0 +1,288 @@
+"""Run a stress study: thousands of runs over latency, jitter, vehicles and laws.
+
+    steer-by-wire stress latency_jitter --dry-run
+    steer-by-wire stress STUDY [--out DIR] [--threads N]
+    steer-by-wire stress STUDY --replay ID [--live BUS]
+    steer-by-wire stress STUDY --live BUS --subset N
+
+Ctrl-C ends it and keeps the computed runs; the same command continues from there. The bytes of the
+results do not depend on interruptions, threads or machines.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.dask_runner import dask_workers
+from steer_by_wire.closed_loop.studies.runner import (
+    Processes,
+    Threads,
+    Workers,
+    estimate,
+    run_study,
+)
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
+from steer_by_wire.closed_loop.studies.store import CHUNK_RUNS, Store
+from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.verdict import short_windows
+from steer_by_wire.runtime.command_line import command_parser, whole_number
+from steer_by_wire.runtime.program.option_types import settings_file
+from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.settings.settings import SettingsError, preset_names
+from steer_by_wire.tools.study.replay import (
+    commands,
+    live_line,
+    open_bus,
+    replay,
+    replay_lines,
+    run_live,
+    subset,
+)
+
+NAME = "steer-by-wire stress"
+DIFFERENT = 1
+"""Exit status of a replay whose figures differ from those stored."""
+ROW_BYTES = 150
+"""Approximate size of a row in a Parquet file."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = command_parser(NAME, __doc__, f"{NAME} latency_jitter --dry-run", "STUDY [options]")
+    parser.add_argument(
+        "study", type=settings_file("steer_by_wire.closed_loop.studies"), metavar="STUDY",
+        help=f"a file, or one of {', '.join(preset_names('steer_by_wire.closed_loop.studies'))}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/stress/NAME)"
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the size of the study, and end"
+    )
+    parser.add_argument(
+        "--fastmath",
+        action="store_true",
+        help="a little faster, but not bit for bit like the programs",
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--threads", type=whole_number(1, 4096), metavar="N",
+        help="default: one per processor; for runs over a bus processes",
+    )  # fmt: skip
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
+    )
+    where.add_argument(
+        "--workers", type=whole_number(1, 4096), metavar="N",
+        help="number of processes, through dask",
+    )  # fmt: skip
+    again = parser.add_argument_group("repeated runs")
+    again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
+    again.add_argument(
+        "--live",
+        metavar="BUS",
+        help="repeat with the real programs in real time: emulated, vcan0 or INTERFACE:CHANNEL",
+    )
+    again.add_argument(
+        "--subset", type=whole_number(1, 4096), metavar="N",
+        help="number of runs of --live, spread evenly",
+    )  # fmt: skip
+    options = parser.parse_args(arguments)
+    if options.live and options.replay is None and options.subset is None:
+        parser.error("--live needs --subset N or --replay ID")
+    if options.subset is not None and not options.live:
+        parser.error("--subset belongs to --live")
+    return run_main(NAME, partial(_run, options))
+
+
+def _run(options: argparse.Namespace) -> int:
+    console = plain_console()
+    scenarios = Scenarios(load_study(options.study, options.fastmath))
+    scenarios.check()
+    store = Store(options.out or Path("out/stress") / scenarios.study.settings.name, scenarios)
+    for line in _sizes(scenarios):
+        console.print(line)
+    warning = short_windows(scenarios.study.settings.verdict, scenarios.shortest_s)
+    if warning:
+        console.print(f"warning: {warning}")
+    if options.dry_run:
+        _print_estimate(console, scenarios, _threads(options))
+        return ExitStatus.OK
+    if options.live and scenarios.study.bus is not None:
+        raise SettingsError("--live: a study over a bus runs in virtual time only")
+    store.open(options.study.read_text(encoding="utf-8"))
+    stop = StopRequest()
+    with stop.on_signals():
+        if options.replay is not None or options.live:
+            status = _replay(options, console, store, Computer(scenarios))
+            live = _live(options, console, store, scenarios, stop) if options.live else status
+            return live or status
+        with _workers(options, scenarios) as workers:
+            is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
+    if not is_complete:
+        stored = store.stored()
+        console.print(
+            f"interrupted: {stored:,} of {scenarios.study.runs:,} runs are stored in "
+            f"{store.folder}; the same command goes on"
+        )
+        return ExitStatus.INTERRUPTED
+    console.print(f"results: {store.results}")
+    if not options.no_report:
+        _report(console, store.folder)
+    return ExitStatus.OK
+
+
+def _sizes(scenarios: Scenarios) -> list[str]:
+    study = scenarios.study
+    sampling, design = study.settings.sampling, study.design
+    lines = [
+        f"study: {study.settings.name}" + (f": {study.settings.title}" * bool(study.settings.title))
+    ]
+    for factor in design.factors:
+        labels = [str(level.label) for level in factor.levels or ()]
+        shown = ", ".join(labels if len(labels) <= 12 else [*labels[:6], "...", *labels[-2:]])
+        lines.append(f"factor: {factor.name}: {f'{len(labels)}: {shown}' if labels else 'drawn'}")
+    lines.append(f"controllers: {', '.join(scenarios.controllers)}")
+    lines.append(
+        f"runs: {study.runs:,} = {design.points:,} points ({sampling.kind}) x "
+        f"{sampling.replicates:,} replicates x {len(scenarios.controllers)} controllers"
+    )
+    if study.bus is not None:
+        lines.append("bus: the nodes run in virtual time, not compiled")
+    if study.fastmath:
+        lines.append("fastmath: close to what the programs compute, not bit for bit")
+    return lines
+
+
+def _print_estimate(console: Console, scenarios: Scenarios, threads: int) -> None:
+    runs = scenarios.study.runs
+    measured = estimate(scenarios)
+    seconds = runs * measured.seconds_a_run
+    console.print(
+        f"results: {-(-runs // CHUNK_RUNS):,} chunks, about {runs * ROW_BYTES / 1e6:.1f} MB"
+    )
+    console.print(
+        f"time: {1e3 * measured.seconds_a_run:.2f} ms a run (mean of {measured.runs}), so "
+        f"{_duration(seconds)} on one thread, {_duration(seconds / threads)} on {threads} "
+        "if each has a processor to itself"
+    )
+
+
+def _threads(options: argparse.Namespace) -> int:
+    return int(options.threads or options.workers or os.cpu_count() or 1)
+
+
+def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
+    if options.scheduler or options.workers:
+        return dask_workers(scenarios.study, options.scheduler, options.workers)
+    count = min(_threads(options), scenarios.study.runs)
+    if scenarios.study.bus is not None and count > 1:
+        return nullcontext(Processes(scenarios.study, count))
+    return nullcontext(Threads(scenarios, count))
+
+
+def _compute(
+    console: Console, store: Store, workers: Workers, runs: int, stop: StopRequest
+) -> bool:
+    """Compute what is missing, showing the progress; returns whether the study is complete."""
+    before = store.stored()
+    if before:
+        console.print(f"stored already: {before:,} runs in {store.folder}")
+    begin_s = time.monotonic()
+    columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(f"runs on {workers.description}", total=runs, text="")
+        progress.update(task, completed=before)
+        done = 0
+
+        def on_progress(further: int) -> None:
+            nonlocal done
+            done += further
+            rate = done / (time.monotonic() - begin_s)
+            left = _duration((runs - before - done) / rate)
+            text = f"{before + done:,} of {runs:,}, {_per_s(rate)} a second, {left} left"
+            progress.update(task, completed=before + done, text=text)
+
+        is_complete = run_study(store, workers, on_progress, stop)
+    elapsed_s = time.monotonic() - begin_s
+    if done:
+        rate = _per_s(done / elapsed_s)
+        console.print(f"{done:,} runs in {_duration(elapsed_s)}: {rate} a second")
+    return is_complete
+
+
+def _per_s(rate: float) -> str:
+    return f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
+def _replay(options: argparse.Namespace, console: Console, store: Store, computer: Computer) -> int:
+    if options.replay is None:
+        return ExitStatus.OK
+    made = replay(store, computer, options.replay)
+    for command in commands(made.files):
+        console.print(f"again: {command}")
+    for line in replay_lines(made):
+        console.print(line)
+    if made.stored is None:
+        console.print(f"run {options.replay} is not stored yet: computed anew and compared")
+    if made.differences:
+        console.print(f"different: {', '.join(made.differences)}")
+        return DIFFERENT
+    whose = "stored figure" if made.fastmath else "figure"
+    console.print(f"every {whose} is the same to the last digit")
+    return ExitStatus.OK
+
+
+def _live(
+    options: argparse.Namespace,
+    console: Console,
+    store: Store,
+    scenarios: Scenarios,
+    stop: StopRequest,
+) -> int:
+    runs = scenarios.study.runs
+    ids = [options.replay] if options.replay is not None else subset(runs, options.subset)
+    folder = store.folder / "live"
+    folder.mkdir(parents=True, exist_ok=True)
+    console.print(f"live: {len(ids)} runs on {options.live}, in real time; study -> live")
+    with open_bus(options.live, folder) as bus:
+        computer = Computer(scenarios)
+        done = run_live(computer, ids, bus, folder, lambda one: console.print(live_line(one)), stop)
+    same = sum(one.study["verdict"] == one.live["verdict"] for one in done)
+    console.print(f"live: {same} of {len(done)} verdicts are the same; {folder / 'live.json'}")
+    return ExitStatus.INTERRUPTED if stop() else ExitStatus.OK
+
+
+def _report(console: Console, folder: Path) -> None:
+    """Write the report of a complete study, where this installation has one."""
+    try:
+        page = importlib.import_module("steer_by_wire.tools.study.report").write(folder)
+    except ImportError as error:
+        console.print(f"report: skipped: {error}")
+        return
+    console.print(f"report: {page or folder}")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 90:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

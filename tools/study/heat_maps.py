@@ -1,0 +1,228 @@
+"""Pictures over mean latency and jitter: heat maps, one a law, and break-points over jitter.
+
+A cell of a heat map holds the worst over everything else that varies (corners of the box, ...):
+
+    RMS     the largest of the medians over replicates
+    held    the smallest share of replicates that hold the path
+
+All laws share one scale of colours. Hatched are cells with a run that does not hold. Break-points
+are drawn as the median over seeds, its confidence interval, and what is held.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+
+from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.studies.results import VERDICTS, Rows
+from ...plant_emulator.evaluation.verdict import Verdict
+from ...runtime.records import FloatArray, IntArray
+from .axes import StudyAxes, cells
+from .break_points import CONFIDENCE, HELD_SHARE, LATENCY_NS_MAX, STEP_NS, BreakPoint
+
+HATCHES = {
+    "unstable, left the range, or no start": "xxx",
+    "limit cycle": "///",
+    "drifts, left the road, or off the path": "...",
+    "decays, but too slowly": "\\\\\\",
+}
+_FAMILIES = (
+    (Verdict.NO_START, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
+    (Verdict.LIMIT_CYCLE,),
+    (Verdict.DRIFTS, Verdict.LEFT_ROAD, Verdict.OFF_PATH),
+    (Verdict.DECAYS,),
+)
+_COLUMNS = 2
+_TEXT_CELLS_MAX = 130
+"""Cells of one map into which numbers are written."""
+
+
+class HeatMaps(NamedTuple):
+    """Arrays of shape (controllers, jitters, means); NaN where nothing was run.
+
+    ``family``  place in HATCHES of the worst end of a run; -1 where all hold
+    """
+
+    rms_m: FloatArray
+    held: FloatArray
+    family: IntArray
+
+
+def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:
+    """Return the worst of each cell."""
+    cell, shape = cells(axes, rows, controllers)
+    count = int(np.prod(shape))
+    keys, place = np.unique(cell * (int(axes.group.max()) + 1) + axes.group, return_inverse=True)
+    cell_of = keys // (int(axes.group.max()) + 1)
+    sizes = np.bincount(place)
+    order = np.lexsort((np.where(np.isnan(rows.rms_m), np.inf, rows.rms_m), place))
+    middle = np.cumsum(sizes) - sizes + (sizes - 1) // 2
+    medians_m = rows.rms_m[order[middle]]
+    shares = np.bincount(place, weights=rows.holds) / sizes
+    rms_m, held = np.full(count, -np.inf), np.full(count, np.inf)
+    np.maximum.at(rms_m, cell_of, np.where(np.isnan(medians_m), np.inf, medians_m))
+    np.minimum.at(held, cell_of, shares)
+    family = np.full(count, -1)
+    for index, members in reversed(list(enumerate(_FAMILIES))):
+        is_member = np.isin(rows.verdict, [VERDICTS.index(verdict) for verdict in members])
+        family[np.unique(cell[is_member])] = index
+    return HeatMaps(
+        np.where(np.isfinite(rms_m), rms_m, np.nan).reshape(shape),
+        np.where(np.isfinite(held), held, np.nan).reshape(shape),
+        family.reshape(shape),
+    )
+
+
+def draw_rms(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the RMS error; the scale is logarithmic, from 1 mm or more to 10 m or less."""
+    known_mm = 1e3 * maps.rms_m[np.isfinite(maps.rms_m)]
+    low, high = (float(np.clip(f(known_mm, initial=10.0), 1.0, 1e4)) for f in (np.min, np.max))
+    norm = LogNorm(low, max(high, 1.01 * low))
+    title = "RMS error of the preview point [mm],\nworst over all else"
+    return _draw(1e3 * maps.rms_m, maps, axes, names, norm, "viridis_r", title, "{:.3g}")
+
+
+def draw_held(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the share of runs that hold."""
+    title = "runs that hold the path [%],\nworst over all else"
+    norm = Normalize(0.0, 100.0)
+    return _draw(100.0 * maps.held, maps, axes, names, norm, "RdYlBu", title, "{:.0f}")
+
+
+def _draw(
+    values: FloatArray,
+    maps: HeatMaps,
+    axes: StudyAxes,
+    names: tuple[str, ...],
+    norm: Normalize,
+    colours: str,
+    title: str,
+    form: str,
+) -> Figure:
+    columns = min(_COLUMNS, len(names))
+    lines = -(-len(names) // columns)
+    means, jitters = len(axes.mean.values), len(axes.jitter.values)
+    width = min(max(0.5 * means + 1.2, 4.0), 7.5) * columns + 1.4
+    height = min(max(0.42 * jitters + 1.0, 2.2), 5.0) * lines + 1.0
+    figure = Figure(figsize=(width, height))
+    panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(names) :]:
+        panel.set_visible(False)
+    for place, (name, panel) in enumerate(zip(names, panels.flat, strict=False)):
+        panel.set_facecolor("0.75")
+        panel.grid(visible=False)
+        edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
+        mesh = panel.pcolormesh(*edges, values[place], norm=norm, cmap=colours)
+        for row, column in np.ndindex(jitters, means):
+            family = int(maps.family[place, row, column])
+            is_hatched = family >= 0
+            if is_hatched:
+                _hatch(panel, row, column, family)
+            if means * jitters <= _TEXT_CELLS_MAX and np.isfinite(values[place, row, column]):
+                value = float(values[place, row, column])
+                shade = mesh.cmap(norm(value))
+                ink = "black" if is_hatched or sum(shade[:3]) > 1.4 else "white"
+                label = panel.text(
+                    column, row, form.format(value), ha="center", va="center", color=ink, size=7.5
+                )
+                if is_hatched:
+                    label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.2})
+        panel.set_title(name, fontsize=10)
+        panel.set_xticks(*_ticks(axes.mean.labels, 12))
+        panel.set_yticks(*_ticks(axes.jitter.labels, 10))
+        panel.tick_params(labelbottom=place + columns >= len(names))
+    figure.supxlabel(axes.mean.title, fontsize=10)
+    figure.supylabel(axes.jitter.title, fontsize=10)
+    bar = figure.colorbar(mesh, ax=panels, label=title, shrink=0.9, pad=0.02)
+    for axis_format in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
+        axis_format("{x:g}")
+    shown = [h for i, h in enumerate(HATCHES.items()) if np.any(maps.family == i)]
+    if shown:
+        handles = [
+            Patch(facecolor="white", edgecolor="0.2", hatch=hatch, label=label)
+            for label, hatch in shown
+        ]
+        figure.legend(
+            handles=handles,
+            loc="outside upper center",
+            ncols=2,
+            title="hatched: at least one run does not hold; the worst of them",
+            title_fontsize=9,
+            fontsize=9,
+        )
+    return figure
+
+
+def _hatch(panel: Axes, row: int, column: int, family: int) -> None:
+    hatch = tuple(HATCHES.values())[family]
+    for colour, width in (("white", 2.2), ("0.1", 0.7)):  # visible on any colour
+        patch = Rectangle(
+            (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=hatch, edgecolor=colour, lw=0.0
+        )
+        patch.set_hatch_linewidth(width)
+        panel.add_patch(patch)
+
+
+def _ticks(labels: tuple[str, ...], count: int) -> tuple[list[int], list[str]]:
+    stride = -(-len(labels) // count)
+    places = list(range(0, len(labels), stride))
+    return places, [labels[place] for place in places]
+
+
+_MARKERS = "os^Dv<>p"
+_TICKS_MS = (10, 20, 50, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000)
+_SHORTEST_MS = 1e-6 * STEP_NS
+"""Where latency 0, or not even that, is drawn: the axis is logarithmic."""
+
+
+def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the break-point of each law over jitter."""
+    figure = Figure(figsize=(9.5, 4.6))
+    panel = figure.subplots()
+    chosen = sorted({point.jitter for point in points})
+    end_ms = 1e-6 * LATENCY_NS_MAX
+    for controller, name in enumerate(names):
+        own = [point for point in points if point.controller == controller]
+        # Beside each other, since laws of the same break-point would hide each other.
+        at = np.array([chosen.index(point.jitter) for point in own]) + 0.06 * (
+            controller - 0.5 * (len(names) - 1)
+        )
+        colour = COLOURS[controller % len(COLOURS)]
+        median, low, high, held = (
+            np.clip([1e3 * getattr(point, name) for point in own], _SHORTEST_MS, end_ms)
+            for name in ("median_s", "low_s", "high_s", "held_s")
+        )
+        bars, marker = (median - low, high - median), _MARKERS[controller % len(_MARKERS)]
+        panel.errorbar(at, median, bars, color=colour, marker=marker, ms=5, capsize=3, label=name)
+        panel.plot(at, held, ls="", marker="_", ms=11, mew=2, color=colour)
+    panel.set_yscale("log")
+    low_ms, high_ms = panel.get_ylim()
+    if high_ms > 0.8 * end_ms:
+        panel.axhline(end_ms, color="0.4", lw=0.8, ls="--")
+        panel.annotate(
+            "end of the search: held here and beyond",
+            (0.02, end_ms),
+            (0.0, 3.0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=8.5,
+        )
+        high_ms = 1.3 * end_ms
+    panel.set_ylim(low_ms, high_ms)
+    ticks_ms = [tick for tick in _TICKS_MS if low_ms <= tick <= high_ms]
+    panel.set_yticks(ticks_ms, [f"{tick:g}" for tick in ticks_ms])
+    panel.set_yticks([], minor=True)
+    panel.set_xticks(range(len(chosen)), [axes.jitter.labels[place] for place in chosen])
+    panel.set(xlabel=axes.jitter.title, ylabel="largest mean latency held [ms]")
+    panel.set_title(
+        f"Markers: median over seeds with its {100 * CONFIDENCE:g} % interval.  "
+        f"Bars: held by at least {100 * HELD_SHARE:g} % of seeds, {100 * CONFIDENCE:g} % sure",
+        fontsize=9.5,
+        fontweight="normal",
+    )
+    panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure

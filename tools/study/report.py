@@ -1,0 +1,175 @@
+"""Writes the report of a study: pictures as PNG, and one page with all of them."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
+from ...closed_loop.reports.plot_style import plot_style, png_of
+from ...closed_loop.studies.base_tables import leaves
+from ...closed_loop.studies.results import (
+    VERDICTS,
+    FactorRecord,
+    Rows,
+    StudyRecord,
+    read_rows,
+    read_study,
+)
+from ...closed_loop.studies.verdict import short_windows
+from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.settings.settings import Settings
+from .axes import StudyAxes, study_axes
+from .break_points import SEEDS, break_points
+from .comparison import comparisons
+from .cost_check import cost_checks, draw_checks
+from .heat_maps import draw_break_points, draw_held, draw_rms, heat_maps
+from .level_section import level_sections
+from .sections import (
+    break_point_section,
+    comparison_section,
+    cost_section,
+    map_section,
+    worst_section,
+)
+from .worst_runs import draw_worst, worst_runs
+
+PAGE = "report.html"
+
+
+def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
+    """Write page and pictures into the folder of the results; returns the page.
+
+    Raises SettingsError where there are no results, OSError where nothing can be written.
+    """
+    study = read_study(folder)
+    rows = read_rows(study)
+    axes = study_axes(study, rows)
+    sections = [
+        study_section(study, rows),
+        _maps(study, rows, axes),
+        comparison_section(study, comparisons(study, rows)),
+        *level_sections(study, rows, axes),
+    ]
+    if study.scenarios.study.bus is None:  # these run scenarios again, compiled
+        sections.insert(2, _break_points(study, rows, axes, break_point_seeds))
+        sections += [_worst(study, rows), _costs(study, rows, axes)]
+    file = folder / PAGE
+    file.write_text(page(f"Stress study {study.name}", sections), encoding="utf-8")
+    return file
+
+
+def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
+    maps = heat_maps(rows, axes, len(study.names))
+    pictures = [
+        _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names)),
+        _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
+    ]
+    return map_section(axes, pictures)
+
+
+def _break_points(study: StudyRecord, rows: Rows, axes: StudyAxes, seeds: int) -> Section:
+    points = break_points(study, rows, axes, seeds)
+    pictures = (
+        [_save(study, "break_points", lambda: draw_break_points(points, axes, study.names))]
+        if points
+        else []
+    )
+    return break_point_section(study, axes, points, pictures)
+
+
+def _worst(study: StudyRecord, rows: Rows) -> Section:
+    found = worst_runs(study, rows)
+    pictures = [_save(study, "worst_runs", lambda: draw_worst(study, found))] if found else []
+    return worst_section(study, rows, found, pictures)
+
+
+def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
+    found = cost_checks(study, rows, axes)
+    shown = [check for check in found.checks if check.is_random]
+    pictures = [_save(study, "expected_cost", lambda: draw_checks(study, shown))] if shown else []
+    return cost_section(study, found, pictures)
+
+
+def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
+    with plot_style():
+        png = png_of(draw())
+    (study.folder / f"{name}.png").write_bytes(png)
+    return Picture(png, name.replace("_", " "))
+
+
+_LABELS_SHOWN = 16
+_DURATION = "plant.duration_s"
+
+
+def study_section(study: StudyRecord, rows: Rows) -> Section:
+    """Return the settings of the study, and how its runs ended."""
+    sampling, runs = study.sampling, len(rows.id)
+    size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
+    texts = {
+        "Size": f"{size}: {len(study.names)} controllers, {sampling['replicates']:,} replicates",
+        "Points": f"{study.runs // len(study.names) // sampling['replicates']:,}, "
+        f"{sampling['kind']}",
+        "Seed": f"{sampling['seed']}; all controllers meet the same networks",
+        "Arithmetic": "reordered and fused (--fastmath); worst runs and break-points are exact"
+        if study.fastmath
+        else "that of the nodes, to the last bit",
+        "Controllers": ", ".join(study.names),
+        **{f"Factor {factor.name}": _factor(factor) for factor in study.factors},
+    }
+    settings = Table(
+        ("Setting", "Value"),
+        [
+            *((Cell(name), Cell(text)) for name, text in texts.items()),
+            (Cell("Verdict"), _against(study.verdict, VerdictRules())),
+            (Cell("Base of the plant"), _against(study.plant, PlantSettings())),
+        ],
+    )
+    counts = np.zeros((len(study.names), len(VERDICTS)), dtype=np.int64)
+    np.add.at(counts, (rows.controller, rows.verdict), 1)
+    verdicts = Table(
+        ("Controller", *map(str, VERDICTS)),
+        [
+            (Cell(name), *(number(f"{count:,}") for count in line))
+            for name, line in zip(study.names, counts.tolist(), strict=True)
+        ],
+    )
+    title = study.title or "Latency and jitter, law by law"
+    return Section(title, (), tables=(settings, verdicts), notes=_warnings(study, rows))
+
+
+def _factor(factor: FactorRecord) -> str:
+    keys = ", ".join(factor.keys)
+    labels = [f"{label:g}" if isinstance(label, float) else str(label) for label in factor.labels]
+    if not labels:
+        return f"{keys}: drawn"
+    shown = labels if len(labels) <= _LABELS_SHOWN else [*labels[:8], "...", *labels[-3:]]
+    return f"{keys}: {', '.join(shown)}"
+
+
+def _against(tables: Mapping[str, Any], defaults: Settings) -> Cell:
+    """Return the settings that differ from the defaults, and all of them to unfold."""
+    usual = dict(leaves(defaults.model_dump(mode="json", exclude_none=True)))
+    values = [(key, value) for key, value in leaves(tables) if value not in ([], {}, None)]
+    differing = [(key, value) for key, value in values if usual.get(key) != value]
+    return Cell(_texts(differing) or "all as by default", folded=_texts(values))
+
+
+def _texts(values: list[tuple[str, Any]]) -> str:
+    return "; ".join(
+        f"{key} = {json.dumps(value) if isinstance(value, list) else value}"
+        for key, value in values
+    )
+
+
+def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
+    durations_s = [float(study.plant["duration_s"])]
+    for factor in study.factors:
+        if _DURATION in factor.keys:
+            durations_s = [float(np.min(rows.factors[factor.name]))]
+    warning = short_windows(VerdictRules.model_validate(study.verdict), min(durations_s))
+    return [f"Warning: {warning}."] if warning else []

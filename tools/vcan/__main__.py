@@ -1,0 +1,182 @@
+"""Run a command with a real vcan0: the host's own, a network namespace's, or User Mode Linux's.
+
+    with-vcan [--backend host|namespace|uml|auto] [--netem "delay 40ms"] COMMAND...
+
+Exit status: the command's; 2 for wrong arguments, 3 where there is no way to a vcan0, 124 when the
+time is up, 126 and 127 for a command that cannot be run or is not found.
+"""
+
+import argparse
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from steer_by_wire.runtime.command_line import command_parser, seconds, whole_number
+from steer_by_wire.tools.vcan.request import BackendError, Request, interface_names, netem_of
+
+NAME = "with-vcan"
+UNAVAILABLE_STATUS = 3
+UNWRITABLE_STATUS = 4
+STDERR = 2
+BACKENDS = ("host", "namespace", "uml")
+"""Modules beside this one."""
+PACKAGES = "user-mode-linux kmod can-utils iproute2"
+"""Of Debian and Ubuntu, for all backends but the host's own kernel."""
+
+
+class Backend(NamedTuple):
+    """One way to vcan0.
+
+    ``obstacle``  why it cannot be used; empty if it can
+    ``run``       runs a command, within a time [s]; returns its exit status
+    """
+
+    name: str
+    obstacle: Callable[[Request], str]
+    run: Callable[[Request, float | None], int]
+
+
+def backends() -> Iterator[Backend]:
+    """Yield the backends of this platform, best first; each is imported at its turn."""
+    for name in BACKENDS if sys.platform == "linux" else ():
+        module = import_module(f"steer_by_wire.tools.vcan.{name}")
+        yield Backend(name, module.obstacle, module.run)
+
+
+def choose(wanted: str, request: Request) -> Backend:
+    """Return the wanted backend, or the best; raises BackendError with every obstacle."""
+    if sys.platform != "linux":
+        raise BackendError("only Linux has SocketCAN: use the emulated bus (docs/emulated_bus.md)")
+    obstacles = []
+    for backend in backends():
+        if wanted in ("auto", backend.name):
+            obstacle = backend.obstacle(request)
+            if not obstacle:
+                return backend
+            obstacles.append(f"{backend.name}: {obstacle}")
+    advice = f"; {_advice()}" if wanted == "auto" else ""
+    raise BackendError(
+        f"no way to {', '.join(request.interfaces)}{advice} ({'; '.join(obstacles)})"
+    )
+
+
+def _advice() -> str:
+    from steer_by_wire.tools.vcan.system_calls import FINIT_MODULE
+
+    if platform.machine() in FINIT_MODULE:
+        return f"on Debian and Ubuntu, apt-get install {PACKAGES}"
+    return "on this processor it takes a kernel with vcan, the host's or that of a virtual machine"
+
+
+def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
+    """Run the command under the name ``name``; returns its exit status."""
+    options = _parse(arguments, name)
+    if options.write_single_file is not None:
+        return _write_single_file(name, options.write_single_file)
+    request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
+    try:
+        backend = choose(options.backend, request)
+        if options.which:
+            print(backend.name)
+            return 0
+        return _run(name, backend, request, options.timeout)
+    except BackendError as error:
+        print(f"{name}: error: {error}", file=sys.stderr)
+        return UNAVAILABLE_STATUS
+    except KeyboardInterrupt:
+        return 130
+
+
+def _write_single_file(name: str, path: Path) -> int:
+    from steer_by_wire.tools.vcan.single_file import write_single_file
+
+    try:
+        write_single_file(path)
+    except OSError as error:
+        print(f"{name}: error: {path}: {error.strerror}", file=sys.stderr)
+        return UNWRITABLE_STATUS
+    return 0
+
+
+def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
+    from steer_by_wire.tools.vcan.supervision import TIMEOUT_STATUS, block_signals
+
+    # Otherwise one of our pipes could get the number of a closed standard stream.
+    while os.open(os.devnull, os.O_RDWR) <= STDERR:
+        pass
+    block_signals()
+    status = backend.run(request, timeout_s)
+    if status == TIMEOUT_STATUS and timeout_s is not None:
+        print(f"{name}: error: ended after {timeout_s:g} s", file=sys.stderr)
+    return status
+
+
+def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
+    parser = command_parser(
+        name, __doc__, f"{name} ip -details link show vcan0", "[options] COMMAND..."
+    )
+    parser.add_argument(
+        "--backend",
+        choices=("auto", *BACKENDS),
+        default="auto",
+        help="default: auto, the first one that works here",
+    )
+    parser.add_argument(
+        "--netem",
+        action="append",
+        default=[],
+        metavar="[NAME:]PARAMETERS",
+        help='latency in the kernel, such as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
+        "interfaces or one, in both directions",
+    )
+    parser.add_argument(
+        "--timeout", type=seconds, metavar="SECONDS", help="end with status 124 after this time"
+    )
+    parser.add_argument(
+        "--interfaces",
+        type=_interfaces,
+        default=("vcan0",),
+        metavar="N|NAMES",
+        help="a number (vcan0, vcan1, ...) or comma-separated names; default: vcan0",
+    )
+    parser.add_argument(
+        "--memory",
+        type=whole_number(128, 65536),
+        default=1024,
+        metavar="MIB",
+        help="memory of User Mode Linux",
+    )
+    parser.add_argument(
+        "--which", action="store_true", help="only print which backend would be used"
+    )
+    parser.add_argument(
+        "--write-single-file", type=Path, metavar="FILE", help="write this program as one file"
+    )
+    parser.add_argument(
+        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="and its arguments"
+    )
+    options = parser.parse_args(arguments)
+    if options.command[:1] == ["--"]:
+        del options.command[0]
+    try:
+        options.netem = netem_of(options.netem, options.interfaces)
+    except ValueError as error:
+        parser.error(f"argument --netem: {error}")
+    if not (options.command or options.which or options.write_single_file):
+        parser.error("a command is missing")
+    return options
+
+
+def _interfaces(text: str) -> tuple[str, ...]:
+    try:
+        return interface_names(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())
