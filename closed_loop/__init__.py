@@ -1,4 +1,5 @@
-"""Connects the two nodes: in virtual time, or as processes on a bus.
+"""Both nodes together: in virtual time, as processes on a bus, compiled; begin at `simulate.py`.
 
-Admission rule: it starts or joins plant emulator and controller, and two programs use it.
+In the rooms: compiled runs, recordings, studies, a rig for any controller, the parameter space and
+reports. Admission rule: it needs both nodes, or what they leave, and two programs use it.
 """

@@ -100,8 +100,8 @@ def simulate(
 
     >>> simulate(overrides={"plant.actuator.lag_s": -1.0})
     Traceback (most recent call last):
-    steer_by_wire.runtime.settings.settings.SettingsError: overrides of plant: actuator.lag_s = -1.0 should \
-be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
+    steer_by_wire.runtime.settings.settings.SettingsError: overrides of plant: \
+actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     """
     own = {"plant.seed": seed, "plant.duration_s": duration_s, "controller.law": law}
     given = {**overrides, **{key: value for key, value in own.items() if value is not None}}

@@ -4,7 +4,8 @@ Encoding raises for a value that its signal cannot carry, which is a mistake of 
 Decoding never raises: a frame that is not a valid message gives a ``Rejection``, to be counted by
 cause.
 
-``dbc.contract.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
+``dbc.contract.generated_layout`` is the DBC as records, so that a node needs no reader of DBC
+files.
 """
 
 from collections.abc import Callable, Mapping

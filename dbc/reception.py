@@ -1,9 +1,9 @@
 """Which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest accepted one (``dbc.codec.protection.SequenceCheck``). Refused frames are
-counted by cause. Frames under the identifiers that the node itself sends are noticed: a node does
-not receive its own, so they come from a second sender.
+counter, newer than the newest accepted one (``dbc.codec.protection.SequenceCheck``). Refused frames
+are counted by cause. Frames under the identifiers that the node itself sends are noticed: a node
+does not receive its own, so they come from a second sender.
 """
 
 from collections import Counter

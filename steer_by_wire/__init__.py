@@ -44,11 +44,11 @@ _NAMES = {
     "plant_emulator.settings": ("PlantSettings",),
     "plant_emulator.vehicle.vehicle": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
-    "run_tables": ("ControllerTable", "PlantTable", "Track"),
+    "closed_loop.run_tables": ("ControllerTable", "PlantTable", "Track"),
     "runtime.settings.settings": ("Settings", "SettingsError"),
-    "simulated_run": ("Run",),
-    "simulation": ("controller_presets", "plant_presets", "simulate"),
-    "study_table": ("run_study",),
+    "closed_loop.run": ("Run",),
+    "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
+    "closed_loop.studies.study_table": ("run_study",),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name comes from. It is imported at its first use: importing the package itself takes

@@ -36,22 +36,22 @@ class Program(NamedTuple):
     main: str = "main"
 
 
-def _tool(name: str, summary: str) -> Program:
-    return Program(f"tools.{name}.__main__", summary)
+def _tool(name: str, summary: str, module: str = "__main__") -> Program:
+    return Program(f"tools.{name}.{module}", summary)
 
 
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
     {
         "Run the loop": {
             "demo": _tool("demo", "four laws side by side as latency grows, with pictures"),
-            "run": _tool("closed_loop", "plant and controller in virtual time, without waiting"),
+            "run": _tool("run", "plant and controller in virtual time, without waiting"),
             "plant": Program("plant_emulator.__main__", "the plant on a CAN bus", True),
             "controller": Program("controller.__main__", "the controller on a CAN bus", True),
             "bus": Program("tools.bus.__main__", "an emulated CAN bus", True),
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
-            "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
-            "bits": _tool("frame_bits", "a frame bit by bit, and recordings as waveforms"),
+            "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
+            "bits": _tool("can", "a frame bit by bit, and recordings as waveforms", "bits"),
         },
         "Design and compare": {
             "check": Program(
@@ -59,29 +59,27 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
                 "poles, stable delays, tolerated jitter of a controller",
                 main="check_main",
             ),
-            "design": _tool("design_gains", "gains for your vehicle and any delay up to a limit"),
+            "design": _tool("design", "gains for your vehicle and any delay up to a limit"),
             "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
-            "paper": _tool("reproduce_paper", "the paper's figures and tables, reproduced"),
+            "paper": _tool("paper", "the paper's figures and tables, reproduced"),
             "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
             "response-times": _tool(
-                "response_times", "bounds on each message's delay on a CAN bus"
+                "can", "bounds on each message's delay on a CAN bus", "response_times"
             ),
         },
         "Stress and faults": {
-            "stress": _tool(
-                "stress_latency", "thousands of runs over latency, jitter and vehicles"
-            ),
+            "stress": _tool("study", "thousands of runs over latency, jitter and vehicles"),
             "bus-study": _tool("bus_study", "the loop over bus load, bit errors and clocks"),
-            "stress-report": _tool("stress_report", "rewrite the report of a study"),
-            "faults": _tool("fault_campaign", "a thousand faulty runs, and what detected each"),
-            "inject": _tool("inject_faults", "faults on a live bus, by hand"),
-            "soak": _tool("soak", "the pair for hours on a full bus"),
+            "stress-report": _tool("study", "rewrite the report of a study", "stress_report"),
+            "faults": _tool("faults", "a thousand faulty runs, and what detected each"),
+            "inject": _tool("faults", "faults on a live bus, by hand", "injection.program"),
+            "soak": _tool("faults", "the pair for hours on a full bus", "live.soak"),
             "fuzz": _tool("fuzz", "random bytes into all that reads bytes"),
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
             "with-vcan": Program("tools.vcan.__main__", "run a command with a real vcan0", True),
-            "probe": _tool("probe_host", "which rate this machine can keep"),
+            "probe": _tool("doctor", "which rate this machine can keep", "measure"),
             "benchmark": _tool("benchmark", "the time of a control step and a run here"),
             "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
             "benchmark-batch": _tool("benchmark_batch", "the time of compiled runs, against C"),

@@ -33,7 +33,7 @@ from ...runtime.program.host import no_collections
 if sys.platform != "win32":
     import fcntl
 
-_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "compiled")
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
 _FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
 """Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
 finite ends a run, and an infinite limit is no limit."""
@@ -41,7 +41,7 @@ _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _UNUSED_S = 3600.0
 """Code of other versions stays for as long: a process that started with them may compile yet."""
-_PACKAGE = Path(__file__).resolve().parents[1]
+_PACKAGE = Path(__file__).resolve().parents[2]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
 

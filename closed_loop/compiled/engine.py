@@ -1,9 +1,9 @@
 """Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
 
 Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
-the two programs, and the arithmetic is theirs (``closed_loop.compiled.steps``). A run ends early on an error
-that LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome`` reports
-which. In virtual time the nodes would go on.
+the two programs, and the arithmetic is theirs (``closed_loop.compiled.steps``). A run ends early on
+an error that LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome``
+reports which. In virtual time the nodes would go on.
 """
 
 from enum import StrEnum
@@ -60,11 +60,11 @@ _FASTMATH = compiled_fastmath(run_segment)
 class BatchRun(NamedTuple):
     """One run: the plant's samples since the motion's start, and the controller's ticks.
 
-    Arrays of shape (samples,), as ``plant_emulator.evaluation.run_record.PlantSample``. Of shape (ticks,)
-    or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in the order
-    of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in effect, -1
-    before the first. ``played_rad`` is what a plan of the law lets act from a sample on, NaN
-    where none does; None for a law that does not plan.
+    Arrays of shape (samples,), as ``plant_emulator.evaluation.run_record.PlantSample``. Of shape
+    (ticks,) or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in
+    the order of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in
+    effect, -1 before the first. ``played_rad`` is what a plan of the law lets act from a sample on,
+    NaN where none does; None for a law that does not plan.
     """
 
     outcome: Outcome

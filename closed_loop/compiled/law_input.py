@@ -2,7 +2,8 @@
 
 Most laws read only the newest error and their last command: their wire is None, which costs
 nothing. For a law that looks back, the messages of each sample are recorded when it is taken, and
-passed in order of arrival (``closed_loop.compiled.wire_plan``) to the steps of ``controller.history.history``.
+passed in order of arrival (``closed_loop.compiled.wire_plan``) to the steps of
+``controller.history.history``.
 """
 
 import math

@@ -1,6 +1,7 @@
 """The compiled loop of one run: plant events and control ticks in the order of virtual time.
 
-At one instant (``runtime.node.virtual_time`` with the nodes plant, controller and no time on the wire):
+At one instant (``runtime.node.virtual_time`` with the nodes plant, controller and no time on the
+wire):
 
 1. commands that were sent earlier and are due now reach the actuator
 2. the sensors sample
@@ -8,9 +9,11 @@ At one instant (``runtime.node.virtual_time`` with the nodes plant, controller a
 4. that command reaches the actuator, if its latency is zero
 
 Which measurement is in use at which tick, which command comes through and when, and which mode the
-controller is in follow from the latencies alone and are computed beforehand (``closed_loop.compiled.schedule``).
+controller is in follow from the latencies alone and are computed beforehand
+(``closed_loop.compiled.schedule``).
 
-The functions here are compiled at their first call, after ``closed_loop.compiled.steps.register_steps``.
+The functions here are compiled at their first call, after
+``closed_loop.compiled.steps.register_steps``.
 """
 
 import math

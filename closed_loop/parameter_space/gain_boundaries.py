@@ -2,7 +2,7 @@
 
 ∂Γ is the boundary of the D-stable set of roots s. A root sits on it where
 
-    K_p + K_d q(s) = f(s),   f = -1/P,   s on ∂Γ            (loop_theory.gain_loops)
+    K_p + K_d q(s) = f(s),   f = -1/P,   s on ∂Γ            (parameter_space.gain_loops)
 
     complex root    s not real: real and imaginary part are two equations,
                     K_d = Im f/Im q,  K_p = Re f - K_d Re q:      one point for each s, a curve

@@ -3,11 +3,12 @@
     1 + P (K_p + K_d q) = 0      hence at a root s     K_p + K_d q(s) = -1/P(s)
 
 ``critical(s)`` is -1/P and ``derivative(s)`` is q, both at complex s [rad/s], for sampled loops at
-z = e^(sT). Two kinds here, and ``closed_loop.parameter_space.law_gain_loop`` for the laws with observers:
+z = e^(sT). Two kinds here, and ``closed_loop.parameter_space.law_gain_loop`` for the laws with
+observers:
 
     ContinuousGainLoop    P(s) with any dead time e^(-sT), exact; q = s or s/(s/N + 1)
-    SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.laws.design`` makes
-                          it from K_p, K_d and N: that is affine in both gains too
+    SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.laws.design``
+                          makes it from K_p, K_d and N: that is affine in both gains too
 
 -1/P is used and not P, because the vehicle's two integrators are poles of P at s = 0 and harmless
 in 1/P.

@@ -6,7 +6,8 @@ is where
 
     K_p P_p + K_d P_d = 1,     P_p = rᵀ (zI - M_0)⁻¹ c_p,     P_d = rᵀ (zI - M_0)⁻¹ c_d
 
-That is K_p + K_d q = -1/P of ``closed_loop.parameter_space.gain_loops``, with -1/P = 1/P_p, q = P_d/P_p.
+That is K_p + K_d q = -1/P of ``closed_loop.parameter_space.gain_loops``, with -1/P = 1/P_p, q =
+P_d/P_p.
 """
 
 import math

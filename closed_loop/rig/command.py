@@ -1,5 +1,6 @@
-"""Runs another program and returns its exit status: ``python -m steer_by_wire.closed_loop.rig.command
-WORDS...``
+"""Runs another program and returns its exit status.
+
+python -m steer_by_wire.closed_loop.rig.command WORDS...
 
 The program is in a process group of its own, so that nothing of it stays when it has to end: SIGINT
 and SIGTERM reach the whole group, and SIGKILL if it does not end within GRACE_S.

@@ -5,11 +5,11 @@
     rig.run(["./my_controller", "{channel}"]).assert_holds(rms_m=0.02)  # a program, on a real bus
 
 ``rig.run`` takes the name of a controller preset, the path of a settings file (.toml), a function
-``make_node(start_ns)`` that returns a node as in ``runtime.node.node``, or the words of a command. The
-first three run in virtual time, a preset or file with ``in_real_time`` as a program. A command runs
-in real time: on vcan0 where this machine has it, else on an emulated bus, which Python programs
-alone can join (python-can's interface ``emulated``). In its words ``{channel}``, the name of the
-interface, and ``{bus}``, python-can's options of either bus, are replaced.
+``make_node(start_ns)`` that returns a node as in ``runtime.node.node``, or the words of a command.
+The first three run in virtual time, a preset or file with ``in_real_time`` as a program. A command
+runs in real time: on vcan0 where this machine has it, else on an emulated bus, which Python
+programs alone can join (python-can's interface ``emulated``). In its words ``{channel}``, the name
+of the interface, and ``{bus}``, python-can's options of either bus, are replaced.
 """
 
 import json

@@ -133,7 +133,7 @@ def _refuse_faults(study: Study) -> None:
     for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
         raise SettingsError(
             f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
-            "out (steer-by-wire run runs them, tools.fault_campaign studies them)"
+            "out (steer-by-wire run runs them, tools.faults studies them)"
         )
 
 

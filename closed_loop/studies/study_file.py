@@ -176,7 +176,7 @@ class BaseSettings(Settings):
     controller: dict[str, Any] = Field(default_factory=dict)
     """Tables on top of every controller."""
     bus: dict[str, Any] | None = None
-    """A bus with traffic, errors and clocks (``runtime.bus_model.settings``), on which the nodes run."""
+    """A bus with traffic, errors and clocks (``bus_model.settings``), on which the nodes run."""
 
     @model_validator(mode="after")
     def _are_different(self) -> Self:

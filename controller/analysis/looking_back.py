@@ -2,8 +2,9 @@
 
 At a constant latency every instant is known beforehand: when samples are taken, ticks run and
 commands act, which command the echo names, and what the controller has received. ``Signals`` moves
-the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands that are due,
-samples, the tick, and its command if there is no latency. The response of a tick is computed by
+the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands
+that are due, samples, the tick, and its command if there is no latency. The response of a tick is
+computed by
 ``controller.analysis.unit_answers``.
 
 Besides lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant

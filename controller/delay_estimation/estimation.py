@@ -1,6 +1,7 @@
 """Delay from command to measurement, estimated from both, without an echo.
 
-Two estimators look at different sensors and share the fit (``controller.delay_estimation.lag_fit``) and the command:
+Two estimators look at different sensors and share the fit (``controller.delay_estimation.lag_fit``)
+and the command:
 
     network disturbance   lateral error and curvature, as the CDOB's d̂_n sees them
     cross-correlation     yaw rate, which does not depend on the path

@@ -5,8 +5,8 @@ Yaw rate: the vehicle turns because it is steered, whatever the path.
     x_b = W G_r u        W = s/(s + ω_w) · ω_l²/(s + ω_l)²        G_r wheel angle to yaw rate
     z_b = W r
 
-Network disturbance: that of the communication disturbance observer (``controller.filters.cdob``), without
-the effect of the path's curvature ρ on the lateral error, which by (5) is -V²/s²:
+Network disturbance: that of the communication disturbance observer (``controller.filters.cdob``),
+without the effect of the path's curvature ρ on the lateral error, which by (5) is -V²/s²:
 
     d̂_n = Q (u - (y + (V²/s²) ρ)/G_n)
     w = H G_n d̂_n = x_a - z_a               its compensation, H = (s/(s + ω_h))²

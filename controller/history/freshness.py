@@ -3,9 +3,9 @@
 The limits are settings of [supervision]. Consequences of a stale message:
 
     LATERAL_ERROR     HOLDING (``controller.node.modes``): there is no measurement to steer by
-    STEERING_STATUS   the delay is unknown (``controller.history.history``). Laws that do not need it
-                      continue: LATERAL_ERROR still closes the loop, and to stop steering would be
-                      worse
+    STEERING_STATUS   the delay is unknown (``controller.history.history``). Laws that do not need
+                      it continue: LATERAL_ERROR still closes the loop, and to stop steering would
+                      be worse
     VEHICLE_STATE     as above. Its curvature and yaw rate are out of date, and the steer that a
                       law derives from them fades out. Its speed changes slowly and stays in use
 """

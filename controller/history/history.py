@@ -4,8 +4,8 @@ E2E counters are unwrapped to sample numbers. The number nearest to the one expe
 taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
 
 Four step functions record received and sent values in ``Rings`` (lists in a live run, arrays in
-batches), and ``link_at`` derives the link of a control period. ``controller.history.link_memory`` keeps the
-states for a node.
+batches), and ``link_at`` derives the link of a control period. ``controller.history.link_memory``
+keeps the states for a node.
 """
 
 from collections.abc import Sequence

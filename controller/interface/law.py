@@ -57,8 +57,8 @@ class History(NamedTuple):
     ``wheel_rad``        wheel angle at that sample [rad]
     ``curvature_1_m``    of the path at the preview point of a sample, past or to come; valid up to
                          ``Link.path_end``
-    ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask is 0
-                         for a law that does not
+    ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask
+                         is 0 for a law that does not
     """
 
     tick_mask: int

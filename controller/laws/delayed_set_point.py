@@ -5,7 +5,7 @@ controls the vehicle's yaw rate to that request:
 
     r_req = V (ρ + C(0 - y)/S)                       requested now
     e     = r_req(t - T) - r                         requested one delay ago, measured now
-    u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``controller.laws.feed_forward``
+    u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``laws.feed_forward``
 
     y  lateral_error_m         [m]       r  yaw_rate_rad_s  of VEHICLE_STATE   [rad/s]
     ρ  preview_curvature_1_m   [1/m]     V  speed_m_s       of VEHICLE_STATE   [m/s]

@@ -5,9 +5,9 @@ with the loop closed by the predictor's own feedback:
 
     x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then u_ss - K (x[k] - x_ss)
 
-u at every ``spacing`` samples is the plan (``controller.history.plan``). The plant plays the newest plan
-by its own clock, so that a late or lost frame costs only what the plan before did not foresee. The
-controller knows that clock without comparing clocks: it is the number of the sample, which the
+u at every ``spacing`` samples is the plan (``controller.history.plan``). The plant plays the newest
+plan by its own clock, so that a late or lost frame costs only what the plan before did not foresee.
+The controller knows that clock without comparing clocks: it is the number of the sample, which the
 counter of each measurement shows.
 
 The plan reaches back to the newest measurement, so that a frame faster than expected has a value

@@ -1,8 +1,9 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
 The echo of the command counter measures the delay (``controller.history.link``); the Kalman filter
-(``controller.prediction.estimator``) gives the state at the newest sample; the model extrapolates it with the
-commands in transit, up to the time at which this period's command is expected to act; and
+(``controller.prediction.estimator``) gives the state at the newest sample; the model extrapolates
+it with the commands in transit, up to the time at which this period's command is expected to act;
+and
 
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
 

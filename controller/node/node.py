@@ -3,13 +3,13 @@
 At every tick: mode table → law → limits → STEERING_COMMAND. The law does not know the age of its
 sample; freshness, modes and fallback are decided here, around it.
 
-    controller.received        received values and their arrival times
-    controller.modes           the mode table
-    controller.law_runner      the law, and the fading in of its commands
-    controller.command_frames  the commands, and when each was sent
-    controller.status_frames   status messages for monitoring
-    controller.safety_watch    what CONTROLLER_SAFETY must report
-    controller.run_figures     figures for the report
+    node.received              received values and their arrival times
+    node.modes                 the mode table
+    node.law_runner            the law, and the fading in of its commands
+    node.command_frames        the commands, and when each was sent
+    node.status_frames         status messages for monitoring
+    node.safety_watch          what CONTROLLER_SAFETY must report
+    node.run_figures           figures for the report
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,7 @@
 """Gains of the predictor's filter and feedback, for every speed.
 
-The model is SAE 2018-01-1086 (1) with (2) corrected as in ``controller.filters.nominal_model``, and with a
-steering offset d and the wheel's lag T_a:
+The model is SAE 2018-01-1086 (1) with (2) corrected as in ``controller.filters.nominal_model``, and
+with a steering offset d and the wheel's lag T_a:
 
     β'  = a11 β + a12 r + b11 (δ + d)        Δψ' = r - V ρ              ρ' = noise
     r'  = a21 β + a22 r + b21 (δ + d)        y'  = V β + l_s r + V Δψ   d' = noise

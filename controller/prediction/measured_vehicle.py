@@ -1,9 +1,9 @@
 """The lag of the steering and the virtual mass as measured: which of many gains a law takes.
 
 There are gains for the settings' lag and each of ``LAGS_S`` with each of ``MASS_RATIOS``. Two
-filters choose among them, each for itself: ``controller.prediction.lag_filter`` by the wheel angle against the
-commands, ``controller.prediction.identification`` by the yaw rate against the wheel angle. Neither sees what the
-other finds. What is not measured is that of the settings.
+filters choose among them, each for itself: ``controller.prediction.lag_filter`` by the wheel angle
+against the commands, ``controller.prediction.identification`` by the yaw rate against the wheel
+angle. Neither sees what the other finds. What is not measured is that of the settings.
 """
 
 from collections.abc import Sequence

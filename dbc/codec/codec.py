@@ -1,7 +1,7 @@
 """Packs and unpacks the payload of one message, as the DBC defines it.
 
-``dbc.codec.packing`` generates the functions once, from ``dbc.contract.generated_layout``, because packing with
-cantools takes longer than a step of the control law.
+``dbc.codec.packing`` generates the functions once, from ``dbc.contract.generated_layout``, because
+packing with cantools takes longer than a step of the control law.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,6 +1,7 @@
 """The layout of a message's payload as defined by the DBC, as plain records.
 
-``dbc.contract.generated_layout`` has the records of all messages, so that a node needs no DBC reader.
+``dbc.contract.generated_layout`` has the records of all messages, so that a node needs no DBC
+reader.
 """
 
 from typing import NamedTuple

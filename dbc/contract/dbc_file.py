@@ -1,7 +1,7 @@
 """Reads the DBC with cantools, for the generator, tools and tests.
 
-A node uses ``dbc.contract.generated_layout`` instead, because cantools imports python-can and a command
-line, and takes longer to import than all the rest of a node.
+A node uses ``dbc.contract.generated_layout`` instead, because cantools imports python-can and a
+command line, and takes longer to import than all the rest of a node.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ UNIT_SUFFIXES: Mapping[str | None, str] = {
 def load_database() -> Database:
     """Read the DBC beside this file; raises ContractError."""
     try:
-        text = Path(__file__).with_name(FILE).read_text("ascii")
+        text = Path(__file__).parents[1].joinpath(FILE).read_text("ascii")
     except (OSError, UnicodeDecodeError) as error:
         raise ContractError(f"{FILE}: {one_line(error)}") from error
     return parse_database(text)

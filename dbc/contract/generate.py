@@ -11,9 +11,9 @@ from .dbc_file import layouts_of, load_database
 
 FILE = Path(__file__).with_name("generated_layout.py")
 
-_HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``dbc.contract.generate``, not by hand."""
+_HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``contract.generate``."""
 
-from .layout import MessageLayout, SignalLayout
+from ..codec.layout import MessageLayout, SignalLayout
 
 # fmt: off
 

@@ -1,4 +1,4 @@
-"""The messages of ``steer_by_wire.dbc``; written by ``dbc.contract.generate``, not by hand."""
+"""The messages of ``steer_by_wire.dbc``; written by ``contract.generate``."""
 
 from ..codec.layout import MessageLayout, SignalLayout
 

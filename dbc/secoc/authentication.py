@@ -22,8 +22,8 @@ the receiver replaces them, so that nothing has to be stored:
    its previous run: a restart of the sender does not make old frames new.
 4. A sender binds its frames to the challenge of the last accepted status message: its echo proves
    that the peer is there now. A status message with another echo (its sender has started, or it is
-   a recording) is not accepted. Its challenge is answered once (``dbc.secoc.challenges``), and before the
-   first proof the frames are bound to it.
+   a recording) is not accepted. Its challenge is answered once (``dbc.secoc.challenges``), and
+   before the first proof the frames are bound to it.
 5. The receiver completes a truncated counter to the value nearest to the newest it knows. The
    status messages carry the whole counter, whatever was lost in between.
 

@@ -21,8 +21,8 @@
         bytes 32 to 47  CMAC, all 128 bits
 
 The order payload, freshness, authenticator and the high byte first are those of AUTOSAR SecOC, as
-``cantools.autosar.secoc`` packs them. ``dbc.secoc.authentication`` makes and checks these frames. This
-module contains the parts that need neither key nor cryptography.
+``cantools.autosar.secoc`` packs them. ``dbc.secoc.authentication`` makes and checks these frames.
+This module contains the parts that need neither key nor cryptography.
 """
 
 from collections.abc import Mapping

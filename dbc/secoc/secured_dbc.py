@@ -26,7 +26,7 @@ _MESSAGE = re.compile(r"^BO_ (\d+) (\w+): (?:8|48) (\w+)$((?:\n SG_ .*)+)", re.M
 
 def secured_dbc() -> str:
     """Return the text of the DBC."""
-    text = Path(__file__).with_name("steer_by_wire.dbc").read_text("ascii")
+    text = Path(__file__).parents[1].joinpath("steer_by_wire.dbc").read_text("ascii")
     text = _MESSAGE.sub(_longer, text)
     formats = {can_id: f'BA_ "VFrameFormat" BO_ {can_id} {_FD_FORMAT};\n' for can_id in LAYOUTS}
     values = "".join(line for line in formats.values() if line not in text)

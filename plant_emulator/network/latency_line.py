@@ -1,7 +1,7 @@
 """A latency line: delays and loses the frames of one direction as a network does.
 
-How long a frame takes, and whether it is lost, is drawn (``plant_emulator.network.latency_draw``). A
-latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
+How long a frame takes, and whether it is lost, is drawn (``plant_emulator.network.latency_draw``).
+A latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
 
 Order (``Order``) is kept per key; frames of one key are those of one message. Where the latency is
 constant, nothing can overtake, and frames that come together stay together.

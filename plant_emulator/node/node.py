@@ -5,8 +5,8 @@ each at its exact time and not at that of the tick, in this order at one instant
 
 1. commands leave the downlink for the steering's control unit, which sets the wheel's target
 2. the control unit reacts to missing commands (``plant_emulator.steering.guard``)
-3. a plan of commands gives the one for this sample (``plant_emulator.steering.plan_buffer``), the sensors
-   sample, and their messages enter the uplink
+3. a plan of commands gives the one for this sample (``plant_emulator.steering.plan_buffer``), the
+   sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
 5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
 6. disturbances that a tool has set begin to act
@@ -18,8 +18,8 @@ The vehicle stands at the start of its path until the first valid command arrive
 its latency. So two programs started one after the other drive the same run as two nodes in virtual
 time.
 
-A fault that the plant detects in itself (``plant_emulator.node.self_supervision``) ends the run: the
-steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
+A fault that the plant detects in itself (``plant_emulator.node.self_supervision``) ends the run:
+the steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
 """
 
 import math

@@ -33,7 +33,7 @@ FILTERS_MAX = 512
 """Filters one client may have at the broker; as many as a SocketCAN socket may."""
 
 ERROR_STATE = 32
-"""Flag beside those of ``runtime.frame.frame``: the sender of this FD frame is error passive (ESI)."""
+"""Flag beside those of ``frame.frame``: the sender of this FD frame is error passive (ESI)."""
 BUS_OFF_NS_MAX = 100_000 * NS_PER_S
 """How long a bus-off may be asked to last."""
 OWN = 64

@@ -37,7 +37,7 @@ import subprocess, sys, time
 from contextlib import closing
 from pathlib import Path
 from steer_by_wire.closed_loop.attached import Lifeline
-from steer_by_wire.runtime.emulated_bus import launch
+from steer_by_wire.closed_loop import launch
 from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.runtime.program.program import run_main
 

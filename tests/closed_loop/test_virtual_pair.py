@@ -41,7 +41,7 @@ def controller() -> ControllerSettings:
 def test_no_tool_but_those_with_a_reason_makes_a_plant_of_its_own() -> None:
     found = {
         file.relative_to(ROOT).as_posix()
-        for folder in ("tools", "steer_by_wire")
+        for folder in ("closed_loop", "tools")
         for file in (ROOT / folder).rglob("*.py")
         if "PlantNode(" in file.read_text(encoding="utf-8")
     }

@@ -200,5 +200,5 @@ def test_the_image_installs_what_the_script_does_and_copies_what_is_there() -> N
     assert comment.startswith("#")
     assert everything == "*"
     wanted = {path.name for path in (ROOT / "steer_by_wire").iterdir() if path.is_symlink()}
-    wanted |= {"LICENSE", "README.md", "pyproject.toml", "steer_by_wire"}
+    wanted |= {"LICENSE", "README.md", "pyproject.toml", "setup.py", "steer_by_wire"}
     assert sorted(kept) == sorted(f"!{name}" for name in wanted)

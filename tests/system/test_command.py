@@ -24,13 +24,12 @@ LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
 FORMER = (
-    "analyze_log", "benchmark", "benchmark_batch", "benchmark_bus", "closed_loop", "compare_laws",
-    "delay_estimation_study", "demo", "design_gains", "doctor", "fault_campaign", "fuzz",
-    "inject_faults", "monitor", "probe_host", "reproduce_paper", "soak", "stress_latency",
-    "stress_report",
+    "analyze", "benchmark", "benchmark_batch", "benchmark_bus", "compare_laws",
+    "delay_estimation_study", "demo", "design", "doctor", "faults", "fuzz", "monitor", "paper",
+    "run", "study",
 )  # fmt: skip
-"""``python -m tools.NAME`` started them before there was one command."""
-LATER = {"bus", "bus_study", "cockpit", "frame_bits", "response_times"}
+"""``python -m tools.NAME`` starts them, as before there was one command."""
+LATER = {"bus", "bus_study", "cockpit", "vcan"}
 """Programs that never had another name."""
 CHEAP = ("run", "analyze", "stress")
 """Whose examples are run as they are printed: they take a second or so."""

@@ -65,7 +65,7 @@ def test_with_vcan_is_installed_without_the_rest(source: Path, tmp_path: Path) -
 
 
 def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfile.ZipFile) -> None:
-    packages = ("controller", "dbc", "plant_emulator", "runtime", "tools")
+    packages = ("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "tools")
     wanted = {
         f"steer_by_wire/{path.relative_to(ROOT)}"
         for package in packages
@@ -111,7 +111,7 @@ def installed(wheel: zipfile.ZipFile, tmp_path_factory: pytest.TempPathFactory) 
 def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a stranger, whose packages have the names that our folders have."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    for name in ("controller", "dbc", "plant_emulator", "runtime", "tests", "tools"):
+    for name in ("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "tests", "tools"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("raise SystemExit('a stranger')\n")
     (folder / "steer_by_wire.py").write_text("raise SystemExit('a stranger')\n")
@@ -119,7 +119,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHILD = """
-from steer_by_wire.runtime.emulated_bus import launch
+from steer_by_wire.closed_loop import launch
 with launch.launched_broker() as address:
     print(launch.__file__)
 """
@@ -174,7 +174,7 @@ from pathlib import Path
 from steer_by_wire import controller
 from steer_by_wire.closed_loop.compiled.compilation import _cache_folder
 print(_cache_folder())
-with (Path(controller.__file__).parent / "pd.py").open("a") as step:
+with (Path(controller.__file__).parent / "filters" / "pd.py").open("a") as step:
     step.write("# changed")
 _cache_folder.cache_clear()
 print(_cache_folder())

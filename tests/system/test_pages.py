@@ -46,7 +46,7 @@ def broker() -> Iterator[str]:
 @pytest.fixture
 def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     before = set(sys.modules)
-    for name in ("controller", "dbc", "examples", "steer_by_wire", "tools"):
+    for name in ("closed_loop", "controller", "dbc", "examples", "steer_by_wire", "tools"):
         (tmp_path / name).symlink_to(ROOT / name)
     for name, text in GIVEN.items():
         (tmp_path / name).write_text(text, encoding="utf-8")

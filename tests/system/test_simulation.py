@@ -204,10 +204,8 @@ def test_what_is_not_installed_is_named_in_one_line(
     run: Run, missing: str, method: str, line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    for module in ("run_drawing", "plot_style"):
-        monkeypatch.delitem(
-            sys.modules, f"steer_by_wire.closed_loop.reports.{module}", raising=False
-        )
+    for module in ("run_drawing", "reports.plot_style"):
+        monkeypatch.delitem(sys.modules, f"steer_by_wire.closed_loop.{module}", raising=False)
     with pytest.raises(ValueError, match=line):
         getattr(run, method)()
 

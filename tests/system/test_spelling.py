@@ -19,6 +19,10 @@ DOCSTRING = re.compile(r'(?:= |\()""".*?"""|"""(.*?)"""', re.DOTALL)
 """In its group; what is assigned or passed is another string."""
 WORD = re.compile(r"(?<![\w./\\-])[A-Za-z][a-zà-ÿ]+(?:-[a-z]+|'t)*(?![\w=(/\\]|\.\w)")
 """No part of a path or of a name in code, and no abbreviation in capitals."""
+FOLDERS = (
+    *("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "steer_by_wire"),
+    "tools",
+)
 IN_FORMULAS = 4
 """The letters that a name in a formula or a table of a docstring has at most."""
 
@@ -31,7 +35,7 @@ def words_of(text: str) -> set[str]:
 def documented_words() -> set[str]:
     words = words_of((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
     words.update(*map(words_of, PAGES.values()))
-    for folder in ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire", "tools"):
+    for folder in FOLDERS:
         for file in (ROOT / folder).rglob("*.py"):
             docstrings = DOCSTRING.findall(file.read_text(encoding="utf-8"))
             words |= {it for text in docstrings for it in words_of(text) if len(it) > IN_FORMULAS}

@@ -107,7 +107,7 @@ def test_one_file_is_all_it_takes(tmp_path: Path) -> None:
     assert version.returncode == 0
     assert "COMMAND" in version.stdout
     (unpacked,) = (tmp_path / ".cache" / "with-vcan").iterdir()
-    assert (unpacked / "tools" / "vcan" / "xstate.c").is_file()
+    assert (unpacked / "steer_by_wire" / "tools" / "vcan" / "xstate.c").is_file()
     main(["--write-single-file", str(again)])
     assert again.read_bytes() == file.read_bytes()
 

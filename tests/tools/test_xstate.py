@@ -89,7 +89,8 @@ def test_a_user_who_may_not_look_where_it_is_kept_compiles_it(tmp_path: Path) ->
     if not all(path.stat().st_mode & 0o5 for path in (ROOT, *ROOT.parents)):
         pytest.skip("this folder is not for others to read")
     script = (
-        f"import sys; sys.path.insert(0, {str(ROOT)!r}); from steer_by_wire.tools.vcan import xstate;"
+        f"import sys; sys.path.insert(0, {str(ROOT)!r});"
+        "from steer_by_wire.tools.vcan import xstate;"
         "print(xstate.obstacle(), xstate.library()[:4])"
     )
     done = subprocess.run(

@@ -66,7 +66,7 @@ def _head(
     sources: tuple[str, str],
 ) -> Iterator[str]:
     yield f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}"
-    yield f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit."
+    yield f"Written by tools.design from {sources[0]} and {sources[1]}; do not edit."
     yield ""
     yield f"Worst of {judged} and, where none is given, of all delays:"
     for field, minimum, maximum in vehicle.box.ranges:

@@ -8,7 +8,8 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+_PACKAGE = Path(__file__).absolute().parents[2]
+ABOVE = ("__init__.py", "runtime/__init__.py", "runtime/command_line.py", "tools/__init__.py")
 _SHEBANG = b"#!/usr/bin/env python3\n"
 _BOOT = """import hashlib
 import os
@@ -46,7 +47,7 @@ def write_single_file(path: Path) -> None:
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         _add(archive, "__main__.py", _BOOT)
         ours = sorted(Path(__file__).parent.glob("*.py"))
-        above = [_PACKAGE / "__init__.py", _PACKAGE / "command_line.py"]
+        above = [_PACKAGE / name for name in ABOVE]
         for module in [*above, *ours, Path(__file__).with_name("xstate.c")]:
             name = str(Path("steer_by_wire") / module.relative_to(_PACKAGE))
             _add(archive, name, module.read_text(encoding="utf-8"))
