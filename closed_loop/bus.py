@@ -25,11 +25,11 @@ from ..runtime.bus_model.quiet_bus import QuietBus
 from ..runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
 from ..runtime.bus_model.settings import BusSettings, errors_of
 from ..runtime.bus_model.transmit_queue import BusOverflowError
-from ..runtime.frame.frame import EXTENDED, Frame
+from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame.length import INTERMISSION_BITS, frame_bits
+from ..runtime.node import NS_PER_MS, NS_PER_S, Node
 from ..runtime.node.drifting_clock import DriftingClock
-from ..runtime.node.node import NS_PER_MS, NS_PER_S, Node
-from ..runtime.settings.settings import SettingsError
+from ..runtime.settings import SettingsError
 from .ear import Ear
 
 NODES = ("plant", "controller")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.port.python_can import socketcan_obstacle
-from ..runtime.settings.settings import SettingsError
+from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
 from .bus import traffic_of
 from .launch import launched_broker

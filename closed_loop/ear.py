@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..runtime.bus_model.bus_model import BusModel
-from ..runtime.frame.frame import Frame
-from ..runtime.node.node import Node
+from ..runtime.frame import Frame
+from ..runtime.node import Node
 
 
 class Ear:

@@ -49,7 +49,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def rig(request: pytest.FixtureRequest, tmp_path: Path) -> "Rig":
     """A plant to drive; the marker ``steer_by_wire`` sets it up."""
-    from ..runtime.settings.settings import SettingsError
+    from ..runtime.settings import SettingsError
     from .rig import Rig
 
     marker = request.node.get_closest_marker(MARKER)

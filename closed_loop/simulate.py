@@ -21,8 +21,8 @@ from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.command_line import installation
-from ..runtime.node.node import NEVER_NS, NS_PER_S
-from ..runtime.settings.settings import (
+from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.settings import (
     Settings,
     SettingsError,
     SharedTable,

@@ -12,8 +12,8 @@ from ..plant_emulator.faults.stage import FaultyNode, with_faults
 from ..plant_emulator.node.node import PlantNode
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_model.settings import BusSettings
-from ..runtime.frame.frame import Frame
-from ..runtime.node.node import Node
+from ..runtime.frame import Frame
+from ..runtime.node import Node
 from ..runtime.node.virtual_time import VirtualTimeExecutor, Wire
 from ..runtime.program.host import no_collections
 from ..runtime.recording.candump import CandumpLog

@@ -21,7 +21,7 @@ from ..runtime.program.program_options import (
 )
 from ..runtime.program.report import json_text
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
-from ..runtime.settings.settings import SettingsError
+from ..runtime.settings import SettingsError
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES

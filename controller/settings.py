@@ -13,9 +13,9 @@ from pydantic import Field, PositiveFloat, Tag, model_validator
 from ..dbc.codec.protection import SequenceRule
 from ..dbc.messages import SteeringCommand
 from ..dbc.messages import limits as signal_limits
-from ..runtime.node.node import NS_PER_MS, NS_PER_S
+from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
-from ..runtime.settings.settings import (
+from ..runtime.settings import (
     NUMBER_OR_WORD,
     OffWord,
     Settings,

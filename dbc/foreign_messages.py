@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cantools.database
 from cantools.database.can import Database, Message
 
-from ..runtime.frame.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
+from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length import DATA_LENGTH_CODE
 from ..runtime.settings.error_text import one_line
 from .transport_protocol import LENGTH_MAX, announcement_id, data_id, source_address
@@ -19,7 +19,7 @@ from .transport_protocol import LENGTH_MAX, announcement_id, data_id, source_add
 class ListedMessage(NamedTuple):
     """One message of a database.
 
-    ``flags``     format, as in ``runtime.frame.frame``
+    ``flags``     format, as in ``runtime.frame``
     ``length``    payload as sent, in FD frames filled up to a length that these have [bytes]
     ``cycle_ms``  cycle time; None for a message that is sent on events [ms]
     """

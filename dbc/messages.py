@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..runtime.frame.frame import ERROR, EXTENDED, REMOTE, Frame
+from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
 from .codec.codec import EncodeError, Rejection, codecs_of
 from .codec.protection import id_mark, mark_in

@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
-from ..runtime.frame.frame import FD, Frame
-from ..runtime.node.node import NEVER_NS, NS_PER_MS
+from ..runtime.frame import FD, Frame
+from ..runtime.node import NEVER_NS, NS_PER_MS
 from .codec.protection import SequenceCheck, SequenceResult, SequenceRule
 from .messages import (
     CAN_IDS,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..runtime.frame.frame import Frame
+from ..runtime.frame import Frame
 from ..runtime.record import new_record
 from .codec.protection import COUNTERS
 from .messages import Message, encode_not_available, packing

@@ -9,7 +9,7 @@ to 200 ms pass between two of them, and a source sends one message at a time.
 Source: SAE J1939-21, transport protocol, broadcast announce message (BAM).
 """
 
-from ..runtime.frame.frame import EXTENDED, Frame
+from ..runtime.frame import EXTENDED, Frame
 
 LENGTH_MAX = 1785
 """255 packets of seven bytes."""

@@ -17,8 +17,8 @@ from sphinx.pycode import ModuleAnalyzer
 from steer_by_wire.command import GROUPS, NAME, start
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import Settings
 from steer_by_wire.runtime.settings.mistakes import allowed
-from steer_by_wire.runtime.settings.settings import Settings
 
 HELP_COLUMNS = "88"
 

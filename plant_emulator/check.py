@@ -20,7 +20,7 @@ from ..dbc.messages import (
     limits,
     resolutions,
 )
-from ..runtime.node.node import NS_PER_MS
+from ..runtime.node import NS_PER_MS
 from ..runtime.settings.toml_text import dump_toml
 from .network.settings import LatencySettings
 from .node.sampling import samples_per_vehicle_state

@@ -7,9 +7,9 @@ from typing import Annotated
 from pydantic import Field
 
 from ..dbc.codec.protection import SequenceRule
-from ..runtime.node.node import NS_PER_MS, NS_PER_S
+from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
-from ..runtime.settings.settings import (
+from ..runtime.settings import (
     Settings,
     SharedTable,
     load_settings,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         VehicleState,
     )
     from .plant_emulator.vehicle.vehicle import VehicleParams
-    from .runtime.settings.settings import Settings, SettingsError
+    from .runtime.settings import Settings, SettingsError
 
 _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
@@ -45,7 +45,7 @@ _NAMES = {
     "plant_emulator.vehicle.vehicle": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "closed_loop.run_tables": ("ControllerTable", "PlantTable", "Track"),
-    "runtime.settings.settings": ("Settings", "SettingsError"),
+    "runtime.settings": ("Settings", "SettingsError"),
     "closed_loop.run": ("Run",),
     "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
     "closed_loop.studies.study_table": ("run_study",),

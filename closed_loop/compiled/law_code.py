@@ -14,7 +14,7 @@ from ...controller.interface.law_record import LawStep
 from ...controller.laws.design import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .compilation import compiled_anew, compiled_fastmath, compiled_inside
 from .law_input import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write

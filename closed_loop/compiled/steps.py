@@ -49,7 +49,7 @@ from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.steering.unit import status_of
 from ...plant_emulator.vehicle.motion_steps import advance_motion, command_motion, start_motion
 from ...runtime.record import new_record
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .memory import at, layout_of, read
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (

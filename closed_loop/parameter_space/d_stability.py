@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from .root_count import Polynomial, count_roots, followed
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.verdict import VerdictRules
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .candump_text import CLOCK_STARTED_NS
 from .durations import Durations, History

@@ -44,8 +44,8 @@ from ...dbc.messages import (
 from ...dbc.secoc.frame import plain
 from ...plant_emulator.steering.plan_buffer import planned_rad
 from ...runtime.command_line import installation
-from ...runtime.frame.frame import ERROR, Frame
-from ...runtime.settings.settings import SettingsError
+from ...runtime.frame import ERROR, Frame
+from ...runtime.settings import SettingsError
 
 RULE = SequenceRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
 """Accept whatever is newer, and a restart of the sender after 20 rejected counters in a row."""

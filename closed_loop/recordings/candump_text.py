@@ -18,8 +18,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from ...runtime.frame.frame import ERROR, EXTENDED, FD, REMOTE, Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from ...runtime.node import NS_PER_S
 from ...runtime.recording.candump import parse_entry
 
 SEEN_MAX = 1000

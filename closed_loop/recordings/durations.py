@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
 from ...runtime.records import FloatArray
 

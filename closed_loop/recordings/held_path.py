@@ -23,7 +23,7 @@ from ...dbc import messages
 from ...plant_emulator.evaluation.plant_report import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.verdict import VerdictRules
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 
 SAMPLES_MAX = 30_000
 """Of the newest: two windows of 15 s at 1 kHz."""

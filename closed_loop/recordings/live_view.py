@@ -23,8 +23,8 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation
 from .recent import CommandLateness, Recent, Spread, Strip, spread_of, strip_of

@@ -13,9 +13,9 @@ import can
 
 from ...runtime.command_line import installation
 from ...runtime.frame.message import frame_of
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
+from ...runtime.settings import SettingsError
 from ...runtime.settings.error_text import one_line
-from ...runtime.settings.settings import SettingsError
 from .candump_text import TIME_NS_LIMIT, Logged, TextLines, candump_frames
 
 _TEXT_READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...dbc.messages import COMMAND_COUNTERS
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import FloatArray, IntArray
 
 SPAN_S = 15.0

@@ -5,7 +5,7 @@
     rig.run(["./my_controller", "{channel}"]).assert_holds(rms_m=0.02)  # a program, on a real bus
 
 ``rig.run`` takes the name of a controller preset, the path of a settings file (.toml), a function
-``make_node(start_ns)`` that returns a node as in ``runtime.node.node``, or the words of a command.
+``make_node(start_ns)`` that returns a node as in ``runtime.node``, or the words of a command.
 The first three run in virtual time, a preset or file with ``in_real_time`` as a program. A command
 runs in real time: on vcan0 where this machine has it, else on an emulated bus, which Python
 programs alone can join (python-can's interface ``emulated``). In its words ``{channel}``, the name
@@ -26,9 +26,9 @@ from ...plant_emulator.faults.stage import with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.node.node import NEVER_NS, ReportingNode
+from ...runtime.node import NEVER_NS, ReportingNode
+from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
-from ...runtime.settings.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 from ..channels import BUSES, open_channels
 from ..live import Bus, PairFiles

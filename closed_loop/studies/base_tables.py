@@ -13,7 +13,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
 from ...plant_emulator.vehicle.rig_settings import EllipseSettings
 from ...runtime.bus_model.settings import BusSettings
-from ...runtime.settings.settings import (
+from ...runtime.settings import (
     COMMAND_LINE,
     Settings,
     SettingsError,

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...runtime.command_line import installation
 from ...runtime.program.program import handled
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .compute import Computed
 from .runner import (
     NOTHING,

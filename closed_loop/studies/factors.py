@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from ...runtime.settings.settings import SettingsError, read_preset
+from ...runtime.settings import SettingsError, read_preset
 from .base_tables import leaves, named_path
 from .study_file import (
     DistributionSettings,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...plant_emulator.evaluation.verdict import Verdict
 from ...runtime.records import BoolArray, FloatArray, IntArray
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .figures import COUNTS
 from .sampling import Design
 from .scenario import Case, Pair, Scenarios

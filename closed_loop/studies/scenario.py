@@ -16,8 +16,8 @@ from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
+from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
-from ...runtime.settings.settings import Settings, SettingsError
 from .base_tables import Tables
 from .factors import Label
 from .sampling import replicate_seed

@@ -25,7 +25,7 @@ import numpy as np
 from ...plant_emulator.evaluation.verdict import RUN_ENDS
 from ...runtime.command_line import installation
 from ...runtime.records import FloatArray, IntArray
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS
 from .scenario import Scenarios

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 
 _WHAT_TO_DO = "remove it, and the study computes its content again"
 _CAUSE_LENGTH_MAX = 160

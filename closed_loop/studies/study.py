@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ...controller.laws import LAWS
 from ...controller.laws.plugin import place_of
 from ...plant_emulator.evaluation.verdict import VerdictRules
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .base_tables import Tables, bus_tables, controller_tables, plant_tables
 from .factors import Factor, make_factors
 from .figures import COLUMNS

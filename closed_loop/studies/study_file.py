@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ...plant_emulator.evaluation.verdict import VerdictRules
-from ...runtime.settings.settings import Settings, load_settings
+from ...runtime.settings import Settings, load_settings
 
 LEVELS_MAX = 10_000
 """Levels of one factor."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import FloatArray
 
 AGE_PROBABILITY_MIN = 1e-9

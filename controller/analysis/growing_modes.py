@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import ComplexArray, FloatArray
 from ..prediction.held_input import held_over
 from .linear_system import companion_form, without_idle_states

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import FloatArray
 from ..prediction.held_input import held_over
 from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age

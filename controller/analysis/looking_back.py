@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import FloatArray
 from ..filters.nominal_model import NominalVehicle
 from ..history.link import LinkParams

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from ..history.link import LinkParams
 from ..laws.design import LawDesign

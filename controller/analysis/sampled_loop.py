@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import ComplexArray, FloatArray
 from ..filters.transfer_function import TransferFunction
 from ..laws.design import LawDesign

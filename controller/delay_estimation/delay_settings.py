@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings.settings import Settings
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import Settings
 from ..filters.settings import NominalModelSettings, VehicleModelSettings
 from .estimation import DelayEstimationParams
 

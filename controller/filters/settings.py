@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from .nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from .transfer_function import TransferFunction
 

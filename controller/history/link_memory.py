@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...dbc.messages import LateralError, PathAhead, SteeringStatus
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ..interface.law import Link
 from .freshness import AgeLimits
 from .history import (

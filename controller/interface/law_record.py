@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from .law import LawInput, LawOutput
 
 LawStep = Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]

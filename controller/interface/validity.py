@@ -16,7 +16,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from ...dbc.messages import MotionRequest, Validity, VehicleState, resolutions
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from ..filters.nominal_model import NominalVehicle
 from ..filters.settings import (
     AxleDistanceM,

@@ -37,8 +37,8 @@ from pydantic import Field
 
 from ...dbc.messages import CYCLE_TIMES_MS, VehicleState
 from ...dbc.messages import Law as LawNumber
-from ...runtime.node.node import NS_PER_MS
-from ...runtime.settings.settings import Settings
+from ...runtime.node import NS_PER_MS
+from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState

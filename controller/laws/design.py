@@ -5,8 +5,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings.settings import SettingsError
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
 from ..history.link import LinkParams

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from ..history.link import LinkParams
 from ..history.plan import SPACING_MAX, VALUES
 from ..interface.law import LawInput, LawOutput, Link

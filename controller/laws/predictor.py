@@ -21,7 +21,7 @@ from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.record import new_record
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from ..history.link import LinkParams
 from ..interface.law import LawInput, LawOutput
 from ..interface.law_record import Fallback, Law, LookingBack, Schedule

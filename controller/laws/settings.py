@@ -20,8 +20,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
+from ...runtime.settings import Settings
 from ...runtime.settings.mistakes import Schema, schema_of
-from ...runtime.settings.settings import Settings
 from ..filters.settings import (
     CdobSettings,
     DobSettings,

@@ -2,7 +2,7 @@
 
 from ...dbc.messages import Mode, SteeringCommand, SteeringPlan
 from ...dbc.sending import Sender
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 from ..history.plan import limit_plan, plan_message
 from ..interface.limits import SteerLimits
 from .sent_frames import SentCommands

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...dbc.messages import DelayStatus, EchoState, EstimateState, limits
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ..delay_estimation.delay_settings import delay_estimation_of
 from ..delay_estimation.estimation import DelayEstimationParams, DelayEstimator
 from ..settings import ControllerSettings, age_limits_of

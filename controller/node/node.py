@@ -27,8 +27,8 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.view import View

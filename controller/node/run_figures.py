@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from ...dbc.messages import Mode, Validity
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
 from .control_sample import ControlSample
 

@@ -25,7 +25,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...dbc.sending import Sender
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 
 INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a 500 kbit/s bus, and 20 ms is a seventh of the 150 ms within

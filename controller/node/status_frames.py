@@ -2,7 +2,7 @@
 
 from ...dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, limits
 from ...dbc.sending import Sender
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 from ..interface.law import LawOutput
 from .safety import SafetyStatus
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.record import new_record
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from ..filters.settings import EstimatorSettings, VehicleModelSettings
 from .estimator import VehicleGains
 from .held_input import held_over

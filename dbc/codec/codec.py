@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
-from ...runtime.frame.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
+from ...runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
 from ...runtime.settings.error_text import one_line
 from .layout import MessageLayout
 from .packing import packing_of

@@ -42,7 +42,7 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.formats.arxml.message_specifics import AutosarMessageSpecifics
 from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 
-from ...runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ..contract.dbc_file import load_database
 from ..messages import CAN_IDS, frame_of
 from .challenges import Challenges

@@ -30,7 +30,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ...runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ..messages import (
     CAN_IDS,
     DATA_IDS,

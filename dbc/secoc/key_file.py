@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...runtime.command_line import installation
-from ...runtime.node.node import NS_PER_US
-from ...runtime.settings.settings import SettingsError
+from ...runtime.node import NS_PER_US
+from ...runtime.settings import SettingsError
 from .authentication import Authentication, ComputeMac
 from .frame import CHALLENGE_LENGTH, End
 

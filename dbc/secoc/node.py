@@ -11,8 +11,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import N, Wrapper
+from ...runtime.frame import Frame
+from ...runtime.node import N, Wrapper
 from ...runtime.node.view import View
 from ..messages import CAN_IDS
 from .authentication import Authentication

@@ -9,13 +9,13 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...runtime.node.node import N
+from ...runtime.node import N
 from ...runtime.program.program import ExitStatus, say
 from ...runtime.program.run_node import run_node
 from ...runtime.program.summary import causes_line
 from ...runtime.program.thresholds import Ending
 from ...runtime.recording.recording import fd_obstacle
-from ...runtime.settings.settings import Settings, SettingsError
+from ...runtime.settings import Settings, SettingsError
 from ..messages import CAN_IDS, Message
 from .frame import End, Refused
 

@@ -8,7 +8,7 @@ from pathlib import Path as FilePath
 from typing import NamedTuple
 
 from ...dbc.messages import SteeringCommand
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.record import new_record
 from ..path.deviation import cg_deviation_m
 from ..path.path import Path, pose

@@ -42,7 +42,7 @@ from pydantic import Field
 
 from ...dbc.messages import LateralError, limits
 from ...runtime.records import FloatArray, IntArray
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
 
 CREST_MAX = 3.0

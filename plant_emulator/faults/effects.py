@@ -16,8 +16,8 @@ from ...dbc.codec.layout import MessageLayout
 from ...dbc.codec.protection import COUNTERS, protect
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from .settings import FaultKind, FaultSettings, fields_of, message_types_of
 
 BURST_CHANCE = 0.05

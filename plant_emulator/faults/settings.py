@@ -22,7 +22,7 @@ from pydantic import Field, model_validator
 
 from ...dbc import messages
 from ...dbc.messages import MESSAGE_TYPES, Message
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 
 ALL = "all"
 """Every message of the direction."""

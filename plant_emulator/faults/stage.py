@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from ...dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NEVER_NS, NS_PER_S, N, Wrapper
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from ..network.random_streams import Channel, uniforms
 from .effects import EFFECTS, FaultMemory, overtake
 from .settings import FaultDirection, FaultKind, FaultSettings, message_types_of

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import islice
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
 from .latency_profile import profile_at, read_trace
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step

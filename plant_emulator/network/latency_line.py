@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
-from ...runtime.node.node import NEVER_NS
+from ...runtime.node import NEVER_NS
 from ...runtime.node.statistics import DurationStatistics
 from .latency import Distribution
 from .latency_draw import LatencyDraw

@@ -3,7 +3,7 @@
 import math
 
 from ...dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 from ..settings import PlantSettings
 from .latency import Distribution
 from .latency_line import LatencyLine

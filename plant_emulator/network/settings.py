@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticKnownError
 
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from ..vehicle.own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
 from .latency import QUANTILES, Distribution, Quantile
 from .latency_profile import LATENCY_S_MAX, ProfilePoint, Shape, read_trace

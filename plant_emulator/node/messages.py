@@ -23,7 +23,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...dbc.sending import Sender
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 from ..network.network import Network
 
 STEERING = (SteeringCommand, SteeringPlan)

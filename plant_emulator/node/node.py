@@ -36,8 +36,8 @@ from ...dbc.messages import (
     SteeringCommand,
 )
 from ...dbc.reception import Reception
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NEVER_NS
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.view import View
 from ..evaluation.plant_report import line_report, motion_report, reception_report

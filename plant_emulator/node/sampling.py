@@ -8,8 +8,8 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from ...runtime.node.periodic import PeriodicTimer
 from ..network.latency_line import LatencyLine
 from ..network.random_streams import Channel, uniforms

@@ -9,7 +9,7 @@ None of these is caused by network or controller: the plant's own measurements, 
 longer reliable. The first fault stays, and is reported on the bus for at least REPORTING_NS.
 """
 
-from ...runtime.node.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.node.overruns import OverrunSettings, OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 

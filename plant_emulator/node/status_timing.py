@@ -10,7 +10,7 @@ so do latencies, losses and refusals.
 """
 
 from ...dbc.messages import SafetyState
-from ...runtime.node.node import NEVER_NS
+from ...runtime.node import NEVER_NS
 from ...runtime.node.periodic import PeriodicTimer
 
 PERIOD_NS = 100_000_000

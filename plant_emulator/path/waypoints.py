@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...runtime.records import FloatArray
-from ...runtime.settings.settings import SettingsError, read_text
+from ...runtime.settings import SettingsError, read_text
 from .curve import CurvePoints, path_along
 from .path import Path
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...dbc.messages import SafetyState, SteeringStatusCode
-from ...runtime.node.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 from .guard import (
     GuardMode,
     GuardParams,

@@ -16,7 +16,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from ...runtime.node.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 
 
 class ActuatorParams(NamedTuple):

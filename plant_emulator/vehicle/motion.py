@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ..path.path import Pose, vehicle_pose
 from .actuator import is_limited
 from .motion_design import MotionParams

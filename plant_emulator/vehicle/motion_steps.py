@@ -13,7 +13,7 @@ curvature, and the centre of gravity starts `preview_distance_m` behind the path
 import math
 from typing import Final
 
-from ...runtime.node.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ..path.path import Place, end_of_place_m, next_place
 from .actuator import WheelSegment, at_rest, command_wheel, end_ramp
 from .motion_design import MotionParams

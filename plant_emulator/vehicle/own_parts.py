@@ -12,8 +12,8 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, WithJsonSchema
 
+from ...runtime.settings import Settings
 from ...runtime.settings.plugin import PartError, asked, find_part, own_table
-from ...runtime.settings.settings import Settings
 from ..network.latency_profile import LATENCY_S_MAX
 from ..path.path import Path
 from .vehicle import VehicleParams

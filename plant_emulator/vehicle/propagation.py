@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from .vehicle import Matrix, VehicleParams, state_matrices
 
 DIGIT_BITS = 12

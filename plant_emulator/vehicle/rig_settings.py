@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from ...runtime.settings import Settings
 from ...runtime.settings.plugin import PartError, asked
-from ...runtime.settings.settings import Settings
 from .own_parts import (
     OWN_TABLE,
     DisturbancePlace,

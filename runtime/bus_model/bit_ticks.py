@@ -6,9 +6,9 @@ Consecutive frames then add up without rounding.
 from math import gcd, lcm
 from typing import NamedTuple
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from ..frame.length import FrameBits, frame_bits
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 
 
 class BitTicks(NamedTuple):

@@ -9,10 +9,10 @@ that can follow read other bits, and find errors in nearly every frame.
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from ..frame import Frame
 from ..frame.bits import DOMINANT, RECESSIVE, frame_on_wire
-from ..frame.frame import Frame
 from ..frame.reception import Reception, receive
-from ..node.node import NEVER_NS
+from ..node import NEVER_NS
 
 
 class BitTiming(NamedTuple):

@@ -21,10 +21,10 @@ It serves the emulated bus, by the real clock, and virtual time where ``quiet_bu
 
 from collections.abc import Callable
 
+from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
-from ..frame.frame import Frame
 from ..frame.length import INTERMISSION_BITS, frame_bits
-from ..node.node import NEVER_NS
+from ..node import NEVER_NS
 from ..record import new_record
 from .bit_ticks import bit_ticks
 from .bus_access import Participation, is_awaited

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ..frame.frame import Frame
+from ..frame import Frame
 
 
 class Waiting(NamedTuple):

@@ -22,8 +22,8 @@ error before others do see the others' flags after their own, and count 8 more.
 from functools import lru_cache
 from typing import NamedTuple
 
+from ..frame import FD, Frame
 from ..frame.bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire
-from ..frame.frame import FD, Frame
 from ..frame.length import INTERMISSION_BITS, FrameBits
 from ..frame.reception import WireError, receive
 from ..frame.stuffed_text import stuffed_text

@@ -8,7 +8,7 @@ through python-can's ``socketcan``; other interfaces of python-can have their ow
 
 from typing import TYPE_CHECKING
 
-from ..frame.frame import ERROR, Frame
+from ..frame import ERROR, Frame
 from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
 
 if TYPE_CHECKING:  # the model of a bus, which no live program needs

@@ -13,9 +13,9 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import NamedTuple
 
+from ..frame import BITRATE_SWITCH, Frame
 from ..frame.bits import frame_on_wire
-from ..frame.frame import BITRATE_SWITCH, Frame
-from ..node.node import NEVER_NS
+from ..node import NEVER_NS
 from .bit_ticks import BitTicks
 from .disturbed_frame import FIRST, Disturbed, disturb
 from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters

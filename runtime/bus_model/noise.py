@@ -8,7 +8,7 @@ In bursts, which come and go with exponential times too (Gilbert and Elliott), i
 from random import Random
 from typing import NamedTuple, Protocol
 
-from ..node.node import NEVER_NS, NS_PER_S
+from ..node import NEVER_NS, NS_PER_S
 
 
 class Noise(Protocol):

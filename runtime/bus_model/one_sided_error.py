@@ -14,8 +14,8 @@ Three cases matter to an actuator:
 
 from functools import lru_cache
 
+from ..frame import Frame
 from ..frame.bits import DOMINANT, RECESSIVE, WireBit, frame_on_wire
-from ..frame.frame import Frame
 from ..frame.length import FrameBits
 from ..frame.reception import WireError, receive
 from .disturbed_frame import (

@@ -7,10 +7,10 @@ two.
 
 from heapq import heappop, heappush
 
+from ..frame import Frame
 from ..frame.arbitration import arbitration_field
-from ..frame.frame import Frame
 from ..frame.length import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
-from ..node.node import NEVER_NS
+from ..node import NEVER_NS
 from ..node.virtual_time import Delivered
 from .bit_ticks import bit_ticks
 from .transmit_queue import BusOverflowError

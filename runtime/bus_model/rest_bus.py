@@ -12,10 +12,10 @@ from itertools import chain
 from random import Random
 from typing import NamedTuple
 
+from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
-from ..frame.frame import Frame
 from ..frame.length import INTERMISSION_BITS
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 from .bit_ticks import BitTicks
 
 COUNTS = 16

@@ -10,8 +10,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..node.node import NS_PER_S
-from ..settings.settings import Settings, SettingsError
+from ..node import NS_PER_S
+from ..settings import Settings, SettingsError
 from .errors import BusErrors
 from .noise import BusNoise, NoiseRates, StuckLine
 

@@ -7,8 +7,8 @@ error to its sender, so that whoever sends goes into bus-off after 32 attempts. 
 within its flags, which bring that about sooner, are not counted.
 """
 
+from ..frame import Frame
 from ..frame.bits import DOMINANT, frame_on_wire
-from ..frame.frame import Frame
 from ..frame.length import FrameBits
 from .disturbed_frame import DELIMITER_BITS, FLAG_BITS, ONE, Counted, Disturbed
 

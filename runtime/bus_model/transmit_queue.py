@@ -7,7 +7,7 @@ priority. With a FIFO, as SocketCAN has, it has a single one, of which the oldes
 from collections import deque
 from heapq import heapify, heappop, heappush
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from ..record import new_record
 from .bus_records import Waiting
 from .rest_bus import BackgroundTraffic, Ready

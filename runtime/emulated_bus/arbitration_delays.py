@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from ..frame.frame import EXTENDED, Frame
+from ..frame import EXTENDED, Frame
 from ..node.statistics import DurationStatistics, DurationSummary
 
 WATCHED_IDS_MAX = 256

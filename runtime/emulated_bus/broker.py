@@ -23,7 +23,7 @@ import socket
 import time
 from collections.abc import Callable
 
-from ..node.node import NEVER_NS, NS_PER_S, NS_PER_US
+from ..node import NEVER_NS, NS_PER_S, NS_PER_US
 from ..node.statistics import DurationStatistics, DurationSummary
 from .beside import NOTHING_BESIDE, Beside
 from .channel import Channel

@@ -10,7 +10,7 @@ Its client receives the error frames that SocketCAN would deliver (linux/can/err
 """
 
 from ..bus_model.bus_records import BusLoad
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 
 SEQUENCES, SEQUENCE_BITS = 128, 11
 

@@ -18,8 +18,8 @@ from ..bus_model.error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.rest_bus import BackgroundTraffic
 from ..bus_model.settings import errors_of
-from ..frame.frame import ERROR, EXTENDED, Frame
-from ..node.node import NEVER_NS, NS_PER_MS
+from ..frame import ERROR, EXTENDED, Frame
+from ..node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
 from .beside import NOTHING_BESIDE, Beside, client_number
 from .bus_off import Recovery

@@ -18,9 +18,9 @@ from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
 from ..bus_model.error_frames import state_of
 from ..bus_model.fault_confinement import ControllerState
-from ..frame.frame import ERROR, Frame
+from ..frame import ERROR, Frame
 from ..frame.message import frame_of, message_of
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 from .address import AddressError, connect, default_address
 from .joining import ANSWER_TIMEOUT_S, join
 from .protocol import (

@@ -5,7 +5,7 @@ import socket
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from ..node.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
 from .connection import Connection, ConnectionLostError
 from .journal import Cause, Journal
 

@@ -4,7 +4,7 @@ import socket
 import struct
 import sys
 
-from ..frame.frame import EXTENDED, FD, Frame
+from ..frame import EXTENDED, FD, Frame
 from .bus_off import Recovery
 from .journal import Cause
 from .protocol import (

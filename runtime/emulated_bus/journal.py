@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 
 LINES_AT_ONCE = 50
 LINE_PERIOD_NS = NS_PER_S // 10

@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..bus_model.errors import BusErrors
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 from ..node.statistics import durations_report
 from .broker import Broker
 from .journal import Journal

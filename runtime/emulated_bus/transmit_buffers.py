@@ -5,7 +5,7 @@ buffers. When one is full the client is notified, and itself refuses further fra
 identifier, so that other frames do not wait behind them. A client that sends more is not read.
 """
 
-from ..frame.frame import EXTENDED, Frame
+from ..frame import EXTENDED, Frame
 from .connection import BufferKey, Connection
 from .protocol import Buffer, pack_buffer
 

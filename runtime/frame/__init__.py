@@ -1,1 +1,9 @@
-"""One CAN frame: as the nodes see it (`frame.py`), its bits, its length, its reception."""
+"""One CAN frame: as the nodes see it, its bits, its length, and what receivers make of it.
+
+Not here: who may send when (``bus_model``), and how a program gets at a bus (``port``).
+Begin at ``frame.py``, whose names this package hands on.
+"""
+
+from .frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, ERROR, EXTENDED, FD, REMOTE, Frame
+
+__all__ = ["BITRATE_SWITCH", "CLASSIC_LENGTH_MAX", "ERROR", "EXTENDED", "FD", "REMOTE", "Frame"]

@@ -8,7 +8,7 @@ in 5000 periods.
 
 from collections.abc import Sequence
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from .node import NS_PER_S, Node
 
 _PPM = 1e-6

@@ -21,7 +21,7 @@ Rules a node keeps:
 from collections.abc import Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from .view import View
 
 NS_PER_S = 1_000_000_000

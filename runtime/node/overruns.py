@@ -20,7 +20,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, Tag
 
-from ..settings.settings import NUMBER_OR_WORD, OffWord, Settings
+from ..settings import NUMBER_OR_WORD, OffWord, Settings
 from .periodic import PeriodicTimer
 
 _MOST = 10_000

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from ..frame.frame import ERROR, Frame
+from ..frame import ERROR, Frame
 from .node import NS_PER_S, Node
 from .statistics import DurationStatistics, DurationSummary
 

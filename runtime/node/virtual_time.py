@@ -17,7 +17,7 @@ textbook sampled-data loop.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from .node import NEVER_NS, Node
 
 EVENTS_PER_INSTANT_MAX = 10_000

@@ -24,8 +24,8 @@ from typing import NamedTuple
 import can
 
 from ..bus_model.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
-from ..frame.frame import ERROR, Frame
-from ..node.node import NEVER_NS, NS_PER_S
+from ..frame import ERROR, Frame
+from ..node import NEVER_NS, NS_PER_S
 from ..node.real_time import Received
 from .can_state import is_in_bus_off
 from .port import ClosablePort, OpenPort

@@ -22,7 +22,7 @@ import can
 import can.cli
 from can.util import load_environment_config, load_file_config
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from ..frame.message import frame_of, message_of
 from ..node.real_time import Received
 from ..settings.error_text import one_line

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from can.typechecking import CanFilter
 
-from ..frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from ..node.node import NS_PER_S
+from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ..node import NS_PER_S
 from ..node.real_time import Received
 from ..settings.error_text import cause_of
 from .python_can import BusError

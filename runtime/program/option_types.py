@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..command_line import whole_number
 from ..recording.recording import recording_obstacle
-from ..settings.settings import preset_names
+from ..settings import preset_names
 from .host import PRIORITY_MAX
 
 SPIN_US_MAX = 10_000

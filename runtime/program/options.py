@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..bus_model.settings import LEVELS, LOAD_MAX, BusSettings, ClockSettings
-from ..settings.settings import COMMAND_LINE, Preset, SettingsError, load_settings, with_values
+from ..settings import COMMAND_LINE, Preset, SettingsError, load_settings, with_values
 
 _PARTS = 3
 """Of a burst, and of a stuck line."""

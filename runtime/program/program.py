@@ -14,9 +14,9 @@ from typing import Any, TextIO
 
 import can
 
-from ..node.node import NEVER_NS
+from ..node import NEVER_NS
 from ..port.python_can import BusError
-from ..settings.settings import SettingsError
+from ..settings import SettingsError
 from .thresholds import Condition, Quantity, failures
 
 BLOCKED_S = 2.0

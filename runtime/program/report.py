@@ -9,11 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 from ..node.real_time import LoopFigures
 from ..node.statistics import durations_report
 from ..port.connection import ConnectionFigures
-from ..settings.settings import Settings
+from ..settings import Settings
 from .host import HostAnswer
 
 DISTRIBUTION = "steer-by-wire-emulator"

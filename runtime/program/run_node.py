@@ -13,15 +13,15 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from ..bus_model.settings import ClockSettings
+from ..node import NS_PER_S, NS_PER_US, N, Node
 from ..node.drifting_clock import DriftingClock
-from ..node.node import NS_PER_S, NS_PER_US, N, Node
 from ..node.real_time import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
 from ..port.python_can import BusError, shutting_down
 from ..recording.recording import Recording, RecordingPort
+from ..settings import Settings
 from ..settings.plugin import PartError
-from ..settings.settings import Settings
 from .host import RealTimeRequest, StealClock, real_time
 from .program import ExitStatus, StopRequest, fail_status, say
 from .report import connection_report, host_report, run_report, write_json

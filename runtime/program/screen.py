@@ -12,7 +12,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import TextIO
 
-from ..node.node import NS_PER_MS, NS_PER_S
+from ..node import NS_PER_MS, NS_PER_S
 from ..node.view import Changes, View
 
 LOOK_NS = 50 * NS_PER_MS

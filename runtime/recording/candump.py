@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from ..frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 # Bits of SocketCAN's can_id and canfd_frame.flags, as candump prints them (linux/can.h).
 _CAN_ERR_FLAG = 0x20000000

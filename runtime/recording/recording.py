@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from ..command_line import installation
-from ..frame.frame import ERROR, FD, REMOTE, Frame
+from ..frame import ERROR, FD, REMOTE, Frame
 from ..node.real_time import Port, Received
 
 SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")

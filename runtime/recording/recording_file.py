@@ -29,9 +29,9 @@ from typing import Any, BinaryIO, NamedTuple
 import can
 from can.io.generic import MessageWriter, TextIOMessageWriter
 
-from ..frame.frame import Frame
+from ..frame import Frame
 from ..frame.message import message_of
-from ..node.node import NS_PER_S
+from ..node import NS_PER_S
 from ..settings.error_text import cause_of
 from .recording import LEFT_OUT, PROGRESS, RECORD
 

@@ -1,1 +1,37 @@
-"""Settings of any program: from TOML to frozen models, any mistake in one line."""
+"""Settings of any program: from TOML to frozen models, and every mistake in one line.
+
+Not here: the tables themselves, which stand beside their subjects.
+Begin at ``settings.py``, whose names this package hands on.
+"""
+
+from .settings import (
+    COMMAND_LINE,
+    NUMBER_OR_WORD,
+    OffWord,
+    Preset,
+    Settings,
+    SettingsError,
+    SharedTable,
+    load_settings,
+    preset_names,
+    read_preset,
+    read_table,
+    read_text,
+    with_values,
+)
+
+__all__ = [
+    "COMMAND_LINE",
+    "NUMBER_OR_WORD",
+    "OffWord",
+    "Preset",
+    "Settings",
+    "SettingsError",
+    "SharedTable",
+    "load_settings",
+    "preset_names",
+    "read_preset",
+    "read_table",
+    "read_text",
+    "with_values",
+]

@@ -9,9 +9,9 @@ from steer_by_wire.closed_loop.bus import load_of, rest_of, traffic_of, virtual_
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.settings import SettingsError
 from tests.support.sample_databases import LOAD, try_database
 
 HEAD = """VERSION ""

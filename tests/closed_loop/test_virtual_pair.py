@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nod
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.faults.injection.babbling_node import LOWEST_PRIORITY_IDS
 from steer_by_wire.tools.run.__main__ import main as closed_loop

@@ -15,7 +15,7 @@ from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.settings.settings import SettingsError, read_preset
+from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
 from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes
 from tests.support.compiled_runs import plant_settings as rig

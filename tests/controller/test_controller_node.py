@@ -26,7 +26,7 @@ from steer_by_wire.dbc.messages import (
     encode,
     encode_not_available,
 )
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
 
 VEHICLE = {

@@ -2,7 +2,7 @@
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
 

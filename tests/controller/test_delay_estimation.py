@@ -18,7 +18,7 @@ from steer_by_wire.controller.delay_estimation.lag_fit import LagFit, LagGrid, P
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.interface.law import VehicleReading
 from steer_by_wire.controller.node.delay_watch import EchoDelay
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 
 PERIOD_S = 0.01
 PERIOD_NS = 10_000_000

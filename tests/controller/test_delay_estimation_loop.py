@@ -18,8 +18,8 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000

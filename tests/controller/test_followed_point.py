@@ -17,7 +17,7 @@ from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from tests.support.baseline_runs import vehicle_of
 from tests.support.compiled_runs import plant_settings as rig
 from tests.support.one_mean import one_mean as one_mean

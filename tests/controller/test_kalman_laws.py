@@ -15,9 +15,9 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from tests.support.compiled_runs import assert_same_as_nodes
 
 KALMAN = "pd.derivative=kalman"

@@ -14,7 +14,7 @@ from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.laws.design import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.runtime.settings.settings import read_preset
+from steer_by_wire.runtime.settings import read_preset
 from tests.support.own_vehicle import transition
 
 PERIOD_S = 0.01

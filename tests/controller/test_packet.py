@@ -23,9 +23,9 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from steer_by_wire.runtime.settings.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
 
 RAMP = [0.0, 4.0, *(0.01 * index for index in range(VALUES))]
 

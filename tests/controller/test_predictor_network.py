@@ -16,7 +16,7 @@ from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from tests.support.predictor_law import controller, history
 

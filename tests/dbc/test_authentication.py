@@ -11,7 +11,7 @@ from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.dbc.secoc.authentication import Authentication, nearest
 from steer_by_wire.dbc.secoc.frame import LAYOUTS, Refused
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
-from steer_by_wire.runtime.frame.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from tests.support.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,

@@ -34,7 +34,7 @@ from steer_by_wire.dbc.secoc.frame import (
     plain,
 )
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from tests.support.authenticated_ends import (
     COMMAND,

@@ -46,8 +46,8 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.reception import cycle_ns
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import design_guard
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 
 DATABASE = load_database()
 CONTROLLER = controller_preset("practical_pd")

@@ -17,7 +17,7 @@ from steer_by_wire import dbc
 from steer_by_wire.dbc.codec.protection import header_bits, protect
 from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import Decoded, decode, encode, frame_of
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
 DBC_FILE = Path(dbc.__file__).with_name("steer_by_wire.dbc")

@@ -13,7 +13,7 @@ from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, encode
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "geteuid"), reason="this platform does not report who may read a file"

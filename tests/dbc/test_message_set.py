@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD
 
 OURS = Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc"
 

@@ -18,8 +18,8 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 
 COMMAND = SteeringCommand(0.25, 7, Mode.ACTIVE)
 CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.01, 0.0, 0.0)

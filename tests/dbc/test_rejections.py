@@ -23,7 +23,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
     frame_of,
 )
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 MESSAGES = load_database().messages
 LENGTH_MAX = max(message.length for message in MESSAGES)

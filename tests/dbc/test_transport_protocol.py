@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from steer_by_wire.dbc.transport_protocol import LENGTH_MAX, segments
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame import EXTENDED, Frame
 
 
 def test_segments_are_the_frames_of_another_implementation() -> None:

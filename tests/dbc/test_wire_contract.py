@@ -34,7 +34,7 @@ from steer_by_wire.dbc.messages import (
     limits,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     ActuatorSettings,
     StraightSettings,
 )
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 
 ACTUATORS = {
     "lag": ActuatorSettings(lag_s=0.05),

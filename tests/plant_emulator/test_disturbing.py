@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.dbc.messages import CAN_IDS, DisturbanceConfig
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from tests.support.plant_link import MS_NS, START_NS, Link, plant_settings
 
 AT_S = 0.5

@@ -15,7 +15,7 @@ from steer_by_wire.plant_emulator.network.latency_draw import LatencyDraw
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 from tests.support.pushed_frames import JITTER, MS_NS, PERIOD_NS, Leaving, injected_ns, line, run
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.plant_emulator.network.latency import Distribution
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 from tests.support.pushed_frames import JITTER, MS_NS, injected_ns, line, run
 
 

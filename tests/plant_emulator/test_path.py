@@ -38,7 +38,7 @@ from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     StraightSettings,
     WaypointSettings,
 )
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 
 AXES = [(78.2, 41.74), (60.0, 30.0), (50.0, 50.0), (30.0, 3.0)]
 

@@ -8,7 +8,7 @@ from steer_by_wire.plant_emulator.check import check_text, understeer_gradient_s
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 
 LANE_CHANGE = ("path.kind=double_lane_change", "duration_s=10")
 TOO_LITTLE = "TOO LITTLE for this path"

@@ -27,7 +27,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.program import NOBODY
 from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
 from steer_by_wire.plant_emulator.program import main
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 

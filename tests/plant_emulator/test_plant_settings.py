@@ -8,7 +8,7 @@ from steer_by_wire.plant_emulator.network.latency import Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     Preset,
     SettingsError,
     load_settings,

@@ -22,7 +22,7 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.guard import GuardMode
 from steer_by_wire.plant_emulator.steering.settings import design_guard
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.driven_guard import answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link

@@ -26,7 +26,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,
     preset_names,

@@ -12,8 +12,8 @@ from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, PeriodicMessage
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
 from tests.support.errored_frames import Sequence
 
 BITRATE_BIT_S = 500_000

@@ -10,10 +10,10 @@ from steer_by_wire.runtime.bus_model.disturbed_frame import disturb, disturb_bit
 from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.length import frame_bits
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 
 BITRATE_BIT_S = 500_000
 BIT_NS = 2_000

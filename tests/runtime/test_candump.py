@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import (
     CandumpLog,
     CandumpReader,

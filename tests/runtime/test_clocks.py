@@ -9,9 +9,9 @@ from steer_by_wire.runtime.bus_model.bit_timing import BitTiming, WrongRate, rec
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.errors import BusErrors
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.drifting_clock import DriftingClock
-from steer_by_wire.runtime.node.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000

@@ -5,8 +5,8 @@ from collections import deque
 import pytest
 
 from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.runtime.port import connection as connection_module
 from steer_by_wire.runtime.port.connection import REPORTED_OUTAGES_MAX, SETTLED_S, Connection

@@ -25,7 +25,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     pack_filters,
     pack_frame,
 )
-from steer_by_wire.runtime.frame.frame import EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import EXTENDED, FD, REMOTE, Frame
 from tests.support.broker_program import client, message, receive
 from tests.support.broker_program import stack as stack
 from tests.support.running_program import PATIENCE_S

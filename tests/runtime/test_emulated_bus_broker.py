@@ -36,8 +36,8 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
     BUFFERS_MAX,
     FRAMES_WAITING_MAX,
 )
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
 from tests.support.broker_bench import bench as bench
 

@@ -32,9 +32,9 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     Hello,
     pack_frame,
 )
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from tests.support.broker_bench import BITRATE_BIT_S, Bench, received, send
 
 BIT_NS = NS_PER_S // BITRATE_BIT_S

@@ -12,8 +12,8 @@ from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
 from tests.support.broker_bench import bench as bench
 

@@ -33,9 +33,9 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_request,
 )
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 
 BITRATE_BIT_S = 500_000
 BIT_NS = NS_PER_S // BITRATE_BIT_S

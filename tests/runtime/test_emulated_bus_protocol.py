@@ -17,7 +17,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_hello,
     unpack_request,
 )
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 
 @given(st.binary(min_size=CLASSIC_RECORD.size, max_size=CLASSIC_RECORD.size))

@@ -3,7 +3,7 @@
 import pytest
 
 from steer_by_wire.runtime.bus_model.error_frames import UNSPECIFIED, error_causes
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 
 
 @pytest.mark.parametrize(

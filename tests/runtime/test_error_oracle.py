@@ -6,8 +6,8 @@ A slice of what ``python -m tests.support.error_comparison 10000`` compares.
 import pytest
 
 from steer_by_wire.runtime.bus_model.disturbed_frame import Disturbed, disturb
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, FD, REMOTE, Frame
 from tests.support import error_comparison
 from tests.support.error_comparison import compare, compare_random
 from tests.support.random_frames import FORMATS

@@ -5,8 +5,8 @@ from collections import Counter
 import pytest
 from hypothesis import given
 
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import CRC_15, WireBit, crc_of, frame_on_wire
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.reception import WireError, receive
 from tests.support.random_frames import sendable_frames
 

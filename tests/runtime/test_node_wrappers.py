@@ -11,8 +11,8 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS, Node, ReportingNode, Wrapper
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, Wrapper
 from steer_by_wire.runtime.node.view import View
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.observation import Bounds, Watch

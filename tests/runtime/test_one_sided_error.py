@@ -6,10 +6,10 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates, StuckLine
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import Frame
 from steer_by_wire.runtime.frame.length import frame_bits
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 
 BIT_NS = 2_000
 FRAME = Frame(0x100, b"\x12\x34")

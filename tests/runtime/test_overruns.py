@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.overruns import OverrunSettings, OverrunSupervision
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
 from steer_by_wire.runtime.node.real_time import RealTimeExecutor, Received

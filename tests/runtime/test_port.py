@@ -9,7 +9,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.port import port as port_module
 from steer_by_wire.runtime.port import python_can as bus_module
 from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort, open_port

@@ -12,13 +12,13 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program import program
 from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main
 from steer_by_wire.runtime.program.program_options import load_program_settings
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from tests.support.running_program import ORDINARY
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel

@@ -11,8 +11,8 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, handled, run_main
 from steer_by_wire.runtime.program.run_node import run_node
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run

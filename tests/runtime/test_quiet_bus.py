@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.node import NEVER_NS
 
 frames = st.one_of(
     st.builds(Frame, st.integers(0x100, 0x103), st.binary(min_size=8, max_size=8), st.just(0)),

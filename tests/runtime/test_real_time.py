@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
 from steer_by_wire.runtime.node.real_time import (
     FRAMES_PER_WAKE_UP_MAX,

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.runtime.recording import recording

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recording import Recording
 from steer_by_wire.runtime.recording.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
 from tests.support.recorded_frames import FRAMES, messages_in
@@ -27,7 +27,7 @@ KILLED_FRAMES = 1000
 KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recording import Recording
 
 recording = Recording(Path(sys.argv[1]), "vcan0")
@@ -130,7 +130,7 @@ def test_a_blf_whose_recorder_is_killed_has_all_but_the_last_moment_and_the_time
 BOTH_KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recording import Recording
 
 path = Path(sys.argv[1])

@@ -8,7 +8,7 @@ from typing import TextIO
 
 import pytest
 
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.view import View
 from steer_by_wire.runtime.program.screen import QUEUED_MAX, Observer, Screen
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field, PositiveFloat, ValidationError, field_validator, model_validator
 
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     Preset,
     Settings,
     SettingsError,

@@ -10,7 +10,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.runtime.port import socketcan

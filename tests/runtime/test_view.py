@@ -1,6 +1,6 @@
 """Lines are few and in the end complete, however fast a node changes."""
 
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.view import COUNT_NS, STATE_LINES, STATE_NS, Changes, View
 
 LOOK_NS = NS_PER_S // 20

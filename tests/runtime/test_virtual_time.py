@@ -5,8 +5,8 @@ import pytest
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 

@@ -15,7 +15,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"

@@ -19,7 +19,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     pack_frame,
     unpack_delivery,
 )
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 BITRATE_BIT_S = 500_000
 CLASSIC_FRAME_NS = 300_000

@@ -23,10 +23,10 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_S
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from steer_by_wire.runtime.settings.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
 from tests.support.browser import Browser, chromium, open_browser

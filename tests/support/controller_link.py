@@ -13,7 +13,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

@@ -24,9 +24,9 @@ from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, PeriodicMessage
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 from tests.support.error_comparison import random_frame
 from tests.support.random_frames import FORMATS
 

@@ -8,7 +8,7 @@ from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainL
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.node import NS_PER_MS
 
 PERIOD_NS = 10 * NS_PER_MS
 SPEC = paper_d_stability()

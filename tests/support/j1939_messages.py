@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from steer_by_wire.dbc.transport_protocol import LENGTH_MAX, segments
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 
 _TO_ALL, _TO_ALL_ONLY = 0xFF, 0xF0

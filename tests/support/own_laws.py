@@ -7,7 +7,7 @@ from pydantic import Field
 
 from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
 from steer_by_wire.controller.laws.settings import LawSettings
-from steer_by_wire.runtime.settings.settings import Settings
+from steer_by_wire.runtime.settings import Settings
 
 
 class Gain(NamedTuple):

@@ -17,7 +17,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

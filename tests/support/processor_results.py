@@ -33,7 +33,7 @@ from steer_by_wire.plant_emulator.vehicle.rig_settings import (
     SingleLaneChangeSettings,
     WaypointSettings,
 )
-from steer_by_wire.runtime.settings.settings import load_settings, preset_names, read_preset
+from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from steer_by_wire.tools.design.evolution import evolve
 from steer_by_wire.tools.design.judgement import make_study
 from steer_by_wire.tools.design.search import find

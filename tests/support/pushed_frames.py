@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

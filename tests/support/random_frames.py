@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE
 
 FORMATS = (

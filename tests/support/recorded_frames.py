@@ -4,7 +4,7 @@ from pathlib import Path
 
 import can
 
-from steer_by_wire.runtime.frame.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 
 FRAMES = (
     Frame(0x100, bytes(range(8))),

@@ -20,7 +20,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.foreign_messages import read_message_set
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 LOAD = 0.5
 

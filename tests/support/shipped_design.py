@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 

@@ -17,8 +17,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from steer_by_wire.runtime.frame import EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd

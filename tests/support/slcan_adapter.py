@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from steer_by_wire.runtime.frame.frame import EXTENDED, REMOTE, Frame
+from steer_by_wire.runtime.frame import EXTENDED, REMOTE, Frame
 
 FRAME_STARTS = b"tTrR"
 

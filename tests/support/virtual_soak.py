@@ -10,8 +10,8 @@ from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.tools.faults.injection.babbling_node import BabbledBus
 

@@ -38,8 +38,8 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.frame.frame import FD, Frame
-from steer_by_wire.runtime.node.node import NEVER_NS, Node
+from steer_by_wire.runtime.frame import FD, Frame
+from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))

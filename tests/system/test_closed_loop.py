@@ -41,8 +41,8 @@ from steer_by_wire.plant_emulator.vehicle.motion import Motion
 from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
 from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, VehicleSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS, Node
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 MS_NS = 1_000_000

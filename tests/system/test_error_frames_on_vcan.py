@@ -19,8 +19,8 @@ from steer_by_wire.runtime.bus_model.error_frames import (
 from steer_by_wire.runtime.bus_model.errors import ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
 from steer_by_wire.runtime.bus_model.settings import BusSettings, StuckSettings, errors_of
-from steer_by_wire.runtime.frame.frame import EXTENDED, Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.running_program import PATIENCE_S, wait_until
 

@@ -19,8 +19,8 @@ from steer_by_wire import simulate
 from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from tests.support.running_program import PATIENCE_S, RunningProgram, running
 

@@ -21,9 +21,9 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import FD, Frame
-from steer_by_wire.runtime.node.node import NS_PER_S
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.frame import FD, Frame
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults import __main__ as fault_campaign
 from steer_by_wire.tools.faults.injection.kinds import LiveKind, parse_fault
 from steer_by_wire.tools.faults.live.campaign import (

@@ -10,10 +10,10 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerFault, ControllerSafety, LateralError, encode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.overruns import MissedPeriods, OverrunSettings, OverrunSupervision
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
-from steer_by_wire.runtime.settings.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from tests.support.controller_link import START_NS as CONTROLLER_START_NS
 from tests.support.controller_link import Link as ControllerLink
 from tests.support.controller_link import controller_settings

@@ -32,7 +32,7 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     decode,
 )
-from steer_by_wire.runtime.frame.frame import FD, Frame
+from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
 

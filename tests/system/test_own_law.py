@@ -25,9 +25,9 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
 from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.compare_laws import __main__ as compare_laws
 from steer_by_wire.tools.compare_laws import runs

@@ -25,8 +25,8 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10 * NS_PER_MS

@@ -23,7 +23,7 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.bus_model.error_frames import error_causes
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from steer_by_wire.runtime.program.program import ExitStatus

@@ -14,8 +14,8 @@ import pytest
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NEVER_NS
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.tools.benchmark_bus import __main__ as benchmark_bus
 from steer_by_wire.tools.benchmark_bus.allocations import TickMemory, tick_memory

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.runtime.program.program import ExitStatus
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.benchmark.__main__ import (
     SLOWER,
     changes,

@@ -12,7 +12,7 @@ from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.steering import unit as steering_unit
 from steer_by_wire.plant_emulator.steering.guard import GuardMode, guard_command
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.__main__ import _status
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
 from steer_by_wire.tools.faults.campaign.acceptance import Finding, findings_of

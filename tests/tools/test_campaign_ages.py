@@ -2,7 +2,7 @@
 
 import pytest
 
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import Result, Verdict, run_trial

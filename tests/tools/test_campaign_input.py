@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.faults.__main__ import main
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,

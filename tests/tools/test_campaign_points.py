@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
 from steer_by_wire.plant_emulator.faults.effects import with_value
-from steer_by_wire.runtime.settings.settings import Preset, SettingsError, load_settings
+from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings
 from steer_by_wire.tools.faults.campaign.detectability import Mechanism, no_effect_chance
 from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign.detectability import (
     Mechanism,
     no_effect_chance,

@@ -14,7 +14,7 @@ import pytest
 
 from steer_by_wire.closed_loop.result import Trace
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.run import __main__ as closed_loop

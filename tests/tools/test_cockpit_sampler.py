@@ -29,7 +29,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.path.path import pose
 from steer_by_wire.plant_emulator.path.shapes import build_path, path_of_curvature
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES

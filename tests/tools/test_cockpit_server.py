@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     LateralError,
     encode,
 )
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.desk import LISTENS_ONLY, NOT_OURS, Desk

@@ -13,7 +13,7 @@ import pytest
 
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest
-from steer_by_wire.runtime.settings.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.__main__ import (
     PREDICTORS,

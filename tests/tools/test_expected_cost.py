@@ -9,7 +9,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.network.latency import QUANTILES, Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.expected_cost import Rounding, expected_cost, latency_cdf
 from steer_by_wire.tools.study.monte_carlo import monte_carlo_costs, on_grid, seeds
 

@@ -11,8 +11,8 @@ import pytest
 from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultStage
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.settings.settings import load_settings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.__main__ import FAILED, main
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of, memory_finding

@@ -21,7 +21,7 @@ from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
 from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.settings.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.fuzz.__main__ import main as fuzz_main
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel, encode
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S, ReportingNode
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from steer_by_wire.tools.fuzz.node_targets import (
     CONTROLLERS,
     PLANTS,

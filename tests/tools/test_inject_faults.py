@@ -17,9 +17,9 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node.node import NEVER_NS, NS_PER_S
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.faults.injection import program as inject_faults
 from steer_by_wire.tools.faults.injection.frames import (
     FRAMES_AT_ONCE,

@@ -20,10 +20,10 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame.message import frame_of
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
 from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of
 from steer_by_wire.tools.faults.campaign.specification import NodeFaultKind

@@ -31,7 +31,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
 from steer_by_wire.tools.monitor.keys import LatencyChoice, keys_in, pressed
 from steer_by_wire.tools.monitor.screen import (

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.runtime.frame.frame import Frame
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.runtime.program.host import HostAnswer, StealClock
 from steer_by_wire.tools.doctor.measure import (

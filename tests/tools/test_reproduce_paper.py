@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper import __main__ as reproduce_paper
 from steer_by_wire.tools.paper.__main__ import (
     ENTRIES,

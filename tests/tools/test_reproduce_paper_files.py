@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.result import (
     Comparison,
     Reproduction,

@@ -13,9 +13,9 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.faults.injection.babbling_node import (
     GAPS,

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults.injection.babbling_node import GAPS, LOWEST_PRIORITY_IDS
 from steer_by_wire.tools.faults.live.pair_on_bus import LiveSoak, Plan, figures_of, run_live_soak
 from steer_by_wire.tools.faults.live.soak import (

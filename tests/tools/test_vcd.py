@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.recording.candump import parse_entry
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
 from tests.support.sigrok_frames import reading_of

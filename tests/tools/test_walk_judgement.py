@@ -7,7 +7,7 @@ import pytest
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults.campaign.detectability import Sight
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.recovery import way_of

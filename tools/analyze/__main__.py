@@ -46,7 +46,7 @@ from steer_by_wire.runtime.program.thresholds import (
     add_fail_if_argument,
     of_part,
 )
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     SettingsError,
     SharedTable,
     load_settings,

@@ -34,7 +34,7 @@ from steer_by_wire.runtime.program.host import StealClock
 from steer_by_wire.runtime.program.option_types import add_json_argument
 from steer_by_wire.runtime.program.program import ExitStatus, run_main
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.benchmark.loop import (
     controller_node_line,
     frame_lines,

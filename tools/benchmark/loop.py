@@ -16,8 +16,8 @@ from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import decode, encode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.quiet_bus import QuietBus
-from ...runtime.frame.frame import Frame
-from ...runtime.settings.settings import preset_names
+from ...runtime.frame import Frame
+from ...runtime.settings import preset_names
 from ..benchmarking.measurement import Line, Target, timed
 
 STEPS = 10_000

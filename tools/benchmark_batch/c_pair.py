@@ -16,7 +16,7 @@ from ...controller.settings import ControllerSettings, limits_of
 from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.port.python_can import BusError
 from ...runtime.records import FloatArray
 

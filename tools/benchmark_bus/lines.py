@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from ...runtime.node.node import NS_PER_S, NS_PER_US
+from ...runtime.node import NS_PER_S, NS_PER_US
 from ..benchmarking.measurement import Line, Target
 from .allocations import TickMemory
 from .records import between, lateness, skipped

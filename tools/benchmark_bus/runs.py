@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.port.socketcan import packed
 from ..benchmarking.wake_ups import measurements
 from .processes import ABOVE, BELOW, CPrograms, Role, finish, go, interrupt, python, started

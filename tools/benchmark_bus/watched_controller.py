@@ -25,8 +25,8 @@ from typing import Any
 from ...controller.node.node import RECEIVED, ControllerNode
 from ...controller.settings import PRESETS, ControllerSettings
 from ...dbc.messages import CAN_IDS, LateralError
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NEVER_NS, Wrapper
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, Wrapper
 from ...runtime.program.option_types import output_file
 from ...runtime.program.program import run_main
 from ...runtime.program.program_options import load_program_settings, make_parser

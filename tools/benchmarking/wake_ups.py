@@ -4,7 +4,7 @@ import math
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import LateralError, encode
-from ...runtime.frame.frame import Frame
+from ...runtime.frame import Frame
 
 AMPLITUDE_M, STEP_RAD = 0.01, 0.1
 

@@ -33,7 +33,7 @@ from ...runtime.emulated_bus.report import broker_report, summary_line
 from ...runtime.program.host import RealTimeRequest, real_time
 from ...runtime.program.option_types import bit_rate, data_bit_rate, output_file, priority
 from ...runtime.program.options import add_error_arguments, add_traffic_arguments, bus_settings
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 
 NAME = "emulated-can-bus"
 _WRONG_SETTINGS = 2

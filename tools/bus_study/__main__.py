@@ -27,7 +27,7 @@ from steer_by_wire.runtime.command_line import command_parser, number, whole_num
 from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.program.report import write_file
-from steer_by_wire.runtime.settings.settings import COMMAND_LINE, with_values
+from steer_by_wire.runtime.settings import COMMAND_LINE, with_values
 from steer_by_wire.tools.bus_study.runs import BusRun, Point, runs_of
 
 NAME = "steer-by-wire bus-study"

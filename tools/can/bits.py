@@ -16,12 +16,12 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.frame import ERROR, Frame
 from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate, output_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
 
 NAME = "steer-by-wire bits"

@@ -35,8 +35,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NEVER_NS
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS
 
 ERROR_FRAME_BITS = 31
 """Error flags of all nodes, delimiter and intermission, at most (Tindell 1995)."""

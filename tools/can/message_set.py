@@ -7,12 +7,12 @@ from typing import NamedTuple
 from ...dbc.foreign_messages import ListedMessage, read_message_set
 from ...dbc.transport_protocol import GAP_NS, announcement_id, data_id, packets, source_address
 from ...runtime.bus_model.bus_model import BusModel
+from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
-from ...runtime.frame.frame import EXTENDED, Frame
 from ...runtime.frame.length import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
-from ...runtime.node.node import NS_PER_MS
-from ...runtime.settings.settings import SettingsError
+from ...runtime.node import NS_PER_MS
+from ...runtime.settings import SettingsError
 from .bounds import (
     Traffic,
     Wire,

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import NamedTuple, TextIO
 
+from ...runtime.frame import Frame
 from ...runtime.frame.bits import RECESSIVE, frame_on_wire
-from ...runtime.frame.frame import Frame
 from ...runtime.frame.length import INTERMISSION_BITS
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 
 _HEADER = """$timescale 1 ns $end
 $scope module bus $end

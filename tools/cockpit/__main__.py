@@ -34,7 +34,7 @@ from steer_by_wire.runtime.program.options import (
     bus_settings,
 )
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import Rig

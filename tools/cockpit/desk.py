@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.port.python_can import BusError
-from ...runtime.settings.settings import Settings, SettingsError
+from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
 from .lanes import Action, Program, Rig, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of

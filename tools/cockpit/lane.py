@@ -13,8 +13,8 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from ...plant_emulator.path.path import Path
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
 from ...runtime.port.python_can import BusError
 from ...runtime.recording.candump import CandumpLog

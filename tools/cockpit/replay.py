@@ -15,8 +15,8 @@ from typing import Any
 
 from ...closed_loop.recordings.lights import Light
 from ...closed_loop.recordings.log_file import LogError, open_log
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from .lanes import lane_facts
 from .sampler import Sampler
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows

@@ -23,8 +23,8 @@ from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)

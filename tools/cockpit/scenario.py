@@ -13,7 +13,7 @@ from ...dbc.messages import LatencyModel
 from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
-from ...runtime.settings.settings import Settings, preset_names, with_values
+from ...runtime.settings import Settings, preset_names, with_values
 
 LANES_MAX = 4
 ICE_FRICTION = 0.3

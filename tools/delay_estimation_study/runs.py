@@ -21,8 +21,8 @@ from ...controller.settings import controller_preset
 from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from ...runtime.node.virtual_time import VirtualTimeExecutor
 from ...runtime.records import FloatArray
 

@@ -36,7 +36,7 @@ from steer_by_wire.runtime.program.options import (
 from steer_by_wire.runtime.program.program import fail_status, run_main
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
-from steer_by_wire.runtime.settings.settings import read_preset
+from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.story import (
     LAWS,

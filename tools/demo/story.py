@@ -19,7 +19,7 @@ from ...plant_emulator.evaluation.verdict import Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.program.thresholds import Quantity
-from ...runtime.settings.settings import load_settings, read_preset
+from ...runtime.settings import load_settings, read_preset
 
 UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")
 """A busy machine shows in the lateness; it does not end the demo."""

@@ -35,7 +35,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.program.option_types import settings_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.settings.settings import load_settings, preset_names
+from steer_by_wire.runtime.settings import load_settings, preset_names
 from steer_by_wire.tools.design.candidate import KEYS, any_settings
 from steer_by_wire.tools.design.design import Design, NoDesignError, verification_line, verify
 from steer_by_wire.tools.design.explanation import demand_lines, reason_lines

@@ -22,7 +22,7 @@ from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.rig_settings import SensorNoiseSettings
-from ...runtime.node.node import NS_PER_MS
+from ...runtime.node import NS_PER_MS
 from ...runtime.records import FloatArray
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...runtime.node.node import NS_PER_MS
+from ...runtime.node import NS_PER_MS
 from ...runtime.records import FloatArray
 from .candidate import Candidate, bounds, controller_settings, designs, values_at
 from .evolution import Generation, evolve

@@ -17,8 +17,8 @@ from ...controller.laws.settings import LawName
 from ...controller.settings import LimitSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.vehicle.rig_settings import PathSettings
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings.settings import Settings
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import Settings
 
 _TICKS_MAX = 100_000
 _DELAYS_MAX = 500

@@ -28,7 +28,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.design import LawDesign
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import ComplexArray, FloatArray
 from .loop_figures import law_response, plant_responses
 

@@ -16,7 +16,7 @@ from ...controller.filters.nominal_model import steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.interface.validity import VehicleRanges
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 
 _RANGES_MAX = 6
 """2^6 corners; more would take too long."""

@@ -19,8 +19,8 @@ from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import UNGUARDED
 from ...plant_emulator.vehicle.rig_settings import ActuatorSettings, PathSettings, VehicleSettings
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings.settings import SettingsError
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile

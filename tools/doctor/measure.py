@@ -21,7 +21,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from steer_by_wire.runtime.command_line import command_parser, seconds
-from steer_by_wire.runtime.node.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.option_types import add_json_argument

@@ -16,8 +16,8 @@ from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 from ...closed_loop.launch import launched_broker
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.real_time import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationSummary

@@ -16,8 +16,8 @@ from typing import Generic, NamedTuple, TypeVar
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, controller_preset
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.node.real_time import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationStatistics, DurationSummary
 from ...runtime.program.host import StealClock

@@ -27,7 +27,7 @@ from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,
     preset_names,

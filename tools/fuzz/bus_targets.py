@@ -15,8 +15,8 @@ import can
 
 from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.client import EmulatedBus
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_US
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_US
 from ...runtime.port.python_can import BusError, BusPort
 from .fuzzed_bus import BITRATE_BIT_S, CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus, listening_socket
 from .traffic import Choices, Sender, promise

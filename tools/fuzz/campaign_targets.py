@@ -15,7 +15,7 @@ from typing import Any
 
 from ...dbc.messages import MESSAGE_TYPES
 from ...plant_emulator.faults.settings import FaultKind
-from ...runtime.settings.settings import Settings, load_settings
+from ...runtime.settings import Settings, load_settings
 from ..faults.campaign.acceptance import findings_of
 from ..faults.campaign.execution import RESULTS, keep_only, read_stored
 from ..faults.campaign.grouping import compare, group

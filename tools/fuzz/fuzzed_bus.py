@@ -9,8 +9,8 @@ from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.clients import CLIENTS_MAX
 from ...runtime.emulated_bus.journal import Journal
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_MS
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS
 from .traffic import promise
 
 CHANNEL = "can0"

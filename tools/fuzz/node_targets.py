@@ -50,9 +50,9 @@ from ...plant_emulator.node.messages import SENT as PLANT_SENDS
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_design import MotionParams, motion_params
-from ...runtime.frame.frame import Frame
-from ...runtime.node.node import NS_PER_S, Node, ReportingNode
-from ...runtime.settings.settings import load_settings
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S, Node, ReportingNode
+from ...runtime.settings import load_settings
 from .traffic import DATA_IDS, Choices, Sender, promise, wake_ups
 
 TICKS_MAX = 10

@@ -23,9 +23,9 @@ from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.waypoints import waypoint_path
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.node.node import NS_PER_MS, Node, ReportingNode
+from ...runtime.node import NS_PER_MS, Node, ReportingNode
 from ...runtime.node.virtual_time import VirtualTimeExecutor
-from ...runtime.settings.settings import (
+from ...runtime.settings import (
     Settings,
     SettingsError,
     load_settings,

@@ -12,8 +12,8 @@ from typing import TypeVar
 
 from ...dbc.codec.protection import COUNTERS, protect
 from ...dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig, Message
-from ...runtime.frame.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from ...runtime.node.node import NS_PER_MS, NS_PER_S
+from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
 
 
 class BrokenPromiseError(AssertionError):

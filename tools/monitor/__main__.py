@@ -19,7 +19,7 @@ from rich.live import Live
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.command_line import command_parser
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_down
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main

@@ -33,7 +33,7 @@ from ...controller.filters.pd import pd_at_rest, pd_step
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.interface.limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset, limits_of
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.records import FloatArray
 from .delay_runs import Law
 from .result import CLAIM, Comparison, Picture

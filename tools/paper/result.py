@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from pydantic import ConfigDict, TypeAdapter
 
 from ...runtime.records import FloatArray
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 
 
 class Verdict(StrEnum):

@@ -37,7 +37,7 @@ from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser
-from steer_by_wire.runtime.node.node import NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.program.option_types import bit_rate
@@ -56,7 +56,7 @@ from steer_by_wire.runtime.program.program import (
 from steer_by_wire.runtime.program.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.program.run_node import FINISHED
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
-from steer_by_wire.runtime.settings.settings import (
+from steer_by_wire.runtime.settings import (
     Settings,
     SettingsError,
     load_settings,

@@ -39,7 +39,7 @@ from steer_by_wire.closed_loop.studies.verdict import short_windows
 from steer_by_wire.runtime.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program.option_types import settings_file
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.runtime.settings.settings import SettingsError, preset_names
+from steer_by_wire.runtime.settings import SettingsError, preset_names
 from steer_by_wire.tools.study.replay import (
     commands,
     live_line,

@@ -33,7 +33,7 @@ from ...closed_loop.studies.results import Rows, StudyRecord, case_of, read_over
 from ...closed_loop.studies.scenario import Scenarios
 from ...closed_loop.studies.verdict import verdict_of
 from ...plant_emulator.evaluation.verdict import Verdict
-from ...runtime.node.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 from .axes import StudyAxes, is_share
 from .monte_carlo import seeds
 

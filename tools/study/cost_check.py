@@ -19,7 +19,7 @@ from ...closed_loop.studies.scenario import Case
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.records import IntArray
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from .axes import StudyAxes
 from .break_points import latency_overrides
 from .expected_cost import ExpectedCost, expected_cost

@@ -34,7 +34,7 @@ from ...closed_loop.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.verdict import RunEnd
 from ...runtime.port.python_can import socketcan_obstacle
 from ...runtime.records import FloatArray
-from ...runtime.settings.settings import SettingsError
+from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 
 BUS = "bus"

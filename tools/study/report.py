@@ -22,7 +22,7 @@ from ...closed_loop.studies.results import (
 from ...closed_loop.studies.verdict import short_windows
 from ...plant_emulator.evaluation.verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings.settings import Settings
+from ...runtime.settings import Settings
 from .axes import StudyAxes, study_axes
 from .break_points import SEEDS, break_points
 from .comparison import comparisons

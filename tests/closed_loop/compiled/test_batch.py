@@ -19,7 +19,7 @@ from steer_by_wire.controller.filters.settings import FollowedPoint
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.settings.settings import preset_names
+from steer_by_wire.runtime.settings import preset_names
 from tests.support.compiled_runs import (
     NETWORKS,
     assert_same_as_nodes,

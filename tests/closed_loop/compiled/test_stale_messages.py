@@ -20,7 +20,7 @@ from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, VehicleState
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.runtime.frame.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 from tests.support.compiled_runs import assert_same_as_nodes
 from tests.support.compiled_runs import plant_settings as plant
 

@@ -13,7 +13,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.node import NS_PER_MS
 
 PERIOD_NS = 10 * NS_PER_MS
 GAINS = (1.1, 0.15)

@@ -31,7 +31,7 @@ from steer_by_wire.controller.filters.nominal_model import (
     steer_to_lateral_error,
 )
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
-from steer_by_wire.runtime.node.node import NS_PER_MS
+from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.gain_loops import (
     CORNERS,
     DOUBLE_INTEGRATOR,

@@ -11,7 +11,7 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.contract.enumerations import Mode
 from steer_by_wire.dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 
 FOREIGN = Path(__file__).parents[3] / "examples" / "foreign_controller.py"
 DBC = Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc"

@@ -16,7 +16,7 @@ from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.replay import replay
 from steer_by_wire.tools.study.worst_runs import worst_runs
 from tests.support.compiled_runs import assert_same_as_nodes

@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.studies.figures import COLUMNS
 from steer_by_wire.closed_loop.studies.results import read_overrides, read_rows, read_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.store import Store
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from tests.support.small_study import make_scenarios, open_store
 
 RUNS = 48

@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.studies.compute import Computer
 from steer_by_wire.closed_loop.studies.results import Rows, StudyRecord, read_rows, read_study
 from steer_by_wire.closed_loop.studies.runner import Threads, estimate, run_study
 from steer_by_wire.closed_loop.studies.store import Store
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.axes import study_axes
 from steer_by_wire.tools.study.comparison import comparisons
 from steer_by_wire.tools.study.cost_check import RUNS, cost_checks

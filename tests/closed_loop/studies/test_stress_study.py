@@ -32,7 +32,7 @@ from steer_by_wire.closed_loop.studies.study_file import (
 from steer_by_wire.plant_emulator.evaluation.verdict import Verdict, VerdictRules
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, PathAheadSettings
-from steer_by_wire.runtime.settings.settings import SettingsError, read_preset
+from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.shown_blocks import blocks_of
 
 SHIPPED = Path(__file__).resolve().parents[3] / "closed_loop" / "studies"

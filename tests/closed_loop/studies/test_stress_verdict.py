@@ -14,7 +14,7 @@ from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.verdict import RunEnd, Verdict, VerdictRules
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.stress_signals import NO_COMMANDS, RULES, TIME_S, figures, noise, sine, verdict
 
 

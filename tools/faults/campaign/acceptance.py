@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
 from ....dbc.messages import Mode as ControllerMode
-from ....runtime.frame.frame import Frame
+from ....runtime.frame import Frame
 from .memory import GROWTH_BYTES_MAX, LONGER, Memory
 from .scenario import GOLDEN
 from .specification import NodeFaultKind

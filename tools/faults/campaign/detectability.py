@@ -36,7 +36,7 @@ from ....plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
 from ....plant_emulator.node.sampling import samples_per_vehicle_state
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import design_guard
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from .node_faults import NodeFault
 from .specification import NodeFaultKind
 

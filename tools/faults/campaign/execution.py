@@ -20,7 +20,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ....closed_loop.worker_processes import worker_pool
 from ....plant_emulator.vehicle.rig_settings import WaypointSettings
-from ....runtime.settings.settings import SettingsError
+from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
 from .trial import Result, Verdict
 

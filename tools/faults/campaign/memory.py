@@ -20,7 +20,7 @@ from ....plant_emulator.faults.settings import FaultKind
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.vehicle.motion_design import MotionParams
 from ....runtime.bus_model.quiet_bus import QuietBus
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from ....runtime.node.virtual_time import VirtualTimeExecutor
 
 LONGER = 10

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ....runtime.frame.frame import Frame
-from ....runtime.node.node import NEVER_NS, NS_PER_S, ReportingNode, Wrapper
+from ....runtime.frame import Frame
+from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode, Wrapper
 from .specification import NodeFaultKind
 
 SOCKET_FRAMES_MAX = 1000

@@ -10,8 +10,8 @@ from ....controller.settings import ControllerSettings, limits_of
 from ....dbc import messages
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.plan_buffer import PLAN_VALUES
-from ....runtime.frame.frame import Frame
-from ....runtime.node.node import ReportingNode, Wrapper
+from ....runtime.frame import Frame
+from ....runtime.node import ReportingNode, Wrapper
 
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""

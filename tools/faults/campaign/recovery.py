@@ -27,7 +27,7 @@ from ....controller.settings import ControllerSettings, limits_of
 from ....dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStatusCode, resolutions
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from .observation import HELD_CODES, HELD_MODES
 from .specification import PointSettings
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ....controller.settings import ControllerSettings, controller_preset
 from ....plant_emulator.faults.settings import FaultSettings
 from ....plant_emulator.settings import PlantSettings
-from ....runtime.settings.settings import load_settings
+from ....runtime.settings import load_settings
 from . import detectability
 from .node_faults import NodeFault
 from .specification import (

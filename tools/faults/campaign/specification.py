@@ -17,7 +17,7 @@ from ....plant_emulator.faults.settings import (
     quantities_of,
 )
 from ....plant_emulator.vehicle.rig_settings import PathSettings
-from ....runtime.settings.settings import Settings
+from ....runtime.settings import Settings
 
 
 class NodeFaultKind(StrEnum):

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ....runtime.node.node import NEVER_NS, NS_PER_S
+from ....runtime.node import NEVER_NS, NS_PER_S
 from .detectability import MECHANISM_OF, Mechanism
 from .observation import SAFE_CAUSES, Watch
 from .scenario import Case

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from ....plant_emulator.evaluation.run_record import PlantSample
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from .recovery import command_returns, wheel_steps
 from .scenario import GOLDEN, Case, Scenario
 from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind

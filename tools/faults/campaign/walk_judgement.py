@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ....plant_emulator.faults.settings import FaultKind
-from ....runtime.node.node import NEVER_NS, NS_PER_S
+from ....runtime.node import NEVER_NS, NS_PER_S
 from .detectability import MECHANISM_OF, Mechanism
 from .node_faults import NodeFault
 from .observation import Watch

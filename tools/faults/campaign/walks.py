@@ -14,8 +14,8 @@ from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 from ....plant_emulator.faults.settings import FaultKind, FaultSettings
-from ....runtime.node.node import NS_PER_S
-from ....runtime.settings.settings import SettingsError
+from ....runtime.node import NS_PER_S
+from ....runtime.settings import SettingsError
 from .detectability import Expectation, Sight, period_s_of
 from .execution import execute
 from .node_faults import NodeFault

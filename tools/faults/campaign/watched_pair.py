@@ -12,7 +12,7 @@ from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.vehicle.motion_design import MotionParams, motion_params
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
-from ....runtime.node.node import NEVER_NS, NS_PER_S, ReportingNode
+from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time import VirtualTimeExecutor
 from ..injection.babbling_node import BabbledBus
 from .detectability import MECHANISM_OF, Sight, sight_of

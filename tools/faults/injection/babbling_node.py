@@ -12,8 +12,8 @@ from ....dbc.messages import CAN_IDS, DATA_IDS
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.bus_model.bus_records import Delivery
 from ....runtime.bus_model.transmit_queue import BusOverflowError
-from ....runtime.frame.frame import Frame
-from ....runtime.node.node import NEVER_NS
+from ....runtime.frame import Frame
+from ....runtime.node import NEVER_NS
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)

@@ -22,9 +22,9 @@ from ....dbc.messages import (
     encode,
 )
 from ....plant_emulator.faults.effects import with_value
-from ....runtime.frame.frame import ERROR, Frame
+from ....runtime.frame import ERROR, Frame
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
-from ....runtime.node.node import NEVER_NS, NS_PER_S
+from ....runtime.node import NEVER_NS, NS_PER_S
 from .babbling_node import HIGHEST_PRIORITY_IDS, babble
 from .kinds import LiveFault, LiveKind
 

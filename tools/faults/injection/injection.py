@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from ....runtime.port.port import ClosablePort
 from .frames import FrameSource
 from .kinds import LiveFault

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from ....dbc.codec.protection import COUNTERS
 from ....dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
-from ....runtime.frame.frame import EXTENDED, Frame
+from ....runtime.frame import EXTENDED, Frame
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from ....runtime.node.statistics import DurationStatistics, DurationSummary
 from ....runtime.recording.candump import CandumpReader, parse_entry
 

@@ -24,8 +24,8 @@ from ....dbc.messages import (
     SteeringStatus,
     decode,
 )
-from ....runtime.frame.frame import FD, Frame
-from ....runtime.node.node import NS_PER_S
+from ....runtime.frame import FD, Frame
+from ....runtime.node import NS_PER_S
 from ....runtime.recording.candump import CandumpReader
 from ..campaign.observation import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
 from .cases import CONTROLLER, LIMITED, LOST, PLANT, PLANT_ONSET_S, SILENCE, SKIPPED

@@ -10,7 +10,7 @@ from pathlib import Path
 import can
 
 from ....runtime.frame.message import frame_of
-from ....runtime.node.node import NEVER_NS, NS_PER_S
+from ....runtime.node import NEVER_NS, NS_PER_S
 from ....runtime.program.host import RealTimeRequest, real_time
 from ....runtime.program.program import StopRequest
 from ....runtime.program.report import write_json

@@ -29,7 +29,7 @@ from steer_by_wire.runtime.program.option_types import priority
 from steer_by_wire.runtime.program.options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.settings.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.injection.babbling_node import (
     GAPS,
     HIGHEST_PRIORITY_IDS,

@@ -17,7 +17,7 @@ from ....runtime.emulated_bus.protocol import (
     pack_filters,
     pack_frame,
 )
-from ....runtime.frame.frame import Frame
+from ....runtime.frame import Frame
 
 PATIENCE_S = 5.0
 _BATCH = 100

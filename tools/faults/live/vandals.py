@@ -24,7 +24,7 @@ from ....closed_loop.processes import Processes
 from ....closed_loop.reports.terminal import plain_table
 from ....runtime.command_line import command_parser, seconds
 from ....runtime.frame.message import message_of
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from ....runtime.node.statistics import DurationStatistics, DurationSummary
 from ....runtime.program.host import RealTimeRequest, StealClock, real_time
 from ....runtime.program.option_types import output_file, priority

@@ -25,11 +25,11 @@ from typing import NamedTuple
 from ....closed_loop.bus import traffic_of
 from ....dbc.messages import CAN_IDS, Mode, PlantStatus
 from ....runtime.bus_model.rest_bus import PeriodicMessage
+from ....runtime.frame import Frame
 from ....runtime.frame.arbitration import arbitration_field
-from ....runtime.frame.frame import Frame
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
 from ....runtime.frame.longest_frame import longest_frame
-from ....runtime.node.node import NS_PER_S
+from ....runtime.node import NS_PER_S
 from .census import MessageCount
 from .pair_on_bus import CHANNEL, CONTROLLER, PLANT, LiveSoak
 
