@@ -71,9 +71,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "stress": _tool("study", "thousands of runs over latency, jitter and vehicles"),
             "bus-study": _tool("bus_study", "the loop over bus load, bit errors and clocks"),
             "stress-report": _tool("study", "rewrite the report of a study", "stress_report"),
-            "faults": _tool("faults", "a thousand faulty runs, and what detected each"),
-            "inject": _tool("faults", "faults on a live bus, by hand", "injection.program"),
-            "soak": _tool("faults", "the pair for hours on a full bus", "live.soak"),
+            "faults": _tool("faults", "a thousand faulty runs, what detected each; inject, soak"),
             "fuzz": _tool("fuzz", "random bytes into all that reads bytes"),
         },
         "This machine": {

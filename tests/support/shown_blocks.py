@@ -35,10 +35,11 @@ LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
-    (r"^(bus|cockpit|monitor|probe|soak) ?|^stress .*--live", "goes on in real time"),
-    (r"^inject (?!--list)|FOLDER|out/gains|out/stress", "needs something of the reader's"),
+    (r"^(bus|cockpit|monitor|probe|faults soak) ?|^stress .*--live", "goes on in real time"),
+    (r"^faults inject (?!--list)|FOLDER|out/gains|out/stress", "needs something of the reader's"),
     (
-        r"^(benchmark|compare|delay-study|demo|design|faults|fuzz|paper|stress|bus-study)",
+        r"^(benchmark|compare|delay-study|demo|design|faults(?! inject)|fuzz|paper"
+        r"|stress|bus-study)",
         "takes minutes",
     ),
 )

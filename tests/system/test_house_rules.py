@@ -78,8 +78,8 @@ def test_every_tool_ends_in_the_one_way_that_knows_each_exit_status() -> None:
     assert len(tools) > 10
     others = {path.parent.name for path in tools if "return run_main(" not in path.read_text()}
     # The bus has statuses of its own and does without python-can, the fuzzer runs all the others;
-    # with-vcan passes on the status of its command.
-    assert others == {"bus", "fuzz", "vcan"}
+    # with-vcan passes on the status of its command, faults hands over to one of its programs.
+    assert others == {"bus", "faults", "fuzz", "vcan"}
 
 
 def test_every_extra_that_is_named_is_there_to_install() -> None:

@@ -24,7 +24,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.faults import __main__ as fault_campaign
+from steer_by_wire.tools.faults import program as fault_campaign
 from steer_by_wire.tools.faults.injection.kinds import LiveKind, parse_fault
 from steer_by_wire.tools.faults.live.campaign import (
     live_finding,

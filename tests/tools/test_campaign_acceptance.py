@@ -13,7 +13,6 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.steering import unit as steering_unit
 from steer_by_wire.plant_emulator.steering.guard import GuardMode, guard_command
 from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.faults.__main__ import _status
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
 from steer_by_wire.tools.faults.campaign.acceptance import Finding, findings_of
 from steer_by_wire.tools.faults.campaign.grouping import group
@@ -21,6 +20,7 @@ from steer_by_wire.tools.faults.campaign.presentation import finding_lines, tabl
 from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.tools.faults.program import _status
 
 BASE = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1", 'laws=["practical_pd"]')
 DETECTED, LEFT, REFUSED, EFFECT, RECOVERED, SMOOTH, GOLDEN, VALID, PROTECTED, QUEUES, UNRECEIVED = (

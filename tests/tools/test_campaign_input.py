@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.tools.faults.__main__ import main
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
     read_stored,
@@ -18,6 +17,7 @@ from steer_by_wire.tools.faults.campaign.execution import (
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import Result
+from steer_by_wire.tools.faults.program import main
 from steer_by_wire.tools.fuzz.campaign_targets import whole_result
 
 TINY = """

@@ -13,7 +13,6 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.faults.stage import FaultStage
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.faults.__main__ import FAILED, main
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of, memory_finding
 from steer_by_wire.tools.faults.campaign.detectability import (
@@ -35,6 +34,7 @@ from steer_by_wire.tools.faults.campaign.scenario import (
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.tools.faults.program import FAILED, main
 from tests.support.counter_rules import rule
 
 SIGHT = Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100))

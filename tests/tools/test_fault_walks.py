@@ -11,7 +11,6 @@ from types import MappingProxyType
 import pytest
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
-from steer_by_wire.tools.faults.__main__ import FAILED, main
 from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.specification import (
@@ -30,6 +29,7 @@ from steer_by_wire.tools.faults.campaign.walks import (
     walk_all,
     walk_lines,
 )
+from steer_by_wire.tools.faults.program import FAILED, main
 
 FEW_KINDS = (
     CaseSettings(kind=FaultKind.DROP, messages=("LATERAL_ERROR",), magnitudes=(0.5, 1.0)),

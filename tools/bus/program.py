@@ -164,7 +164,7 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
     parser.add_argument(
         "--allow-bus-off",
         action="store_true",
-        help="let clients put each other into bus-off, as steer-by-wire inject does",
+        help="let clients put each other into bus-off, as steer-by-wire faults inject does",
     )
     parser.add_argument(
         "--fifo",

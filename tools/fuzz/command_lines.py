@@ -41,7 +41,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": (".worker_pool",),
     "tools.doctor.__main__": (".examine",),
-    "tools.faults.__main__": (
+    "tools.faults.program": (
         ".execute", ".run_live_campaign", ".measure_residual", ".walk_all",
     ),
     "tools.fuzz.__main__": ("._fuzz",),

@@ -1,9 +1,9 @@
 """Inject faults into a live bus and into live processes, at set times and with a seed.
 
-    steer-by-wire inject babble,onset_s=2,duration_s=1 -i emulated -c can0
-    steer-by-wire inject spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
-    steer-by-wire inject pause,onset_s=1,duration_s=0.5 --pid 4711
-    steer-by-wire inject --list
+    steer-by-wire faults inject babble,onset_s=2,duration_s=1 -i emulated -c can0
+    steer-by-wire faults inject spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
+    steer-by-wire faults inject pause,onset_s=1,duration_s=0.5 --pid 4711
+    steer-by-wire faults inject --list
 
 Times count from the line "ready". Ctrl-C ends it in order; a process that it has stopped is
 continued however the run ends. ``steer-by-wire faults --live`` injects faults into a pair of its
@@ -36,7 +36,7 @@ from steer_by_wire.tools.faults.injection.frames import Timed, frame_source, rec
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
 from steer_by_wire.tools.faults.injection.processes import BusOffFault, ProcessFault
 
-NAME = "steer-by-wire inject"
+NAME = "steer-by-wire faults inject"
 FAULTS_MAX = 100
 SEED_MAX = 1 << 32
 REPLAY_FRAMES_MAX = 2_000_000

@@ -1,7 +1,7 @@
 """Run the pair as real processes on an emulated bus that a babbling node keeps full.
 
-    steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
-    steer-by-wire soak --rest-bus car.dbc --load 0.5
+    steer-by-wire faults soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
+    steer-by-wire faults soak --rest-bus car.dbc --load 0.5
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
 recorder must have every frame, and memory must not grow. Then its priority lies between those of
@@ -45,7 +45,7 @@ from steer_by_wire.tools.faults.live.verdict import (
     starve_findings,
 )
 
-NAME = "steer-by-wire soak"
+NAME = "steer-by-wire faults soak"
 NOT_SHOWN = 1
 WIDTH = 132
 """Width of the tables, whose figures are no use cut short."""

@@ -1,0 +1,251 @@
+"""Inject thousands of faults into the pair in virtual time, and show what is detected how soon.
+
+    steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
+    steer-by-wire faults --live
+    steer-by-wire faults --random-walks 200
+
+Runs every fault of the specification at every operating point with every law, and runs without a
+fault. Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it
+continues where it stopped. A folder with results of another specification, or of programs that have
+changed since, is rejected. With --live some of the faults are also injected into real processes on
+the emulated bus, which takes seven minutes more. Random walks print what they find, and the command
+that repeats it. The exit status is 1 where an acceptance or a walk fails.
+"""
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
+from steer_by_wire.controller.settings import PRESETS
+from steer_by_wire.runtime.command_line import command_parser, whole_number
+from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.settings import (
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+from steer_by_wire.tools.faults.campaign.acceptance import (
+    Finding,
+    findings_of,
+    measure_residual,
+    memory_finding,
+    residual_finding,
+)
+from steer_by_wire.tools.faults.campaign.execution import (
+    RESULTS,
+    Stored,
+    execute,
+    keep_only,
+    read_stored,
+    specification_hash,
+    write_result,
+)
+from steer_by_wire.tools.faults.campaign.grouping import compare, group
+from steer_by_wire.tools.faults.campaign.memory import measure_memory
+from steer_by_wire.tools.faults.campaign.presentation import (
+    campaign_page,
+    comparison_lines,
+    finding_lines,
+    table_lines,
+    write_csv,
+)
+from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import SEED_MAX, CampaignSettings
+from steer_by_wire.tools.faults.campaign.trial import Result, run_trial
+from steer_by_wire.tools.faults.campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
+from steer_by_wire.tools.faults.live.campaign import live_finding, run_live_campaign
+
+NAME = "steer-by-wire faults"
+FAILED = 1
+OUT = Path("out/faults")
+_EXAMPLES = ("inject --list", "soak --duration-s 60", "--random-walks 3")
+WALKS_MAX = 1_000_000
+R = TypeVar("R")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    examples = "\n".join(f"{NAME} {words}" for words in _EXAMPLES)
+    usage = "[SPEC.toml | inject | soak] [options]"
+    parser = command_parser(NAME, __doc__, examples, usage)
+    parser.add_argument(
+        "spec",
+        nargs="?",
+        type=Path,
+        metavar="SPEC.toml",
+        help="default: the built-in specification",
+    )
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="one value on top of the specification; repeatable",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
+    parser.add_argument(
+        "--compare", type=Path, metavar="EARLIER", help="compare with the results in this DIR"
+    )
+    parser.add_argument(
+        "--live", action="store_true", help="also run real processes, with logs in DIR/live"
+    )
+    parser.add_argument(
+        "--processes",
+        type=whole_number(1, 64),
+        default=2,
+        metavar="1..64",
+        help="default: %(default)s",
+    )
+    parser.add_argument(
+        "--random-walks",
+        type=whole_number(1, WALKS_MAX),
+        metavar="N",
+        help=f"run N random sequences of up to {WALK_FAULTS_MAX} faults instead, from this seed on",
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    built_in = read_preset("steer_by_wire.tools.faults", "default")
+    default = built_in if options.spec is None else None
+    spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
+    known = preset_names(PRESETS)
+    for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
+        if law not in known:
+            raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
+    if options.random_walks is not None:
+        return _walk(spec, options)
+    options.out = options.out or OUT
+    earlier = None if options.compare is None else _earlier(options.compare)
+    begin_s = time.perf_counter()
+    results = _results(spec, options)
+    residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
+    findings = [*findings_of(results, spec.ftti_ms), residual]
+    if spec.memory_s > 0.0:
+        controller = controller_settings_of(spec.laws[0])
+        findings.append(memory_finding(measure_memory(controller, spec.memory_s, spec.seed)))
+    live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
+    findings += [live_finding(live)] if live else []
+    comparison = None if earlier is None else compare(earlier, results)
+    groups = group(results)
+    folder = options.out
+    write_csv(folder / "results.csv", results)
+    write_json(
+        folder / "campaign.json",
+        {
+            "specification": spec.model_dump(mode="json"),
+            "findings": {one.what: {"holds": one.holds, "figure": one.figure} for one in findings},
+            "cases": {f"{one.kind} {one.magnitude:g} {one.where}": one._asdict() for one in groups},
+        },
+    )
+    html = campaign_page(spec, results, groups, findings, comparison, live)
+    (folder / "index.html").write_text(html, encoding="utf-8")
+    lines = [*table_lines(groups), "", *finding_lines(findings)]
+    if comparison is not None:
+        lines += ["", *comparison_lines(comparison)]
+    print("\n".join(lines))
+    elapsed_s = time.perf_counter() - begin_s
+    print(f"\n{len(results)} runs, {elapsed_s:.0f} s; {folder / 'index.html'}")
+    return _status(findings)
+
+
+def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
+    scenarios = list(scenarios_of(spec))
+    spec_hash = specification_hash(spec)
+    stored = read_stored(options.out, spec_hash)
+    if stored.others:
+        raise SettingsError(
+            f"{options.out / RESULTS}: has {stored.others} results of another specification, or of"
+            " programs that have changed since; give --out another folder, or remove this one"
+        )
+    _warn_of_lines_left_out(options.out, stored)
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = {result.name: result for _, result in stored.results}
+    keep_only(options.out, spec_hash, done.values())
+    left = [scenario for scenario in scenarios if scenario.name not in done]
+    if done:
+        print(f"{len(done)} of {len(scenarios)} runs are there already")
+
+    def take(result: Result) -> None:
+        done[result.name] = result
+        write_result(options.out, spec_hash, result)
+
+    try:
+        with _with_progress(len(left), take) as taken:
+            execute(run_trial, left, options.processes, taken)
+    except KeyboardInterrupt:
+        kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
+        say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
+        raise
+    return [done[scenario.name] for scenario in scenarios]
+
+
+def _earlier(folder: Path) -> list[Result]:
+    stored = read_stored(folder)
+    if not stored.results:
+        where = f"--compare: {folder / RESULTS}"
+        raise SettingsError(f"{where}: has no whole result; give an earlier campaign's --out")
+    _warn_of_lines_left_out(folder, stored)
+    return [result for _, result in stored.results]
+
+
+def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
+    if stored.not_whole:
+        what = f"{stored.not_whole} lines that are no whole results are left out"
+        say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)
+
+
+def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
+    count: int = options.random_walks
+    for name in ("out", "compare", "live"):
+        if getattr(options, name):
+            raise SettingsError(
+                f"--{name}: does not apply to --random-walks, which only print their findings"
+            )
+    if not (spec.cases or spec.node_cases):
+        raise SettingsError("--random-walks: there are no cases and no node_cases to draw from")
+    if spec.seed + count - 1 > SEED_MAX:
+        raise SettingsError(f"--random-walks: seed + N must be up to {SEED_MAX + 1}")
+    walks: list[Walk] = []
+    try:
+        with _with_progress(count, walks.append) as taken:
+            walk_all(spec, count, options.processes, taken)
+    finally:  # on Ctrl-C too, so that no result is lost
+        if walks:
+            print("\n".join(walk_lines(walks, _again(options))))
+    return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
+
+
+def _again(options: argparse.Namespace) -> str:
+    """Return the command that runs one walk of the same specification again."""
+    words = ["steer-by-wire", "faults", *([] if options.spec is None else [str(options.spec)])]
+    for override in options.overrides:
+        if override.partition("=")[0].strip() != "seed":
+            words += ["--set", override]
+    return f"{shlex.join(words)} --random-walks 1"
+
+
+@contextmanager
+def _with_progress(total: int, take: Callable[[R], None]) -> Iterator[Callable[[R], None]]:
+    with counting_bars(plain_console()) as bars:
+        task = bars.add_task("", total=total)
+
+        def taken(result: R) -> None:
+            take(result)
+            bars.advance(task)
+
+        yield taken
+
+
+def _status(findings: Sequence[Finding]) -> int:
+    return ExitStatus.OK if all(one.holds is not False for one in findings) else FAILED
