@@ -22,7 +22,7 @@ from ..runtime.bus_model.bus_records import Delivery
 from ..runtime.bus_model.error_frames import error_frame
 from ..runtime.bus_model.errors import BusErrors
 from ..runtime.bus_model.quiet_bus import QuietBus
-from ..runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
+from ..runtime.bus_model.rest_bus import COUNTS, OnWire, PeriodicMessage, RestBus
 from ..runtime.bus_model.settings import BusSettings, errors_of
 from ..runtime.bus_model.transmit_queue import BusOverflowError
 from ..runtime.frame import EXTENDED, Frame
@@ -184,7 +184,7 @@ class SharedBus:
         seed: int = 0,
         errors: BusErrors | None = None,
     ) -> None:
-        self.traffic = BackgroundTraffic(messages, seed) if messages else None
+        self.traffic = RestBus(messages, seed) if messages else None
         self.errors = errors
         self.model = BusModel(bitrate_bit_s, errors=errors, traffic=self.traffic)
         self.next_event_ns = self.model.next_event_ns

@@ -15,7 +15,7 @@ class Ear:
 
     def __init__(self, node: Node, index: int, model: BusModel) -> None:
         self._node, self._index = node, index
-        self._missed, self._participation = model.missed, model.participation
+        self._missed, self._access = model.missed, model.access
         self.deadline_ns, self.finished = node.deadline_ns, node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
@@ -23,7 +23,7 @@ class Ear:
         if self._missed and (key := (now_ns, self._index)) in self._missed:
             self._missed.discard(key)
             return ()
-        if self._participation.is_off_at(self._index, now_ns):
+        if self._access.is_off_at(self._index, now_ns):
             return ()
         frames = self._node.on_frame(frame, now_ns)
         self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..plant_emulator.evaluation.run_record import PlantSample, place
 from ..plant_emulator.node.node import PlantNode
-from ..runtime.records import FloatArray
+from ..runtime.array_types import FloatArray
 
 
 class Trace(NamedTuple):

@@ -11,8 +11,8 @@ from ..controller.settings import ControllerSettings
 from ..plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
 from ..plant_emulator.path.shapes import build_path
 from ..plant_emulator.settings import PlantSettings
+from ..runtime.array_types import FloatArray
 from ..runtime.command_line import installation
-from ..runtime.records import FloatArray
 from ..runtime.settings.toml_text import dump_toml
 from .run_tables import ControllerTable, PlantTable, Track
 

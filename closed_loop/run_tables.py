@@ -11,7 +11,7 @@ import numpy as np
 
 from ..controller.node.control_sample import ControlSample
 from ..plant_emulator.evaluation.run_record import PlantSample
-from ..runtime.records import FloatArray, IntArray
+from ..runtime.array_types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from .compiled.engine import BatchRun

@@ -13,12 +13,12 @@ from pathlib import Path
 from ..dbc.secoc.frame import CONTROLLER
 from ..dbc.secoc.program import add_key_file_argument, run_secured_node
 from ..runtime.command_line import command_parser
-from ..runtime.program.program import fail_status, run_main, say
-from ..runtime.program.program_options import (
+from ..runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
     make_parser,
 )
+from ..runtime.program.program import fail_status, run_main, say
 from ..runtime.program.report import json_text
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.settings import SettingsError

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from ..dbc.secoc.frame import PLANT
 from ..dbc.secoc.program import add_key_file_argument, run_secured_node
+from ..runtime.program.node_options import load_program_settings, make_parser
 from ..runtime.program.option_types import output_file
 from ..runtime.program.program import ExitStatus, run_main, say
-from ..runtime.program.program_options import load_program_settings, make_parser
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check import check_text
 from .evaluation.quantities import QUANTITIES

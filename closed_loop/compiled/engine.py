@@ -19,8 +19,8 @@ from ...dbc.messages import Law as LawNumber
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.motion_design import MotionParams
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
-from ...runtime.records import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .compilation import compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law

@@ -40,7 +40,7 @@ from ...plant_emulator.steering.guard import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.steering.unit import status_of
 from ...plant_emulator.vehicle.propagation import LinearState
-from ...runtime.records import FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 from .compilation import compiled_inline, compiled_inside
 from .memory import write
 

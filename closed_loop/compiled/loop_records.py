@@ -7,7 +7,7 @@ import numpy as np
 from ...controller.interface.limits import SteerLimits
 from ...plant_emulator.steering.guard import GuardParams, GuardState
 from ...plant_emulator.vehicle.motion_steps import MotionState
-from ...runtime.records import FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 from .law_input import Known
 
 

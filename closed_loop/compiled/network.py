@@ -20,8 +20,8 @@ from ...plant_emulator.network.latency_profile import profile_at, read_trace
 from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from ...plant_emulator.network.random_streams import Channel, first_uniforms
 from ...plant_emulator.network.settings import LatencySettings, Order
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import BoolArray, FloatArray, IntArray
 from .compilation import compiled
 
 

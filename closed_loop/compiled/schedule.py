@@ -19,8 +19,8 @@ from ...dbc.reception import cycle_ns
 from ...plant_emulator.network.random_streams import Channel, first_uniforms
 from ...plant_emulator.node.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NEVER_NS
-from ...runtime.records import BoolArray, FloatArray, IntArray
 from .law_input import Uplink
 from .loop_records import Segment
 from .network import Frames, normal_scores, passages

@@ -23,8 +23,8 @@ from ...plant_emulator.node.path_ahead import VALUES, curvatures_ahead_1_m, spac
 from ...plant_emulator.node.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_design import MotionParams
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray, IntArray
 from .law_input import Uplink, Wire, on_wire
 from .schedule import Plan, arrivals_of, sensor_noise
 

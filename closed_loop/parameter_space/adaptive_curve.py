@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ...runtime.records import BoolArray, FloatArray
+from ...runtime.array_types import BoolArray, FloatArray
 
 MARGIN = 0.05
 """Margin around the unit square within which a curve is followed too."""

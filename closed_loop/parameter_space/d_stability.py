@@ -36,8 +36,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from .root_count import Polynomial, count_roots, followed
 
 _DOMINANT_ROOTS = 2

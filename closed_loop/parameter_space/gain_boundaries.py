@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.records import ComplexArray, FloatArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from .adaptive_curve import MARGIN, adapted, runs
 from .d_stability import DStability
 from .gain_loops import GainLine, GainLoop

@@ -30,8 +30,8 @@ from ...controller.filters.settings import PdSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.design import LawDesign
 from ...controller.laws.pd import LAW as PD
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from .d_stability import DStability, delayed_loop_satisfies, in_s_plane, judge
 
 

@@ -33,7 +33,7 @@ from shapely.affinity import affine_transform
 
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.settings import LawSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
 from .gain_loops import GainLoop, SampledGainLoop

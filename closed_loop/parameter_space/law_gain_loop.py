@@ -18,8 +18,8 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.design import design_law, required
 from ...controller.laws.settings import LawSettings
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from .d_stability import DStability, judge
 from .gain_loops import GainLine, affine_in_gains, roots_of_affine
 

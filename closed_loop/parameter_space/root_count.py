@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.records import ComplexArray, FloatArray
+from ...runtime.array_types import ComplexArray, FloatArray
 
 Polynomial = FloatArray
 """Real coefficients, highest power first."""

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
-from ...runtime.records import FloatArray
 
 POINTS_MAX = 20_000
 """How many points of a time history are kept, at least half of them after the first thinning."""

@@ -41,8 +41,8 @@ from numpy.typing import NDArray
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import CYCLE_TIMES_MS, PlantStatus, SteeringCommand, SteeringStatus
 from ...dbc.messages import SteeringStatusCode as Code
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.records import FloatArray
 from .durations import Durations, History
 
 WINDOW_NS = 10 * NS_PER_S

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...dbc.messages import COMMAND_COUNTERS
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray, IntArray
 
 SPAN_S = 15.0
 POINTS_MAX = 1 << 14

@@ -15,8 +15,8 @@ from ...dbc.messages import Decoded, LateralError, Rejection, SteeringCommand, S
 from ...plant_emulator.evaluation.verdict import Verdict
 from ...plant_emulator.evaluation.verdict_text import verdict_text
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ...runtime.records import FloatArray
 from ..live import PairFiles
 from ..recordings.file_analysis import analyse_files
 from ..recordings.log_file import open_log

@@ -19,7 +19,7 @@ from ...plant_emulator.network.random_streams import Channel
 from ...plant_emulator.network.settings import LatencySettings, Order
 from ...plant_emulator.node.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.records import BoolArray, FloatArray, IntArray
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ..compiled.engine import Outcome, run_batch
 from ..compiled.network import Frames, passages

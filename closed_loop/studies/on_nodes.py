@@ -10,11 +10,11 @@ import numpy as np
 
 from ...dbc.messages import LateralError, limits
 from ...plant_emulator.evaluation.verdict import RunEnd, VerdictRules
+from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time import Wire
-from ...runtime.records import FloatArray
 from ..bus import virtual_bus, with_clocks
 from ..result import Trace
 from ..virtual import VirtualPair, make_virtual_pair, run_virtual_nodes

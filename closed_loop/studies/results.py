@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...plant_emulator.evaluation.verdict import Verdict
-from ...runtime.records import BoolArray, FloatArray, IntArray
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .figures import COUNTS
 from .sampling import Design

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .factors import Factor, Level
 from .study_file import REPLICATES_MAX, SamplingKind, SamplingSettings
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from ...plant_emulator.evaluation.verdict import RUN_ENDS
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
-from ...runtime.records import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS

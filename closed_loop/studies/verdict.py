@@ -7,8 +7,8 @@ from ...plant_emulator.evaluation import verdict
 from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX, WindowFigures
 from ...plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray, IntArray
 from .figures import FigureRules, Figures
 
 _PEAK = Figures._fields.index("peak_m")

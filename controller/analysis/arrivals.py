@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 
 AGE_PROBABILITY_MIN = 1e-9
 """Rarer events are neglected: shorter latencies, and longer waits for any command."""

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.records import ComplexArray
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..interface.law_record import LookingBack

@@ -27,8 +27,8 @@ import math
 
 import numpy as np
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import ComplexArray, FloatArray
 from ..prediction.held_input import held_over
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop

@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from ..prediction.held_input import held_over
 from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states

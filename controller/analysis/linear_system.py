@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import ComplexArray, FloatArray
 from ..filters.transfer_function import TransferFunction
 from ..interface.law import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput
 from ..laws.design import LawDesign

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from ..filters.nominal_model import NominalVehicle
 from ..history.link import LinkParams
 from ..prediction.held_input import held_over

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import BoolArray, ComplexArray, FloatArray
 from ..history.link import LinkParams
 from ..laws.design import LawDesign
 from ..laws.predictor import NAME, PredictorSettings

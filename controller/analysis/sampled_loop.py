@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import ComplexArray, FloatArray
 from ..filters.transfer_function import TransferFunction
 from ..laws.design import LawDesign
 from .linear_system import held_plant, law_system, without_idle_states

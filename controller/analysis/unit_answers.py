@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from ..interface.law import History, LawInput, Link, VehicleReading
 from ..laws.design import LawDesign
 from .linear_system import filled, floats_of

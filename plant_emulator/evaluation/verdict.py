@@ -41,7 +41,7 @@ import numpy as np
 from pydantic import Field
 
 from ...dbc.messages import LateralError, limits
-from ...runtime.records import FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
 

@@ -9,7 +9,7 @@ minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``)
 
 import numpy as np
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 _QUARTER_TURN = 1.57079632673412561417
 _QUARTER_TURN_REST = 6.07710050650619224932e-11

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .path import GAUSS, Path, Pose
 
 CURVATURE_TOLERANCE = 1e-4

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from ..vehicle.own_parts import own_path
 from ..vehicle.rig_settings import (
     CircleSettings,

@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError, read_text
 from .curve import CurvePoints, path_along
 from .path import Path

@@ -16,7 +16,7 @@ _SUSPEND_BITS = 8
 _BUS_OFF_BITS = 128 * 11
 
 
-class Participation:
+class BusAccess:
     """The senders of one bus; without ``errors`` all may start whenever it is free."""
 
     def __init__(self, errors: BusErrors | None, ticks: BitTicks) -> None:

@@ -27,11 +27,11 @@ from ..frame.length import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
 from ..record import new_record
 from .bit_ticks import bit_ticks
-from .bus_access import Participation, is_awaited
+from .bus_access import BusAccess, is_awaited
 from .bus_records import BusLoad, Delivery, Waiting
 from .disturbed_frame import Disturbed
 from .errors import BusErrors
-from .rest_bus import BackgroundTraffic
+from .rest_bus import RestBus
 from .transmit_queue import TransmitQueue
 
 
@@ -51,7 +51,7 @@ class BusModel:
                        Until the bus is free this may change with every submission. With
                        ``traffic`` no frame is complete before
 
-    ``participation``  who is in bus-off
+    ``access``         who is in bus-off
     ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever
                        delivers takes them out
 
@@ -67,7 +67,7 @@ class BusModel:
         *,
         is_fifo: bool = False,
         errors: BusErrors | None = None,
-        traffic: BackgroundTraffic | None = None,
+        traffic: RestBus | None = None,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
@@ -82,7 +82,7 @@ class BusModel:
                     errors.join(sender)
                 traffic.sent = errors.sent
         self._disturbed: Disturbed | None = None
-        self.participation = Participation(errors, ticks)
+        self.access = BusAccess(errors, ticks)
         self.missed: set[tuple[int, int]] = set()
         self._on_wire: Waiting | None = None
         self._end_ticks = self._next_start_ticks = 0
@@ -114,7 +114,7 @@ class BusModel:
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
-        if self._errors is not None and self.participation.is_off(sender, now_ticks):
+        if self._errors is not None and self.access.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
             return
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
@@ -124,7 +124,7 @@ class BusModel:
             self._next_start_ticks = now_ticks
         if entry is not None:
             is_next = self._on_wire is None and queue.competing[0] is entry
-            if is_next or self.next_event_ns == NEVER_NS or not self.participation.is_calm:
+            if is_next or self.next_event_ns == NEVER_NS or not self.access.is_calm:
                 self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
@@ -148,7 +148,7 @@ class BusModel:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
         elif competing := self._queue.competing:
-            start_ticks, winner = self.participation.next_start(competing, self._next_start_ticks)
+            start_ticks, winner = self.access.next_start(competing, self._next_start_ticks)
             self._decided_until_ticks = start_ticks
             end_ticks = start_ticks + winner.duration_ticks
         else:
@@ -169,7 +169,7 @@ class BusModel:
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
         competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
-        errors, traffic, next_start = self._errors, self._traffic, self.participation.next_start
+        errors, traffic, next_start = self._errors, self._traffic, self.access.next_start
         while True:
             if on_wire is None:
                 if traffic is not None and self._next_start_ticks < now_ticks:
@@ -192,7 +192,7 @@ class BusModel:
             if traffic is not None and self._disturbed is not None:
                 self._admit(traffic, end_ticks)  # before the frame is back in its buffer
             if errors is not None:
-                if self._disturbed is None and self.participation.is_calm:
+                if self._disturbed is None and self.access.is_calm:
                     errors.sent[on_wire.sender] += 1
                 elif self._end_attempt(on_wire, end_ticks, errors):
                     on_wire = None
@@ -209,16 +209,15 @@ class BusModel:
             on_wire = None
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
-    def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
+    def _send_traffic(self, traffic: RestBus, now_ticks: int) -> None:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
         free_ticks, errors, competing = self._next_start_ticks, self._errors, self._queue.competing
-        if not self.participation.is_calm_at(free_ticks):
+        if not self.access.is_calm_at(free_ticks):
             self._take_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
                 if (
                     competing
-                    and due_ticks
-                    > self.participation.next_start(competing, self._next_start_ticks)[0]
+                    and due_ticks > self.access.next_start(competing, self._next_start_ticks)[0]
                 ):
                     return
                 self._next_start_ticks = max(self._next_start_ticks, due_ticks)
@@ -232,17 +231,17 @@ class BusModel:
         if self._next_start_ticks < now_ticks and traffic.best < rival:
             self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
 
-    def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
+    def _admit(self, traffic: RestBus, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
-        if self.participation.is_calm:
+        if self.access.is_calm:
             traffic.carry(until_ticks - 1, until_ticks, -1, 0)
             return
         while traffic.next_due_ticks < until_ticks:
-            ready = traffic.take_next(self.participation.is_off)
+            ready = traffic.take_next(self.access.is_off)
             if ready is not None:
                 self._queue.push_traffic(traffic, ready)
 
-    def _take_all(self, traffic: BackgroundTraffic) -> None:
+    def _take_all(self, traffic: RestBus) -> None:
         """Put the frames of the traffic that wait into the queue."""
         while traffic.best < NO_FIELD:
             self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
@@ -256,7 +255,7 @@ class BusModel:
     def _end_with_errors(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> int:
         """When a frame that starts now leaves the bus, be it whole or destroyed."""
         start_ticks = self._next_start_ticks
-        self.participation.come_back(start_ticks)
+        self.access.come_back(start_ticks)
         found = errors.transmission(sent.frame, sent.sender, start_ticks, end_ticks, self._ticks)
         self._disturbed = found
         return end_ticks if found is None else start_ticks + self._ticks.of(found.bits)
@@ -269,7 +268,7 @@ class BusModel:
             errors.on_whole(sender)
         else:
             end_ns = self._ticks.whole_ns(end_ticks)
-            self.participation.come_back(end_ticks)
+            self.access.come_back(end_ticks)
             errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
             if disturbed.is_received:
                 self._complete(end_ns, sender, sent.frame)
@@ -280,7 +279,7 @@ class BusModel:
             self._next_start_ticks = end_ticks + self._intermission_ticks
             if disturbed.is_repeated:
                 self._queue.put_back(sent)
-        if self.participation.goes_off(sender, end_ticks):
+        if self.access.goes_off(sender, end_ticks):
             if self._traffic is not None:
                 self._take_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))

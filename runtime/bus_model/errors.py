@@ -19,8 +19,8 @@ from ..node import NEVER_NS
 from .bit_ticks import BitTicks
 from .disturbed_frame import FIRST, Disturbed, disturb
 from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters
+from .local_error import disturb_receiver, disturb_sender, unacknowledged
 from .noise import Noise, StuckLine
-from .one_sided_error import disturb_receiver, disturb_sender, unacknowledged
 from .stuck_line import disturb_stuck
 
 _GONE = -1 << 31

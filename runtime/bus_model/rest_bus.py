@@ -61,7 +61,7 @@ class Ready(NamedTuple):
     due_ticks: int
 
 
-class BackgroundTraffic:
+class RestBus:
     """The messages of one bus, by rank: 1 is the most urgent.
 
     ``messages``  those of equal arbitration fields in the order in which they are sent

@@ -10,7 +10,7 @@ from heapq import heapify, heappop, heappush
 from ..frame import Frame
 from ..record import new_record
 from .bus_records import Waiting
-from .rest_bus import BackgroundTraffic, Ready
+from .rest_bus import Ready, RestBus
 
 
 class BusOverflowError(RuntimeError):
@@ -24,7 +24,7 @@ class TransmitQueue:
     ``refused``    frames that found their buffer full
     """
 
-    def __init__(self, limit: int, traffic: BackgroundTraffic | None, *, is_fifo: bool) -> None:
+    def __init__(self, limit: int, traffic: RestBus | None, *, is_fifo: bool) -> None:
         if limit <= 0:
             raise ValueError(f"the limit of a transmit buffer must be positive, not {limit}")
         self._limit, self._traffic, self._is_fifo = limit, traffic, is_fifo
@@ -58,7 +58,7 @@ class TransmitQueue:
         heappush(self.competing, entry)
         return entry
 
-    def push_traffic(self, traffic: BackgroundTraffic, ready: Ready) -> None:
+    def push_traffic(self, traffic: RestBus, ready: Ready) -> None:
         """Queue a frame of the traffic."""
         rank, arbitration, duration_ticks, sender, frame, due_ticks = ready
         traffic.hold(rank)

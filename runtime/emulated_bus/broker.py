@@ -25,10 +25,9 @@ from collections.abc import Callable
 
 from ..node import NEVER_NS, NS_PER_S, NS_PER_US
 from ..node.statistics import DurationStatistics, DurationSummary
-from .beside import NOTHING_BESIDE, Beside
-from .channel import Channel
-from .clients import Clients
-from .connection import Connection, ConnectionLostError
+from .broker_clients import Clients
+from .broker_connection import Connection, ConnectionLostError
+from .channel import UNDISTURBED, Channel, ChannelConditions
 from .journal import Cause, Journal
 from .protocol import Answer, BusOff, Hello, ProtocolError
 from .wall_clock import WallClock
@@ -49,7 +48,7 @@ class Broker:
     ``clock_ns``            monotonic clock [ns]
     ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
     ``is_fifo``             whether the frames of one client keep their order
-    ``beside``              traffic and errors on every channel
+    ``conditions``          rest bus and errors on every channel
 
     ``clients``             who is connected
     ``channels``            those that there have been, by name
@@ -65,7 +64,7 @@ class Broker:
         *,
         takes_bus_off: bool = False,
         is_fifo: bool = False,
-        beside: Beside = NOTHING_BESIDE,
+        conditions: ChannelConditions = UNDISTURBED,
     ) -> None:
         self.clients = Clients(listener, journal, self._leave)
         self._bitrate_bit_s = bitrate_bit_s
@@ -74,7 +73,7 @@ class Broker:
         self._clock_ns = clock_ns
         self._takes_bus_off = takes_bus_off
         self._is_fifo = is_fifo
-        self._beside = beside
+        self._conditions = conditions
         self._wall_clock = WallClock()
         self.channels: dict[str, Channel] = {}
         self._lateness = DurationStatistics()
@@ -173,10 +172,12 @@ class Broker:
             return
         if hello.channel not in self.channels:
             # Each with errors of its own; those of the first are those of virtual time.
-            seed = self._beside.seed + _SEED_STEP * len(self.channels)
-            beside = self._beside._replace(seed=seed)
+            seed = self._conditions.seed + _SEED_STEP * len(self.channels)
+            conditions = self._conditions._replace(seed=seed)
             rates = self._bitrate_bit_s, self._data_bitrate_bit_s
-            self.channels[hello.channel] = Channel(*rates, beside, now_ns, is_fifo=self._is_fifo)
+            self.channels[hello.channel] = Channel(
+                *rates, conditions, now_ns, is_fifo=self._is_fifo
+            )
         self.channels[hello.channel].join(client)
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())

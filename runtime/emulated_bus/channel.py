@@ -10,20 +10,21 @@ with the channel. Such a channel is advanced every PACE_NS at least, so that fra
 reach the clients up to that much late, with their right times.
 """
 
+from collections.abc import Sequence
 from struct import Struct
+from typing import NamedTuple
 
 from ..bus_model.bus_model import BusModel
 from ..bus_model.bus_records import BusLoad, Delivery
 from ..bus_model.error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..bus_model.fault_confinement import ControllerState
-from ..bus_model.rest_bus import BackgroundTraffic
-from ..bus_model.settings import errors_of
+from ..bus_model.rest_bus import PeriodicMessage, RestBus
+from ..bus_model.settings import BusSettings, errors_of
 from ..frame import ERROR, EXTENDED, Frame
 from ..node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
-from .beside import NOTHING_BESIDE, Beside, client_number
-from .bus_off import Recovery
-from .connection import Connection
+from .broker_connection import Connection
+from .bus_off_recovery import Recovery
 from .error_reports import ErrorReports
 from .protocol import OWN, BusOff, pack_frame
 from .transmit_buffers import FRAMES_WAITING_MAX, TransmitBuffers
@@ -32,6 +33,24 @@ LEFT_FRAMES_MAX = 1024
 """Frames of departed clients that may wait on one channel."""
 PACE_NS = NS_PER_MS
 """How long a channel with traffic or errors is left alone at most."""
+
+
+class ChannelConditions(NamedTuple):
+    """A rest bus of ``messages``, and errors as in ``settings``; ``seed`` draws both."""
+
+    settings: BusSettings = BusSettings()
+    messages: Sequence[PeriodicMessage] = ()
+    seed: int = 1
+
+
+UNDISTURBED = ChannelConditions()
+
+
+def client_number(name: str) -> int:
+    """Return the number of a client from its name in settings; raises ValueError."""
+    if not (name.isascii() and name.isdecimal()):
+        raise ValueError("is not the number of a client, as the broker prints it: 1, 2, ...")
+    return int(name)
 
 
 class Channel:
@@ -49,16 +68,20 @@ class Channel:
         self,
         bitrate_bit_s: int,
         data_bitrate_bit_s: int | None,
-        beside: Beside = NOTHING_BESIDE,
+        conditions: ChannelConditions = UNDISTURBED,
         start_ns: int = 0,
         *,
         is_fifo: bool = False,
     ) -> None:
         self.members: dict[int, Connection] = {}
         self.delays = ArbitrationDelays()
-        self.errors = errors_of(beside.settings, beside.seed, client_number, self._is_acknowledged)
+        self.errors = errors_of(
+            conditions.settings, conditions.seed, client_number, self._is_acknowledged
+        )
         self._reports = None if self.errors is None else ErrorReports(self.errors, self.members)
-        self._traffic = BackgroundTraffic(beside.messages, beside.seed) if beside.messages else None
+        self._traffic = (
+            RestBus(conditions.messages, conditions.seed) if conditions.messages else None
+        )
         if self._traffic is not None:
             self._traffic.on_wire = self._on_wire
         self._model = BusModel(
@@ -172,7 +195,7 @@ class Channel:
         for client in back:
             client.recovery = None
             if self._reports is not None:
-                self._model.participation.is_off_at(client.number, now_ns - self._start_ns)
+                self._model.access.is_off_at(client.number, now_ns - self._start_ns)
                 self._reports.forget(client.number)
             client.queue(pack_frame(client.record, RESTARTED_FRAME, time_ns))
         return back
@@ -227,7 +250,7 @@ class Channel:
     def _forget(self, sender: int) -> None:
         """Forget a departed client without frames."""
         self._left.pop(sender, None)
-        self._model.participation.forget(sender)
+        self._model.access.forget(sender)
         if self._reports is not None:
             self._reports.forget(sender)
 
@@ -266,7 +289,7 @@ class Channel:
             member.queue(pack_frame(member.record, frame, time_ns))
         if state is not ControllerState.BUS_OFF:
             return None
-        until_ns = self._model.participation.off_until_ns(number) + self._start_ns
+        until_ns = self._model.access.off_until_ns(number) + self._start_ns
         member.recovery = Recovery(end_ns, self._bitrate_bit_s, until_ns)
         return member
 

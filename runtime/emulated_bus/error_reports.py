@@ -10,7 +10,7 @@ from ..bus_model.bus_records import Delivery
 from ..bus_model.error_frames import error_frame, receiver_error_frame, state_frame
 from ..bus_model.errors import BusErrors, ErrorEvent
 from ..bus_model.fault_confinement import ControllerState
-from .connection import Connection
+from .broker_connection import Connection
 
 
 class ErrorReports:

@@ -6,7 +6,7 @@ identifier, so that other frames do not wait behind them. A client that sends mo
 """
 
 from ..frame import EXTENDED, Frame
-from .connection import BufferKey, Connection
+from .broker_connection import BufferKey, Connection
 from .protocol import Buffer, pack_buffer
 
 BUFFER_FULL = 16

@@ -105,7 +105,7 @@ class Recording:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
         progress = -1 if sys.platform == "win32" else self._progress.fileno()
-        program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording.recording_file"]
+        program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording.recorder_process"]
         self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
             [*program, str(path), channel, str(progress)],
             pass_fds=() if progress < 0 else (progress,),

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS
-from steer_by_wire.runtime.emulated_bus.clients import HELLO_TIMEOUT_NS
-from steer_by_wire.runtime.emulated_bus.connection import (
+from steer_by_wire.runtime.emulated_bus.broker_clients import HELLO_TIMEOUT_NS
+from steer_by_wire.runtime.emulated_bus.broker_connection import (
     MASKS_MAX,
     OUTGOING_BYTES_MAX,
     READ_BYTES,

@@ -20,11 +20,10 @@ from steer_by_wire.runtime.bus_model.settings import (
     StuckSettings,
     errors_of,
 )
-from steer_by_wire.runtime.emulated_bus import client as client_module
-from steer_by_wire.runtime.emulated_bus.beside import Beside, client_number
-from steer_by_wire.runtime.emulated_bus.channel import Channel
-from steer_by_wire.runtime.emulated_bus.client import EmulatedBus
-from steer_by_wire.runtime.emulated_bus.connection import Connection
+from steer_by_wire.runtime.emulated_bus import interface
+from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
+from steer_by_wire.runtime.emulated_bus.channel import Channel, ChannelConditions, client_number
+from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     HELLO,
@@ -56,7 +55,7 @@ Seen = list[tuple[int, int, Frame]]
 @contextmanager
 def bench_with(settings: BusSettings) -> Iterator[Bench]:
     with ExitStack() as stack:
-        yield Bench(stack, Beside(settings, traffic_of(settings, 1)))
+        yield Bench(stack, ChannelConditions(settings, traffic_of(settings, 1)))
 
 
 def errors_in(client: socket.socket) -> list[Frame]:
@@ -99,8 +98,8 @@ def in_virtual_time(settings: BusSettings, arrivals: Sequence[Arrival]) -> tuple
 def on_a_channel(
     settings: BusSettings, arrivals: Sequence[Arrival], start_ns: int, end_ns: int
 ) -> tuple[Seen, Channel, dict[int, list[Frame]]]:
-    beside = Beside(settings, traffic_of(settings, 1))
-    channel = Channel(BITRATE_BIT_S, None, beside, start_ns)
+    conditions = ChannelConditions(settings, traffic_of(settings, 1))
+    channel = Channel(BITRATE_BIT_S, None, conditions, start_ns)
     ends = {number: socket.socketpair() for number in (1, 2, 3)}
     clients = {number: Connection(inside, number) for number, (inside, _) in ends.items()}
     for number, (_, outside) in ends.items():
@@ -219,7 +218,7 @@ def python_can(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulat
         assert len(hello.pack()) == HELLO.size
         return bench.join(hello.channel, error_frames=hello.error_frames), Answer(BITRATE_BIT_S, 0)
 
-    monkeypatch.setattr(client_module, "join", join)
+    monkeypatch.setattr(interface, "join", join)
     bus = EmulatedBus("can0")
     try:
         yield bus

@@ -6,11 +6,11 @@ import socket
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.arbitration_delays import WATCHED_IDS_MAX
+from steer_by_wire.runtime.emulated_bus.broker_clients import ACCEPT_PAUSE_NS, CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.channel import LEFT_FRAMES_MAX
-from steer_by_wire.runtime.emulated_bus.clients import ACCEPT_PAUSE_NS, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
-from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S

@@ -17,7 +17,8 @@ from steer_by_wire.runtime.bus_model.bus_records import BusLoad
 from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, RESTARTED, error_causes
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
-from steer_by_wire.runtime.emulated_bus.bus_off import SEQUENCE_BITS, SEQUENCES, Recovery
+from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
+from steer_by_wire.runtime.emulated_bus.bus_off_recovery import SEQUENCE_BITS, SEQUENCES, Recovery
 from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
@@ -32,7 +33,6 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_delivery,
     unpack_request,
 )
-from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S

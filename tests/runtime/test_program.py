@@ -15,9 +15,9 @@ import pytest
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program import program
+from steer_by_wire.runtime.program.node_options import load_program_settings
 from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main
-from steer_by_wire.runtime.program.program_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.running_program import ORDINARY
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
@@ -161,7 +161,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
         "from steer_by_wire.runtime.program.program import run_main;"
         "from steer_by_wire.runtime.program.run_node import run_node;"
-        "from steer_by_wire.runtime.program.program_options import make_parser;"
+        "from steer_by_wire.runtime.program.node_options import make_parser;"
         "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
         "sys.exit(run_main(NAME, run))"

@@ -16,8 +16,14 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.recording.recorder_process import (
+    HELD_NS,
+    SYNC_NS,
+    Sync,
+    _ordered,
+    _Record,
+)
 from steer_by_wire.runtime.recording.recording import Recording
-from steer_by_wire.runtime.recording.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
 from tests.support.recorded_frames import FRAMES, messages_in
 from tests.support.running_program import wait_until
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
-from steer_by_wire.runtime.emulated_bus.beside import NOTHING_BESIDE, Beside
 from steer_by_wire.runtime.emulated_bus.broker import Broker
+from steer_by_wire.runtime.emulated_bus.channel import UNDISTURBED, ChannelConditions
 from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
@@ -29,7 +29,7 @@ CLASSIC_FRAME_NS = 300_000
 class Bench:
     """A broker, its clock, its clients, and what it has reported."""
 
-    def __init__(self, stack: ExitStack, beside: Beside = NOTHING_BESIDE) -> None:
+    def __init__(self, stack: ExitStack, conditions: ChannelConditions = UNDISTURBED) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
         self._stack = stack
@@ -39,7 +39,7 @@ class Bench:
         self.is_read = True
         self.journal = Journal(self._tell)
         self.broker = Broker(
-            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, beside=beside
+            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, conditions=conditions
         )
         stack.callback(self.broker.clients.close)
 

@@ -23,7 +23,7 @@ from steer_by_wire.runtime.bus_model.bus_records import Delivery
 from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, PeriodicMessage
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
 from steer_by_wire.runtime.node import NEVER_NS
@@ -118,7 +118,7 @@ class Sequence:
         self._last[frame.can_id] = count
 
 
-def _traffic(seed: int) -> tuple[BackgroundTraffic, Sequence]:
+def _traffic(seed: int) -> tuple[RestBus, Sequence]:
     messages = [
         PeriodicMessage(
             f"m{n}",
@@ -128,7 +128,7 @@ def _traffic(seed: int) -> tuple[BackgroundTraffic, Sequence]:
         )
         for n in range(6)
     ]
-    traffic, sequence = BackgroundTraffic(messages, seed), Sequence()
+    traffic, sequence = RestBus(messages, seed), Sequence()
     traffic.on_wire = sequence.take
     return traffic, sequence
 

@@ -45,8 +45,8 @@ PRELOADED = (
     "steer_by_wire.controller.program",
     "steer_by_wire.plant_emulator.program",
     "steer_by_wire.closed_loop.attached",
-    "steer_by_wire.runtime.emulated_bus.client",
-    "steer_by_wire.runtime.recording.recording_file",
+    "steer_by_wire.runtime.emulated_bus.interface",
+    "steer_by_wire.runtime.recording.recorder_process",
     "steer_by_wire.tools.bus.program",
 )
 REQUEST_BYTES_MAX = 1 << 17

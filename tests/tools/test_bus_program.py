@@ -16,7 +16,7 @@ import pytest
 
 from steer_by_wire.closed_loop.launch import launched_broker
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX
-from steer_by_wire.runtime.emulated_bus.clients import CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.tools.bus.program import _print_line, main

@@ -25,7 +25,7 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .smoothing import (
     VEHICLE_STATES,
     Smoothed,

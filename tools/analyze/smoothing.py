@@ -22,7 +22,7 @@ from filterpy.kalman import KalmanFilter
 
 from ...controller.filters.settings import EstimatorSettings, VehicleModelSettings
 from ...controller.prediction.gains import PSI, Y, noise_covariances, sampled_vehicles
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 VEHICLE_STATES = (
     "side_slip_rad",

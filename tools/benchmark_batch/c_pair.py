@@ -16,9 +16,9 @@ from ...controller.settings import ControllerSettings, limits_of
 from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.port.python_can import BusError
-from ...runtime.records import FloatArray
 
 SOURCE = Path(__file__).with_name("pd_ddob_pair.c")
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")

@@ -30,7 +30,7 @@ from ...controller.filters.transfer_function import TransferFunction
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.rig_settings import EllipseSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 PADE_ORDER = 4
 

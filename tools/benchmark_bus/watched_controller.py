@@ -27,9 +27,9 @@ from ...controller.settings import PRESETS, ControllerSettings
 from ...dbc.messages import CAN_IDS, LateralError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, Wrapper
+from ...runtime.program.node_options import load_program_settings, make_parser
 from ...runtime.program.option_types import output_file
 from ...runtime.program.program import run_main
-from ...runtime.program.program_options import load_program_settings, make_parser
 from ...runtime.program.run_node import run_node
 from ..benchmarking.wake_ups import measurements
 

@@ -26,13 +26,13 @@ from ...runtime.emulated_bus.address import (
     listening,
     parse_address,
 )
-from ...runtime.emulated_bus.beside import Beside, client_number
 from ...runtime.emulated_bus.broker import Broker
+from ...runtime.emulated_bus.broker_report import broker_report, summary_line
+from ...runtime.emulated_bus.channel import ChannelConditions, client_number
 from ...runtime.emulated_bus.journal import Journal
-from ...runtime.emulated_bus.report import broker_report, summary_line
+from ...runtime.program.bus_options import add_error_arguments, add_traffic_arguments, bus_settings
 from ...runtime.program.host import RealTimeRequest, real_time
 from ...runtime.program.option_types import bit_rate, data_bit_rate, output_file, priority
-from ...runtime.program.options import add_error_arguments, add_traffic_arguments, bus_settings
 from ...runtime.settings import SettingsError
 
 NAME = "emulated-can-bus"
@@ -52,11 +52,11 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
-        beside = _beside(options)
+        conditions = _conditions(options)
         address = parse_address(options.address) if options.address else default_address()
         group = None if options.group is None else group_number(options.group)
         with listening(address, group) as listener:
-            _serve(name, listener, address, options, beside)
+            _serve(name, listener, address, options, conditions)
     except SettingsError as error:
         for mistake in error.mistakes:
             print(f"{name}: error: {mistake}", file=sys.stderr)
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     return 0
 
 
-def _beside(options: argparse.Namespace) -> Beside:
+def _conditions(options: argparse.Namespace) -> ChannelConditions:
     settings = bus_settings(options)
     for client in settings.receiver_bit_error_rate:
         try:
@@ -80,11 +80,11 @@ def _beside(options: argparse.Namespace) -> Beside:
         except ValueError as error:
             raise SettingsError(f"receiver_bit_error_rate.{client}: {error}") from error
     if not settings.has_traffic:
-        return Beside(settings, (), options.seed)
+        return ChannelConditions(settings, (), options.seed)
     # Not at the top: it imports cantools, which takes longer than all the rest.
     from ...closed_loop.bus import traffic_of
 
-    return Beside(settings, traffic_of(settings, options.seed), options.seed)
+    return ChannelConditions(settings, traffic_of(settings, options.seed), options.seed)
 
 
 def _serve(
@@ -92,12 +92,12 @@ def _serve(
     listener: socket.socket,
     address: Address,
     options: argparse.Namespace,
-    beside: Beside,
+    conditions: ChannelConditions,
 ) -> None:
     """Serve until a signal or the end of standard input; raises OSError for the report."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
-    bitrate_bit_s = beside.settings.bitrate_bit_s
+    bitrate_bit_s = conditions.settings.bitrate_bit_s
     rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
@@ -109,7 +109,7 @@ def _serve(
         journal,
         takes_bus_off=options.allow_bus_off,
         is_fifo=options.fifo,
-        beside=beside,
+        conditions=conditions,
     )
     start_ns = time.monotonic_ns()
     print(f"{name}: listening at {address}, {rates}", flush=True)

@@ -27,12 +27,12 @@ from steer_by_wire.closed_loop.channels import BUSES
 from steer_by_wire.runtime.command_line import command_parser
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.options import (
+from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
+from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk

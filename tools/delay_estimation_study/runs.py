@@ -21,10 +21,10 @@ from ...controller.settings import controller_preset
 from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.node.virtual_time import VirtualTimeExecutor
-from ...runtime.records import FloatArray
 
 DURATION_S = 60.0
 SEED = 7

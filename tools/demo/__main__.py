@@ -28,7 +28,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
-from steer_by_wire.runtime.program.options import (
+from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import COLOURS, plot_style
 from ...closed_loop.result import Trace
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .story import LawResult, Phase
 
 RUNNING_S = 1.0

@@ -27,7 +27,7 @@ from ...controller.filters.settings import (
 from ...controller.interface.validity import ValiditySettings
 from ...controller.laws.design import LawDesign, design_law
 from ...controller.settings import ControllerSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .specification import Specification
 from .vehicle_file import VehicleFile
 

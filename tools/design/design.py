@@ -11,8 +11,8 @@ import numpy as np
 
 from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ...runtime.records import FloatArray
 from .candidate import SETTINGS_KEYS, controller_settings, why_no_gains
 from .explanation import Reason, failed, reasons
 from .judgement import DEMANDS, Study, make_study, unsteered_runs_m

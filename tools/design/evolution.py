@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.prediction.matrix_arithmetic import product
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 _SWEEPS_MAX = 50
 _ROTATED_MIN = 1e-16

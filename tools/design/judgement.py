@@ -19,8 +19,8 @@ from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.design import LawDesign
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.shapes import build_path
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from .candidate import Candidate, controller_settings, designs
 from .loop_figures import (
     FrequencyGrid,

@@ -19,7 +19,7 @@ from ...controller.filters.settings import EstimatorSettings, LinkSettings
 from ...controller.laws.design import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.settings import ControllerSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .candidate import validity
 from .evolution import evolve
 from .predictor_runs import LEFT_M, Task, largest_error_m, peak_sensitivity, runs, steer_noise_rad

@@ -22,8 +22,8 @@ from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.rig_settings import SensorNoiseSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ...runtime.records import FloatArray
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import Drive, constant, plant_settings

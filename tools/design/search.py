@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.analysis.sampled_loop import SampledLoop
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ...runtime.records import FloatArray
 from .candidate import Candidate, bounds, controller_settings, designs, values_at
 from .evolution import Generation, evolve
 from .judgement import Judgement, Study, judge_candidate, judge_law

@@ -28,8 +28,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.design import LawDesign
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import ComplexArray, FloatArray
 from .loop_figures import law_response, plant_responses
 
 _LATE_FACTOR = 1e-8

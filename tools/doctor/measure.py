@@ -24,9 +24,9 @@ from steer_by_wire.runtime.command_line import command_parser, seconds
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
+from steer_by_wire.runtime.program.node_options import add_real_time_arguments
 from steer_by_wire.runtime.program.option_types import add_json_argument
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.program.program_options import add_real_time_arguments
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.doctor.probe import REAL_TIME, Measured, Probe, RoundTrip, probe, steps
 from steer_by_wire.tools.doctor.wake_ups import Figures, WakeUps

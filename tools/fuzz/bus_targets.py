@@ -14,7 +14,7 @@ from threading import Thread
 import can
 
 from ...runtime.emulated_bus import protocol
-from ...runtime.emulated_bus.client import EmulatedBus
+from ...runtime.emulated_bus.interface import EmulatedBus
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_US
 from ...runtime.port.python_can import BusError, BusPort

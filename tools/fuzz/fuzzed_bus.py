@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 from ...runtime.emulated_bus import protocol
 from ...runtime.emulated_bus.broker import Broker
-from ...runtime.emulated_bus.clients import CLIENTS_MAX
+from ...runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from ...runtime.emulated_bus.journal import Journal
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS

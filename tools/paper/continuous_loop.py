@@ -28,7 +28,7 @@ from ...controller.filters.settings import CdobSettings, DobSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.design import required
 from ...controller.laws.settings import LawSettings
-from ...runtime.records import ComplexArray, FloatArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from .small_gain import CdobParts
 
 

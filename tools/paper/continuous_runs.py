@@ -47,7 +47,7 @@ from ...controller.filters.nominal_model import NominalVehicle, paper_eq19, stee
 from ...controller.filters.transfer_function import TransferFunction
 from ...plant_emulator.path.shapes import ellipse
 from ...plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_loop import product
 

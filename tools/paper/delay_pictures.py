@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.result import rms
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .delay_runs import STEER_RAD_MAX, Compared
 from .result import Picture
 from .simulation import History, thinned

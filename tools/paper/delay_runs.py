@@ -32,7 +32,7 @@ from ...closed_loop.result import rms
 from ...controller.settings import controller_preset
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from . import published
 from .result import Comparison, Picture, Reproduction, Verdict
 from .simulation import PAPER_DELAY_S, History, paper_plant, simulate, thinned

@@ -28,8 +28,8 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion import Motion
 from ...plant_emulator.vehicle.motion_design import motion_params
 from ...plant_emulator.vehicle.rig_settings import StraightSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
 from .result import Comparison, Picture, unpublished
 from .simulation import PAPER_DELAY_S

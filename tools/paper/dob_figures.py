@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.result import rms
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, thinned

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.parameter_space.root_count import on_axis
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.nominal_model import paper_eq19
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .continuous_loop import continuous_law, dob_alone, dob_q, reference_response
 from .corners import CORNERS, corner_labels, corner_plants, published_law
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished

@@ -16,8 +16,8 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.nominal_model import paper_eq19
 from ...controller.laws.design import design_law, required
 from ...controller.settings import ControllerSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from .continuous_loop import cdob_parts, closed_loop_roots, continuous_law
 from .corners import published_law
 from .result import Comparison, Picture, Reproduction, Verdict

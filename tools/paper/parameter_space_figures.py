@@ -19,8 +19,8 @@ from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop, GainLo
 from ...closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region, verified
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.nominal_model import paper_eq19
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_MS
-from ...runtime.records import ComplexArray, FloatArray
 from .corners import corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 

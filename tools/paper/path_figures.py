@@ -16,7 +16,7 @@ from ...closed_loop.reports.plot_style import COLOURS
 from ...plant_emulator.path.path import Path, curvature, pose
 from ...plant_emulator.path.shapes import ellipse
 from ...plant_emulator.vehicle.rig_settings import EllipseSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished

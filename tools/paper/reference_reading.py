@@ -33,8 +33,8 @@ from ...controller.filters.pd import pd_at_rest, pd_step
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.interface.limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset, limits_of
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from .delay_runs import Law
 from .result import CLAIM, Comparison, Picture
 from .simulation import PAPER_DELAY_S

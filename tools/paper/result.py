@@ -16,7 +16,7 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 from pydantic import ConfigDict, TypeAdapter
 
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 
 

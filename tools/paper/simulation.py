@@ -11,7 +11,7 @@ from ...closed_loop.compiled.engine import Outcome, run_batch
 from ...closed_loop.virtual import run_virtual_pair
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings, plant_preset
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 PAPER_DELAY_S = 0.08
 

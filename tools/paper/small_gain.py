@@ -22,7 +22,7 @@ import numpy as np
 
 from ...closed_loop.parameter_space.root_count import on_axis
 from ...controller.filters.transfer_function import TransferFunction
-from ...runtime.records import ComplexArray, FloatArray
+from ...runtime.array_types import ComplexArray, FloatArray
 
 CUTOFF_RAD_S = (1e-2, 1e5)
 """Cutoffs are searched between these; a set that reaches the upper one counts as unbounded."""

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.result import rms
 from ...controller.settings import controller_preset
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from . import published
 from .both_rows_attempts import BothRows, both_rows_attempts
 from .continuous_runs import PATH, PD, attempts, order_2, pd_row_attempts, table_2_row

@@ -16,7 +16,7 @@ from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.discretization import q_order_2, q_type_2
 from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from .continuous_loop import closed_loop_roots, dob_alone
 from .corners import CORNERS, corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished

@@ -39,13 +39,13 @@ from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.python_can import BusError
-from steer_by_wire.runtime.program.host import RealTimeRequest, StealClock, real_time
-from steer_by_wire.runtime.program.option_types import bit_rate
-from steer_by_wire.runtime.program.options import (
+from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
+from steer_by_wire.runtime.program.host import RealTimeRequest, StealClock, real_time
+from steer_by_wire.runtime.program.option_types import bit_rate
 from steer_by_wire.runtime.program.program import (
     ExitStatus,
     StopRequest,

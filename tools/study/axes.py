@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...closed_loop.studies.results import FactorRecord, Rows, StudyRecord
-from ...runtime.records import IntArray
+from ...runtime.array_types import IntArray
 
 LATENCY = "plant.latency."
 BINS = 10

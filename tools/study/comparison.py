@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...closed_loop.studies.results import Rows, StudyRecord
-from ...runtime.records import FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 
 
 class Effort(NamedTuple):

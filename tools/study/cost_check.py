@@ -18,7 +18,7 @@ from ...closed_loop.studies.results import Rows, StudyRecord, case_of, read_over
 from ...closed_loop.studies.scenario import Case
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.records import IntArray
+from ...runtime.array_types import IntArray
 from ...runtime.settings import SettingsError
 from .axes import StudyAxes
 from .break_points import latency_overrides

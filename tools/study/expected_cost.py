@@ -36,7 +36,7 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency import RESOLUTION_S, Distribution
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .linear_loop import LATERAL_ERROR, LinearLoop, Recursion, linear_loop, move_first, move_second
 

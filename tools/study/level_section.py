@@ -15,7 +15,7 @@ import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.results import FactorRecord, Rows, StudyRecord
-from ...runtime.records import IntArray
+from ...runtime.array_types import IntArray
 from .axes import LATENCY, StudyAxes, same_levels
 from .comparison import Effort, effort, median
 from .sections import EFFORT_HEADINGS, effort_cells, millimetres, ratio, three_digits

@@ -37,8 +37,8 @@ from ...plant_emulator.vehicle.disturbance import disturbance_intervals
 from ...plant_emulator.vehicle.motion_design import vehicle_params
 from ...plant_emulator.vehicle.rig_settings import DisturbanceSettings
 from ...plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.records import FloatArray
 from ...runtime.settings import SettingsError
 
 LATERAL_ERROR, WHEEL = 3, 4

@@ -22,7 +22,7 @@ from ...controller.settings import ControllerSettings, limits_of
 from ...plant_emulator.network.random_streams import Channel
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.records import FloatArray
+from ...runtime.array_types import FloatArray
 
 _AT_LIMIT = 1.0 - 1e-9
 """Share of the limit at which a command counts as limited: differences of commands are rounded."""

@@ -32,8 +32,8 @@ from ...closed_loop.studies.store import Store
 from ...closed_loop.studies.verdict import rules_of, verdict_of
 from ...closed_loop.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.verdict import RunEnd
+from ...runtime.array_types import FloatArray
 from ...runtime.port.python_can import socketcan_obstacle
-from ...runtime.records import FloatArray
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 

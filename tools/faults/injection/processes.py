@@ -26,7 +26,7 @@ from types import MappingProxyType
 import can
 
 from ....dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from ....runtime.emulated_bus.client import EmulatedBus
+from ....runtime.emulated_bus.interface import EmulatedBus
 from ....runtime.node import NS_PER_S
 from ....runtime.port.port import ClosablePort
 from ....runtime.port.python_can import BusError, BusPort

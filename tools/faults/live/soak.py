@@ -24,9 +24,9 @@ from rich.table import Table
 from steer_by_wire.closed_loop.bus import traffic_of
 from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, seconds
+from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.program.host import StealClock
 from steer_by_wire.runtime.program.option_types import priority
-from steer_by_wire.runtime.program.options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError

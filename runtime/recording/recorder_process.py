@@ -51,7 +51,7 @@ def main() -> int:
     # The terminal's Ctrl-C ends the program, and the end of the pipe then ends the recorder.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parser = argparse.ArgumentParser(
-        prog="python -m steer_by_wire.runtime.recording.recording_file"
+        prog="python -m steer_by_wire.runtime.recording.recorder_process"
     )
     parser.add_argument("path", type=Path)
     parser.add_argument("channel")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
-from .connection import Connection, ConnectionLostError
+from .broker_connection import Connection, ConnectionLostError
 from .journal import Cause, Journal
 
 CLIENTS_MAX = 200

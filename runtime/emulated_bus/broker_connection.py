@@ -5,7 +5,7 @@ import struct
 import sys
 
 from ..frame import EXTENDED, FD, Frame
-from .bus_off import Recovery
+from .bus_off_recovery import Recovery
 from .journal import Cause
 from .protocol import (
     FILTERS_MAX,

@@ -9,8 +9,8 @@ from ..bus_model.settings import ClockSettings
 from ..command_line import add_overrides_argument, command_parser, seconds
 from ..port.python_can import add_bus_arguments
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
+from .bus_options import clock
 from .option_types import SPIN_US_MAX, output_file, priority, recording_file, spin_us
-from .options import clock
 
 _S = TypeVar("_S", bound=Settings)
 PATIENCE_S = 60.0

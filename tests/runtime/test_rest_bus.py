@@ -10,7 +10,7 @@ import pytest
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, BackgroundTraffic, PeriodicMessage
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
@@ -86,7 +86,7 @@ def test_traffic_without_objects_is_the_traffic_submitted_frame_by_frame(
     fast_seen: Seen = []
     slow_seen: Seen = []
 
-    traffic = BackgroundTraffic(sent, seed)
+    traffic = RestBus(sent, seed)
     fast = BusModel(
         BITRATE_BIT_S, None, 1, errors=errors_with(bit_error_rate, fast_events), traffic=traffic
     )
@@ -130,7 +130,7 @@ def test_traffic_beside_fifos_is_repeated_by_message(is_passive: bool) -> None:
     if is_passive:
         errors.counters(1).on_transmit_error(20)
         errors.note_limits(1)
-    traffic, counters = BackgroundTraffic(sent, 3), Sequence()
+    traffic, counters = RestBus(sent, 3), Sequence()
     traffic.on_wire = counters.take
     bus = BusModel(BITRATE_BIT_S, None, 5, is_fifo=True, errors=errors, traffic=traffic)
     drive(bus, node_frames(2), lambda *_: None)

@@ -1,0 +1,291 @@
+"""python-can's interface ``emulated``: one client of a broker.
+
+    can.Bus(interface="emulated", channel="can0")
+
+Errors are python-can's own: CanInitializationError when no broker listens or it refuses,
+CanOperationError from ``recv`` and ``send`` when it has ended.
+"""
+
+import select
+import socket
+import threading
+import time
+from contextlib import suppress
+
+import can
+from can.bus import BusState, CanProtocol
+from can.typechecking import AutoDetectedConfig, CanFilters, Channel
+
+from ..bus_model.error_frames import state_of
+from ..bus_model.fault_confinement import ControllerState
+from ..frame import ERROR, Frame
+from ..frame.message import frame_of, message_of
+from ..node import NS_PER_S
+from .address import AddressError, connect, default_address
+from .joining import ANSWER_TIMEOUT_S, join
+from .protocol import (
+    ERROR_STATE,
+    FD_LENGTHS,
+    FILTERS_MAX,
+    OWN,
+    REMOTE_LENGTH_SHIFT,
+    Buffer,
+    BusOff,
+    Filter,
+    Hello,
+    ProtocolError,
+    check_frame,
+    pack_bus_off,
+    pack_filters,
+    pack_frame,
+    record_format,
+    unpack_delivery,
+)
+
+DEFAULT_CHANNEL = "can0"
+
+_DRAIN_TIMEOUT_S = 5.0
+"""Time for the broker to read what was sent before ``shutdown``: far more than the frames in the
+socket's buffer take on the wire."""
+
+
+class EmulatedBus(can.BusABC):
+    """A client on one channel of an emulated bus.
+
+    ``channel``               any name; clients with the same one share a bus
+    ``can_filters``           as in all of python-can; the broker applies them too, so that other
+                              frames do not wake the client
+    ``address``               where the broker listens, as its ``--address``; its default if None
+    ``receive_own_messages``  also receive what this client sends, at its end of frame
+    ``fd``                    send and receive CAN FD frames; the broker has to carry them
+    ``bitrate``               the required bit rate [bit/s]; None: any
+    ``data_bitrate``          the same for the data phase of CAN FD
+    ``error_frames``          also receive an error frame for every error on the bus, as SocketCAN
+                              with ``berr-reporting``; without it, for the own controller's states
+
+    ``takes_bus_off``         whether the broker allows ``send_bus_off``
+
+    Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
+
+    Raises can.CanInitializationError in one line when the bus cannot be joined.
+    """
+
+    def __init__(
+        self,
+        channel: Channel = DEFAULT_CHANNEL,
+        can_filters: CanFilters | None = None,
+        address: str | None = None,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        bitrate: int | None = None,
+        data_bitrate: int | None = None,
+        error_frames: bool = False,
+        **_of_other_interfaces: object,
+    ) -> None:
+        hello = Hello(
+            str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0, error_frames
+        )
+        self._socket, answer = join(hello, address)
+        self._channel = hello.channel
+        self._record = record_format(fd)
+        self._partial = b""
+        self._is_lost = self._listens_only = False
+        self._confinement = ControllerState.ERROR_ACTIVE
+        self.takes_bus_off = answer.takes_bus_off
+        self._full: set[tuple[int, bool]] = set()
+        # send_periodic sends from another thread.
+        self._send_lock = threading.Lock()
+        self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
+        self.channel_info = f"emulated bus, channel {hello.channel}, {answer.bitrate_bit_s} bit/s"
+        super().__init__(channel, can_filters)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame; returns before it is on the wire.
+
+        ``timeout``  how long to wait for room [s]; None: without limit, 0: not at all, in which
+                     case only frames of the same identifier can fill the buffer
+
+        Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
+        ended, for an error frame, for a CAN FD frame without ``fd``, and when set to PASSIVE.
+        """
+        if self._listens_only:
+            raise can.CanOperationError("this bus is passive: it does not send")
+        if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
+            raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
+        if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
+            raise can.CanTimeoutError("no room to send: frames of this identifier wait already")
+        raw = pack_frame(self._record, _sent_frame(msg))
+        with self._send_lock:
+            self._send_all(raw, timeout)
+
+    def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
+        """Put the CAN controller that has sent ``can_id`` last into bus-off.
+
+        It restarts ``restart_after_s`` later, at the earlier time if it is in bus-off already, and
+        takes part again 128 x 11 recessive bits after that. Until then it neither sends nor
+        receives. SocketCAN's two error frames notify its client.
+
+        Raises can.CanOperationError if the broker does not allow this or has ended.
+        """
+        if not self.takes_bus_off:
+            raise can.CanOperationError(
+                "this emulated bus takes no bus-off: start its broker with --allow-bus-off"
+            )
+        request = BusOff(can_id, extended, round(restart_after_s * NS_PER_S))
+        with self._send_lock:
+            self._send_all(pack_bus_off(self._record, request), None)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """Receive one frame; the second value is whether python-can must not filter it.
+
+        python-can filters too, because frames on their way have passed the filters before
+        ``set_filters``. Error frames are not filtered.
+        """
+        try:
+            # Without waiting, one system call is enough.
+            waits = timeout is None or timeout > 0
+            if waits and not select.select([self._socket], [], [], timeout)[0]:
+                return None, False
+            received = self._socket.recv(self._record.size - len(self._partial))
+        except BlockingIOError:
+            return None, False
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not received:
+            raise self._lost(None)
+        self._partial += received
+        if len(self._partial) < self._record.size:
+            return None, False
+        raw, self._partial = self._partial, b""
+        try:
+            frame, time_ns = unpack_delivery(self._record, raw)
+        except ProtocolError as error:
+            raise can.CanOperationError(str(error)) from error
+        if isinstance(frame, Buffer):
+            (self._full.discard if frame.has_room else self._full.add)(frame[:2])
+            return self._recv_internal(0.0)  # a frame may be behind it
+        if frame.flags & ERROR:
+            self._confinement = state_of(frame) or self._confinement
+        message = _received_message(frame, time_ns, self._channel)
+        return message, bool(message.is_error_frame)
+
+    def _send_all(self, raw: bytes, timeout: float | None) -> None:
+        """Write ``raw`` whole or not at all."""
+        deadline_s = None if timeout is None else time.monotonic() + timeout
+        remaining = memoryview(raw)
+        while remaining:
+            try:
+                remaining = remaining[self._socket.send(remaining) :]
+                # A partial record would garble the next one, so it is completed.
+                deadline_s = None
+            except BlockingIOError:
+                wait_s = None if deadline_s is None else deadline_s - time.monotonic()
+                if wait_s is not None and wait_s <= 0:
+                    raise can.CanTimeoutError("no room to send: the bus is overloaded") from None
+                select.select([], [self._socket], [], wait_s)
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from error
+
+    def _lost(self, error: Exception | None) -> can.CanOperationError:
+        """Record the loss of the connection; returns the error to raise."""
+        if self._is_shutdown:
+            return can.CanOperationError("this bus is shut down")
+        self._is_lost = True
+        cause = f" ({error})" if error else ""
+        return can.CanOperationError(
+            f"the emulated bus has closed the connection{cause}: its broker has ended, or this "
+            "client has not read for too long"
+        )
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        """Let the broker filter too, if there are not too many filters."""
+        chosen = [
+            Filter(
+                wanted["can_id"] & 0xFFFF_FFFF, wanted["can_mask"] & 0xFFFF_FFFF,
+                wanted.get("extended"),
+            )
+            for wanted in filters or ()
+        ]  # fmt: skip
+        if len(chosen) > FILTERS_MAX:
+            chosen = []
+        with self._send_lock:
+            self._send_all(pack_filters(self._record, chosen), None)
+
+    def fileno(self) -> int:
+        """Descriptor that is readable when a frame waits."""
+        return self._socket.fileno()
+
+    def shutdown(self) -> None:
+        """Leave the bus. Frames sent before still go out."""
+        was_open = not self._is_shutdown
+        super().shutdown()
+        if not was_open:
+            return
+        # The broker closes its side after it has read everything. Closing first could discard data.
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+            self._socket.settimeout(_DRAIN_TIMEOUT_S)
+            while self._socket.recv(1 << 16):
+                pass
+        self._socket.close()
+
+    @property
+    def state(self) -> BusState:
+        """As of the last ``recv``.
+
+        ERROR in bus-off and when the broker has ended; PASSIVE when error passive, and when set to
+        only listen; else ACTIVE.
+        """
+        if self._is_lost or self._confinement is ControllerState.BUS_OFF:
+            return BusState.ERROR
+        is_passive = self._confinement is ControllerState.ERROR_PASSIVE
+        return BusState.PASSIVE if is_passive or self._listens_only else BusState.ACTIVE
+
+    @state.setter
+    def state(self, new_state: BusState) -> None:
+        if new_state is BusState.ERROR or self._is_lost:
+            raise can.CanOperationError(f"cannot go from {self.state.name} to {new_state.name}")
+        self._listens_only = new_state is BusState.PASSIVE
+
+    @staticmethod
+    def _detect_available_configs() -> list[AutoDetectedConfig]:
+        """The default channel, when a broker listens at the default address."""
+        try:
+            connect(default_address(), ANSWER_TIMEOUT_S).close()
+        except (OSError, AddressError):
+            return []
+        return [{"interface": "emulated", "channel": DEFAULT_CHANNEL}]
+
+
+def _sent_frame(message: can.Message) -> Frame:
+    """Return the frame to send, padded to a length that CAN FD has.
+
+    Raises can.CanOperationError for an invalid frame.
+    """
+    frame = frame_of(message)
+    if message.error_state_indicator:
+        frame = frame._replace(flags=frame.flags | ERROR_STATE)
+    if message.is_remote_frame:
+        frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
+    elif message.is_fd:
+        # As SocketCAN does: CAN FD has no frame of nine bytes.
+        size = len(frame.data)
+        size = next((length for length in FD_LENGTHS if length >= size), size)
+        frame = frame._replace(data=frame.data.ljust(size, b"\0"))
+    try:
+        check_frame(frame)
+    except ProtocolError as error:
+        raise can.CanOperationError(f"not a frame that can be sent: {error}") from error
+    return frame
+
+
+def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
+    """Return the message of a frame that ended at ``time_ns`` of the wall clock."""
+    message = message_of(frame)
+    message.timestamp = time_ns * 1e-9
+    message.channel = channel
+    message.is_rx = not frame.flags & OWN
+    message.error_state_indicator = bool(frame.flags & ERROR_STATE)
+    if message.is_remote_frame:
+        message.dlc = frame.flags >> REMOTE_LENGTH_SHIFT
+    return message
