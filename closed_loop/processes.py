@@ -1,16 +1,18 @@
 """Processes that run together and end with this one: bus, plant, controller and others."""
 
 import json
+import os
 import signal
 import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from ..runtime.port.python_can import BusError
-from .attached import Lifeline
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -19,12 +21,52 @@ ABORT_TIMEOUT_S = 5.0
 """How long each may take when the run is given up."""
 _AFTER_S = {"recorder": 1.0, "broker": 2.0}
 """How long these outlast a tool that has ended: they end after the processes that use them."""
+BROKER_AFTER_S = 1.0
+"""How long a launched broker outlives a killed parent, so that its clients end first."""
 _POLL_S = 0.02
 _LISTENING, _READY = "listening at", "ready"
 
 
 class ProcessError(BusError):
     """A process has failed; the text is one line for the user."""
+
+
+class Lifeline:
+    """A pipe that children wait on and whose other end only this process holds."""
+
+    def __init__(self) -> None:
+        # A child inherits neither end, except as its standard input.
+        self._waiting, self._held = os.pipe()
+
+    def start(
+        self,
+        module: str,
+        arguments: Sequence[str],
+        output: IO[bytes] | int,
+        errors: IO[bytes] | IO[str] | int | None = subprocess.STDOUT,
+        *,
+        after_s: float = 0.0,
+        remove: Path | None = None,
+    ) -> subprocess.Popen[bytes]:
+        """Start ``python -m module`` in a session of its own, so that Ctrl-C reaches only us.
+
+        ``after_s``  how long after this process the child ends
+        ``remove``   folder that the child then removes
+        """
+        program = [sys.executable, "-P", "-m", "steer_by_wire.closed_loop.ends_with_parent"]
+        options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
+        return subprocess.Popen(  # noqa: S603 the command is our own
+            [*program, *options, module, *arguments],
+            stdin=self._waiting,
+            stdout=output,
+            stderr=errors,
+            start_new_session=True,
+        )
+
+    def close(self) -> None:
+        """Close the pipe, which ends the children that still run."""
+        os.close(self._held)
+        os.close(self._waiting)
 
 
 class Processes:
@@ -76,10 +118,15 @@ class Processes:
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Start ``python -m module`` and wait until it reports that it is ready."""
         self.begin(name, module, arguments)
+        self.wait_until_ready(name)
+
+    def wait_until_ready(self, name: str) -> None:
+        """Wait until one reports that it is ready; raises ProcessError when it does not start."""
         self._await(name, _READY)
 
     def begin(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Start ``python -m module`` without waiting for it."""
+        self._asked.discard(name)
         with self.path(name, ".txt").open("wb") as output:
             self._processes[name] = self._lifeline.start(
                 module,
@@ -143,15 +190,17 @@ class Processes:
 
     def interrupt(self, name: str) -> None:
         """Send SIGINT, once: a second one may come when the handler has been removed."""
-        if name not in self._asked:
+        if name in self._processes and name not in self._asked:
             self._asked.add(name)
             self._processes[name].send_signal(signal.SIGINT)
 
     def end(self, name: str) -> int:
-        """End one cleanly, if it still runs; returns its exit status, -9 for SIGKILL.
+        """End one cleanly, if it still runs; returns its exit status, -9 after SIGKILL.
 
         Raises ProcessError when it does not end.
         """
+        if name not in self._processes:
+            return self._statuses[name]
         self.interrupt(name)
         process = self._processes.pop(name)
         try:
@@ -168,6 +217,39 @@ class Processes:
 
     def _printed(self, name: str) -> str:
         return self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
+
+
+@contextmanager
+def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> Iterator[str]:
+    """Run a broker with command line ``options`` until the end of the block.
+
+    ``log``  for its statistics and messages; standard error unless given
+
+    Yields its address, a socket in a private directory, when clients can connect. Broker and
+    directory go with this process, however that ends. Raises RuntimeError if the broker does not
+    start, after it has printed the reason on standard error.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory,
+        closing(Lifeline()) as line,
+    ):
+        address = str(Path(directory) / "socket")
+        arguments = ["--address", address, *options]
+        broker = line.start(
+            "steer_by_wire.tools.bus",
+            arguments,
+            subprocess.PIPE,
+            log,
+            after_s=BROKER_AFTER_S,
+            remove=Path(directory),
+        )
+        with broker:  # ends with waiting for it
+            if broker.stdout is None or not broker.stdout.readline():
+                raise RuntimeError("the broker of the emulated bus has not started")
+            try:
+                yield address
+            finally:
+                broker.terminate()
 
 
 def children_of(pid: int) -> list[int]:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from .live import Bus
+    from .live_bus import Bus
     from .rig import Rig
 
 MARKER = "steer_by_wire"
@@ -78,7 +78,7 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path) -> "Rig":
 @pytest.fixture
 def can_bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator["Bus"]:
     """vcan0, or a bus of this test's own: its interface, its channel and ``open()``."""
-    from .channels import open_channels
+    from .live_bus import open_channels
 
     with open_channels("auto", ["can"], tmp_path / "bus.txt") as channels:
         request.node.user_properties.append(("can_bus", channels.description))
@@ -88,12 +88,13 @@ def can_bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator["Bus"]:
 @pytest.fixture
 def recording(can_bus: "Bus", tmp_path: Path) -> Iterator[Path]:
     """A file that gets every frame on ``can_bus`` during the test."""
-    import can
+    from .live_bus import BusRecorder
 
     file = tmp_path / "candump.log"
-    writer = can.CanutilsLogWriter(file, channel=can_bus.channel)
-    with can_bus.open() as listener, can.Notifier(listener, [writer]):
+    with BusRecorder(can_bus, file) as recorder:
         yield file
+    if recorder.failure:
+        pytest.fail(f"the recording was cut off: {recorder.failure}", pytrace=False)
 
 
 _RIG = pytest.StashKey["Rig"]()

@@ -169,8 +169,8 @@ def _run_virtual(
     plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
 ) -> Run:
     from ..runtime.bus_model.transmit_queue import BusOverflowError
-    from .bus import virtual_wire, with_clocks
-    from .virtual import make_virtual_pair, run_virtual_nodes
+    from .virtual_bus import virtual_wire, with_clocks
+    from .virtual_pair import make_virtual_pair, run_virtual_nodes
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(

@@ -17,10 +17,9 @@ from ...plant_emulator.evaluation.verdict_text import verdict_text
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ..live import PairFiles
+from ..pair_result import PairFiles, Trace, rms
 from ..recordings.file_analysis import analyse_files
 from ..recordings.log_file import open_log
-from ..result import Trace, rms
 
 _LATE = 1.8
 """Periods after which a measurement counts as late: more than jitter of the bus makes of one."""
@@ -81,6 +80,7 @@ class Outcome(NamedTuple):
     ``report``    the plant's figures
     ``trace``     time histories; empty when the plant was never driven
     ``ending``    how the controller ended, if it did before the plant or in its safe state
+    ``cut_off``   why the log ends before the run, if it does
     """
 
     files: PairFiles
@@ -89,6 +89,7 @@ class Outcome(NamedTuple):
     report: dict[str, Any]
     trace: Trace
     ending: str = ""
+    cut_off: str = ""
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -142,6 +143,7 @@ class Outcome(NamedTuple):
 
         Measured in the log, from a STEERING_COMMAND to the first STEERING_STATUS that names it.
         """
+        self._demand_whole_log()
         latency = analyse_files([self.files.candump_log]).analysis.figures()["latency"]
         figures = latency["round_trip"]
         measured_ms = 1e3 * figures["p99_s"]
@@ -162,6 +164,7 @@ class Outcome(NamedTuple):
 
         ``fault``  name for the failure's text
         """
+        self._demand_whole_log()
         found = self.detection()
         if found.onset_ns is None:
             self._fail(f"{fault}: no LATERAL_ERROR on the bus shows the fault")
@@ -214,6 +217,10 @@ class Outcome(NamedTuple):
             yield f"the plant fell back: for {silence_s:.2f} s it believed no command"
         if self.report["failure"]:
             yield f"the plant is in its safe state: {self.report['failure']}"
+
+    def _demand_whole_log(self) -> None:
+        if self.cut_off:
+            self._fail(f"the recording was cut off: {self.cut_off}")
 
     def _fail(self, *failures: str) -> NoReturn:
         causes = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())

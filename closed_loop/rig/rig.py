@@ -12,13 +12,10 @@ programs alone can join (python-can's interface ``emulated``). In its words ``{c
 of the interface, and ``{bus}``, python-can's options of either bus, are replaced.
 """
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import can
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
@@ -30,15 +27,17 @@ from ...runtime.node import NEVER_NS, ReportingNode
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
-from ..channels import BUSES, open_channels
-from ..live import Bus, PairFiles
+from ..live_bus import BUSES, Bus, open_channels
+from ..live_pair import LivePair, Program
+from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
 from ..processes import ProcessError, Processes
-from ..result import Trace
 from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
-from ..virtual import BITRATE_BIT_S, run_virtual_nodes
+from ..virtual_bus import QUIET_BUS
+from ..virtual_pair import run_virtual_nodes
 from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
+_COMMAND = "steer_by_wire.closed_loop.rig.command"
 _POLL_S = 0.05
 __tracebackhide__ = True  # pytest shows the line of the test that made the mistake
 
@@ -99,22 +98,21 @@ class Rig:
     ) -> Outcome:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
-        files.settings("plant_emulator").write_text(dump_toml(self.settings), encoding="utf-8")
+        files.settings(PLANT).write_text(dump_toml(self.settings), encoding="utf-8")
         if callable(controller):
             return self._in_virtual_time(controller, files)
         if not isinstance(controller, str):
-            return self._in_real_time("steer_by_wire.closed_loop.rig.command", controller, files)
+            return self._in_real_time(files, controller)
         settings = settings_of(ControllerSettings, controller, overrides)
-        files.settings("controller").write_text(dump_toml(settings), encoding="utf-8")
+        files.settings(CONTROLLER).write_text(dump_toml(settings), encoding="utf-8")
         if in_real_time:
-            words = [str(files.settings("controller")), "{bus}"]
-            return self._in_real_time("steer_by_wire.controller", words, files)
+            return self._in_real_time(files)
         return self._in_virtual_time(lambda start_ns: ControllerNode(settings, start_ns), files)
 
     def _in_virtual_time(self, make_node: MakeNode, files: PairFiles) -> Outcome:
         plant = PlantNode(self.settings, 0)
         edge = with_faults(plant, self.settings.faults, self.settings.seed)
-        bus, log = BusModel(BITRATE_BIT_S), files.candump_log
+        bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         seconds = iter(range(START_S_MAX))
 
         def has_not_begun() -> bool:
@@ -127,41 +125,26 @@ class Rig:
         report, trace = dict(edge.report()), Trace.of_node(plant)
         return Outcome(files, "virtual time", self.settings, report, trace, ending)
 
-    def _in_real_time(self, module: str, words: Sequence[str], files: PairFiles) -> Outcome:
-        log = files.folder / "bus.txt"
-        with open_channels(self.bus, ["rig"], log) as channels:
+    def _in_real_time(self, files: PairFiles, words: Sequence[str] | None = None) -> Outcome:
+        """Run the plant with our controller, or with the command ``words`` in its place."""
+        with open_channels(self.bus, ["rig"], files.folder / "bus.txt") as channels:
             (bus,) = channels.buses
-            report, ending = self._run_programs(bus, module, _filled(words, bus), files)
-        trace = Trace.read(files.plant_trace)
-        return Outcome(files, channels.description, self.settings, report, trace, ending)
+            command = None if words is None else Program(_COMMAND, _filled(words, bus))
+            with LivePair(bus, files, controller=command) as pair:
+                ending = self._wait(pair.programs)
+            report = pair.report(PLANT)["node"]
+        trace, cut_off = Trace.read(files.plant_trace), pair.recording_failure
+        where = channels.description
+        return Outcome(files, where, self.settings, report, trace, ending, cut_off)
 
-    def _run_programs(
-        self, bus: Bus, module: str, words: Sequence[str], files: PairFiles
-    ) -> tuple[dict[str, Any], str]:
-        ending = ""
-        writer = can.CanutilsLogWriter(files.candump_log, channel=bus.channel)
-        with (
-            Processes(files.folder) as programs,
-            bus.open() as listener,
-            can.Notifier(listener, [writer]),
-        ):
-            plant_words = [*bus.options, "--trace", str(files.plant_trace)]
-            plant_words += ["--report", str(files.report("plant_emulator"))]
-            plant_words.append(str(files.settings("plant_emulator")))
-            programs.start("plant_emulator", "steer_by_wire.plant_emulator", plant_words)
-            programs.begin("controller", module, words)
-            until_s = time.monotonic() + START_S_MAX + self.settings.duration_s
-            while programs.status("plant_emulator") is None and time.monotonic() < until_s:
-                if programs.status("controller") is not None:
-                    ending = str(programs.failure("controller"))
-                    break
-                time.sleep(_POLL_S)
-            status = programs.end("plant_emulator")
-            programs.end("controller")
-            if status:
-                raise programs.failure("plant_emulator")
-        node: dict[str, Any] = json.loads(files.report("plant_emulator").read_text("utf-8"))["node"]
-        return node, ending
+    def _wait(self, programs: Processes) -> str:
+        """Wait for the end of the plant or of the controller; returns how the latter ended."""
+        until_s = time.monotonic() + START_S_MAX + self.settings.duration_s
+        while programs.status(PLANT) is None and time.monotonic() < until_s:
+            if programs.status(CONTROLLER) is not None:
+                return str(programs.failure(CONTROLLER))
+            time.sleep(_POLL_S)
+        return ""
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:

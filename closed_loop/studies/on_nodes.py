@@ -15,9 +15,9 @@ from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time import Wire
-from ..bus import virtual_bus, with_clocks
-from ..result import Trace
-from ..virtual import VirtualPair, make_virtual_pair, run_virtual_nodes
+from ..pair_result import Trace
+from ..virtual_bus import virtual_bus, with_clocks
+from ..virtual_pair import VirtualPair, make_virtual_pair, run_virtual_nodes
 from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of
 from .scenario import Pair
 from .verdict import rules_of

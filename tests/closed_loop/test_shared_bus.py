@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.bus import load_of, rest_of, traffic_of, virtual_bus
+from steer_by_wire.closed_loop.rest_bus_messages import load_of, rest_of, traffic_of
+from steer_by_wire.closed_loop.virtual_bus import virtual_bus
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
 from steer_by_wire.runtime.bus_model.settings import BusSettings

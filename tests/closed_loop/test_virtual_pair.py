@@ -5,7 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes, run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import (
+    make_virtual_pair,
+    run_virtual_nodes,
+    run_virtual_pair,
+)
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -17,7 +21,7 @@ from tests.support.virtual_soak import run_virtual_soak
 
 ROOT = Path(__file__).parents[2]
 BUILDERS = {
-    "closed_loop/virtual.py": "for all",
+    "closed_loop/virtual_pair.py": "for all",
     "closed_loop/rig/rig.py": "beside any controller, behind the faults as well",
     "tools/faults/campaign/watched_pair.py": "watches stand between node and faults",
     "tools/run/__main__.py": "in real time, behind the faults as well",

@@ -8,7 +8,7 @@ the distribution.
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.history.history import RING_SIZE
 from steer_by_wire.controller.history.link_memory import LinkMemory
 from steer_by_wire.controller.interface.law import Link

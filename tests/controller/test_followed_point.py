@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.filters.settings import FollowedPoint
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading

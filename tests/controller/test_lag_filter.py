@@ -7,7 +7,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.history.link import LinkParams
 from steer_by_wire.controller.interface.law import NO_LINK, History
 from steer_by_wire.controller.prediction.lag_filter import (

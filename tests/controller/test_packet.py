@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.result import rms
-from steer_by_wire.closed_loop.virtual import VirtualPair, make_virtual_pair
+from steer_by_wire.closed_loop.pair_result import rms
+from steer_by_wire.closed_loop.virtual_pair import VirtualPair, make_virtual_pair
 from steer_by_wire.controller.history.plan import (
     ROW_LENGTH,
     SPACING_MAX,

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import FaultsNotCompiledError, run_batch
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (

@@ -13,7 +13,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.running_program import PATIENCE_S

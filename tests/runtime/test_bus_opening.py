@@ -11,7 +11,7 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.runtime.port import python_can as bus_module

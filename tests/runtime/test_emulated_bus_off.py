@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.bus_model.bus_records import BusLoad
 from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, RESTARTED, error_causes
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening

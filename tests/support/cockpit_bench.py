@@ -16,8 +16,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from steer_by_wire.closed_loop.launch import launched_broker
-from steer_by_wire.closed_loop.processes import Processes
+from steer_by_wire.closed_loop.processes import Processes, launched_broker
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.node.node import PlantNode

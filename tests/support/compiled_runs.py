@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.node.node import PlantNode

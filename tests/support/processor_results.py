@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.studies.runner import Threads, run_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency import Distribution

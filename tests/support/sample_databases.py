@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.closed_loop.bus import virtual_bus
-from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_bus import virtual_bus
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.foreign_messages import read_message_set
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.bus import SharedBus
+from steer_by_wire.closed_loop.virtual_bus import SharedBus
 from steer_by_wire.runtime.bus_model.error_frames import (
     BUS_OFF_FRAME,
     RESTARTED_FRAME,

@@ -16,7 +16,7 @@ import pytest
 
 import steer_by_wire
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame

@@ -119,9 +119,9 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHILD = """
-from steer_by_wire.closed_loop import launch
-with launch.launched_broker() as address:
-    print(launch.__file__)
+from steer_by_wire.closed_loop import processes
+with processes.launched_broker() as address:
+    print(processes.__file__)
 """
 """Starts a program of ours, which has to find its modules too."""
 
@@ -166,7 +166,9 @@ def test_what_is_installed_is_what_starts_and_what_it_starts(
         text=True,
         check=True,
     )
-    assert result.stdout.strip() == str(installed / "steer_by_wire" / "closed_loop" / "launch.py")
+    assert result.stdout.strip() == str(
+        installed / "steer_by_wire" / "closed_loop" / "processes.py"
+    )
 
 
 CHANGE_A_STEP = """

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual import make_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset, counters_of
 from steer_by_wire.dbc.codec.protection import SequenceRule
 from steer_by_wire.dbc.messages import (

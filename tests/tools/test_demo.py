@@ -8,10 +8,9 @@ import can
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.channels import open_channels
-from steer_by_wire.closed_loop.live import PairResult, _Recorder
-from steer_by_wire.closed_loop.result import Trace
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.live_bus import Bus, BusRecorder, open_channels
+from steer_by_wire.closed_loop.pair_result import PairResult, Trace
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.plant_emulator.evaluation.verdict import Verdict
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
@@ -210,7 +209,10 @@ def test_a_recorder_that_the_bus_has_dropped_ends_without_a_traceback(tmp_path: 
         def send(self, msg: can.Message, timeout: float | None = None) -> None:
             raise NotImplementedError
 
-    with Dropped() as bus:
-        recorder = _Recorder(bus, can.CanutilsLogWriter(tmp_path / "candump.log"))
-        recorder.end()
+    class DroppedBus(Bus):
+        def open(self) -> can.BusABC:
+            return Dropped()
+
+    with BusRecorder(DroppedBus("virtual", "dropped", {}), tmp_path / "candump.log") as recorder:
+        pass
     assert recorder.failure == "has not read for too long"

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.launch import launched_broker
-from steer_by_wire.closed_loop.live import Bus
+from steer_by_wire.closed_loop.live_bus import Bus
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.command_line import command_parser
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program.host import StealClock

@@ -5,7 +5,8 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from ...closed_loop.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
+from ...closed_loop.virtual_bus import QUIET_BUS
+from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...controller.interface.law import LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.design import LawDesign, design_law
@@ -79,8 +80,11 @@ def virtual_time_lines() -> list[Line]:
 
     The ratio is that of the time of one control period.
     """
-    wires = {"ideal wire": None, f"{BITRATE_BIT_S // 1000} kbit/s": BITRATE_BIT_S}
-    return [_virtual_time_line(name, bitrate_bit_s) for name, bitrate_bit_s in wires.items()]
+    wires = {
+        "ideal wire": None,
+        f"{QUIET_BUS.bitrate_bit_s // 1000} kbit/s": QUIET_BUS.bitrate_bit_s,
+    }
+    return [_virtual_time_line(name, rate_bit_s) for name, rate_bit_s in wires.items()]
 
 
 def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:

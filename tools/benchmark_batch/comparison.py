@@ -15,7 +15,7 @@ import numpy as np
 
 from ...closed_loop.compiled.engine import BatchRun, run_batch
 from ...closed_loop.compiled.schedule import plan_run
-from ...closed_loop.virtual import run_virtual_pair
+from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ..benchmarking.measurement import REPETITIONS, Line, Target

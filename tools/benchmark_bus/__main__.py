@@ -22,7 +22,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.command_line import command_parser, seconds, whole_number
 from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
 from steer_by_wire.runtime.program.host import StealClock

@@ -121,7 +121,14 @@ def interrupt(role: Role, process: subprocess.Popen[bytes], folder: Path) -> Non
 
 def python(module: str, *options: str) -> list[str]:
     """Return the command that runs a module that ends with this process, however that ends."""
-    return [sys.executable, "-P", "-m", "steer_by_wire.closed_loop.attached", module, *options]
+    return [
+        sys.executable,
+        "-P",
+        "-m",
+        "steer_by_wire.closed_loop.ends_with_parent",
+        module,
+        *options,
+    ]
 
 
 def _wait_until_ready(role: Role, process: subprocess.Popen[bytes], folder: Path) -> None:

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ...closed_loop.bus import virtual_bus, with_clocks
-from ...closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from ...closed_loop.virtual_bus import virtual_bus, with_clocks
+from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.bus_model.settings import BusSettings, ClockSettings

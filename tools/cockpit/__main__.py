@@ -22,8 +22,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.closed_loop.bus import traffic_of
-from steer_by_wire.closed_loop.channels import BUSES
+from steer_by_wire.closed_loop.live_bus import BUSES
+from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
 from steer_by_wire.runtime.command_line import command_parser
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
@@ -37,7 +37,7 @@ from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk
 from steer_by_wire.tools.cockpit.lane import Lane
-from steer_by_wire.tools.cockpit.lanes import Rig
+from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
@@ -100,7 +100,7 @@ def _run(options: argparse.Namespace) -> int:
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
         first = _scenario(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
-        desk = Desk(Rig(options.bus, settings), None, "", may_control=True)
+        desk = Desk(OwnLanes(options.bus, settings), None, "", may_control=True)
         return asyncio.run(_serve(options, desk, None, first))
     if not settings.is_quiet:
         raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")

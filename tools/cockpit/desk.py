@@ -18,7 +18,7 @@ from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.port.python_can import BusError
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
-from .lanes import Action, Program, Rig, lane_facts
+from .lanes import Action, OwnLanes, Program, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 
@@ -108,13 +108,15 @@ def wish_of(text: str) -> Wish:
 class Desk:
     """The lanes and what may be done to them.
 
-    ``rig``          runs our own pairs; None where a foreign bus is listened to
-    ``lane``         that bus; None with a rig
+    ``own``          runs our own pairs; None where a foreign bus is listened to
+    ``lane``         that bus; None with pairs of our own
     ``may_control``  whether frames may be sent
     """
 
-    def __init__(self, rig: Rig | None, lane: Lane | None, bus: str, *, may_control: bool) -> None:
-        self._rig = rig
+    def __init__(
+        self, own: OwnLanes | None, lane: Lane | None, bus: str, *, may_control: bool
+    ) -> None:
+        self._own = own
         self._foreign = lane
         self._bus = bus
         self._may_control = may_control
@@ -130,17 +132,17 @@ class Desk:
     @property
     def lanes(self) -> Sequence[Lane]:
         """The lanes of now."""
-        if self._rig is not None:
-            return self._rig.lanes
+        if self._own is not None:
+            return self._own.lanes
         return () if self._foreign is None else (self._foreign,)
 
     @property
     def is_own(self) -> bool:
         """Whether the programs on the bus are ours."""
-        return self._rig is not None
+        return self._own is not None
 
     async def start(self, scenario: Scenario) -> None:
-        """Start a scenario; raises what ``Rig.start`` raises."""
+        """Start a scenario; raises what ``OwnLanes.start`` raises."""
         await self._in_thread(lambda: self._start(scenario), f"starting {scenario.title}")
 
     async def fulfil(self, text: str) -> str:
@@ -157,7 +159,7 @@ class Desk:
 
     def hello(self) -> Mapping[str, Any]:
         """Return all that a page needs before the first row, ready for JSON."""
-        facts = [lane_facts("bus")] if self._rig is None else self._rig.facts
+        facts = [lane_facts("bus")] if self._own is None else self._own.facts
         return {
             "kind": "hello",
             "signals": [signal._asdict() for signal in SIGNALS],
@@ -165,7 +167,7 @@ class Desk:
             "figures": [figure._asdict() for figure in FIGURES],
             "row_period_s": ROW_PERIOD_S,
             "lanes": [lane._asdict() for lane in facts],
-            "bus": self._bus if self._rig is None else self._rig.bus,
+            "bus": self._bus if self._own is None else self._own.bus,
             "may_control": self._may_control,
             "is_own": self.is_own,
             "choices": choices(),
@@ -178,7 +180,7 @@ class Desk:
         return {
             "kind": "status",
             "lanes": [lane.status for lane in self.lanes],
-            "programs": [] if self._rig is None else self._rig.states(),
+            "programs": [] if self._own is None else self._own.states(),
             "recording_s": None if since is None else round(time.monotonic() - since, 1),
             "recorded": sorted(file.name for file in self.recordings.iterdir()),
             "busy": self._busy,
@@ -204,20 +206,20 @@ class Desk:
             case Start():
                 self._start(scenario_of(wish.scenario))
             case Act():
-                self._own_rig().act(wish.lane, wish.program, wish.action)
+                self._own_lanes().act(wish.lane, wish.program, wish.action)
             case Record():
                 self._record(wish.on)
             case ResetFigures():
                 for lane in self.lanes:
                     lane.reset_figures()
 
-    def _own_rig(self) -> Rig:
-        if self._rig is None:
+    def _own_lanes(self) -> OwnLanes:
+        if self._own is None:
             raise WishError(NOT_OURS)
-        return self._rig
+        return self._own
 
     def _start(self, scenario: Scenario) -> None:
-        self._own_rig().start(scenario)
+        self._own_lanes().start(scenario)
         self._recording_since = None
         self._scenario = scenario
         self.generation += 1
@@ -228,8 +230,8 @@ class Desk:
         self._recording_since = time.monotonic() if on else None
 
     def _close(self) -> None:
-        if self._rig is not None:
-            self._rig.stop()
+        if self._own is not None:
+            self._own.stop()
         if self._foreign is not None:
             self._foreign.close()
         self._stack.close()

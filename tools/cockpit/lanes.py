@@ -11,19 +11,18 @@ from contextlib import ExitStack
 from pathlib import Path as FilePath
 from typing import Literal, NamedTuple
 
-from ...closed_loop.channels import open_channels
-from ...closed_loop.live import Bus
-from ...closed_loop.processes import Processes
-from ...closed_loop.virtual import QUIET_BUS
+from ...closed_loop.live_bus import open_channels
+from ...closed_loop.live_pair import LivePair
+from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from ...closed_loop.virtual_bus import QUIET_BUS
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.rig_settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.port.python_can import BusPort
-from ...runtime.settings.toml_text import dump_toml
 from .lane import Lane
-from .scenario import LaneSettings, Scenario, lane_settings
+from .scenario import Scenario, lane_settings
 
 _POINT_M = 0.5
 _OPEN_END_M = 400.0
@@ -71,13 +70,10 @@ def _points(path: Path) -> Sequence[tuple[float, float]]:
 
 Action = Literal["kill", "pause", "resume", "restart"]
 Program = Literal["plant", "controller"]
-_MODULES: Mapping[Program, str] = {
-    "plant": "steer_by_wire.plant_emulator",
-    "controller": "steer_by_wire.controller",
-}
+_PROGRAMS: Mapping[Program, str] = {"plant": PLANT, "controller": CONTROLLER}
 
 
-class Rig:
+class OwnLanes:
     """Runs one scenario after the other; its methods may take seconds.
 
     ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
@@ -90,9 +86,8 @@ class Rig:
     def __init__(self, wanted: str, settings: BusSettings = QUIET_BUS) -> None:
         self._wanted, self._settings = wanted, settings
         self._stack = ExitStack()
-        self._processes: Processes | None = None
-        self._arguments: dict[str, tuple[str, Sequence[str]]] = {}
-        self._paused: set[str] = set()
+        self._pairs: Sequence[LivePair] = ()
+        self._paused: set[tuple[int, Program]] = set()
         self.lanes: Sequence[Lane] = ()
         self.facts: Sequence[LaneFacts] = ()
         self.bus = ""
@@ -109,70 +104,54 @@ class Rig:
             channels = stack.enter_context(
                 open_channels(self._wanted, names, folder / "bus.txt", self._settings, seed)
             )
-            self._processes = stack.enter_context(Processes(folder))
-            self._arguments = {}
-            lanes = []
-            for number, (bus, lane) in enumerate(zip(channels.buses, settings, strict=True)):
+            lanes, pairs = [], []
+            for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
                 lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path))
                 stack.callback(lanes[-1].close)
-                self._begin_pair(folder, number, bus, lane)
+                files = PairFiles(folder / name)
+                files.write_settings(lane.plant, lane.controller)
+                pairs.append(stack.enter_context(LivePair(bus, files, is_recorded=False)))
             self._stack = stack.pop_all()
         self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
-        self.bus = channels.description
+        self._pairs, self.bus = pairs, channels.description
 
     def stop(self) -> None:
         """End all processes and the bus, and close the lanes."""
-        self.lanes = ()
-        if self._processes is not None:
-            for name in self._arguments:
-                self._processes.signal(name, signal.SIGCONT)
-                if self._processes.status(name) is None:
-                    self._processes.interrupt(name)
-        self._processes = None
+        for pair in self._pairs:
+            for program in _PROGRAMS.values():
+                pair.programs.signal(program, signal.SIGCONT)
+            pair.interrupt()
+        self.lanes = self._pairs = ()
         self._paused.clear()
         self._stack.close()
 
     def act(self, lane: int, program: Program, action: Action) -> None:
         """Kill, pause, resume or restart one process; nothing where that makes no sense."""
-        name = _name(program, lane)
-        if self._processes is None or name not in self._arguments:
+        if lane >= len(self._pairs):
             return
+        pair, name = self._pairs[lane], _PROGRAMS[program]
         if action == "restart":
-            if self._processes.status(name) is not None:
-                self._processes.begin(name, *self._arguments[name])
+            if pair.programs.status(name) is not None:
+                pair.begin(name)
                 if program == "plant":
                     self.lanes[lane].on_plant_start()
             return
         number = {"kill": signal.SIGKILL, "pause": signal.SIGSTOP, "resume": signal.SIGCONT}
-        self._processes.signal(name, number[action])
-        (self._paused.add if action == "pause" else self._paused.discard)(name)
+        pair.programs.signal(name, number[action])
+        (self._paused.add if action == "pause" else self._paused.discard)((lane, program))
 
     def states(self) -> Sequence[Mapping[Program, str]]:
         """Return what the programs of each lane do: running, paused, or ended."""
         return [
-            {program: self._state(_name(program, lane)) for program in _MODULES}
+            {program: self._state(lane, program) for program in _PROGRAMS}
             for lane in range(len(self.lanes))
         ]
 
-    def _begin_pair(self, folder: FilePath, lane: int, bus: Bus, settings: LaneSettings) -> None:
-        of_program = {"plant": settings.plant, "controller": settings.controller}
-        for program, module in _MODULES.items():
-            name = _name(program, lane)
-            file = folder / f"{name}.toml"
-            file.write_text(dump_toml(of_program[program]), encoding="utf-8")
-            self._arguments[name] = (module, [str(file), *bus.options])
-            if self._processes is not None:
-                self._processes.begin(name, *self._arguments[name])
-
-    def _state(self, name: str) -> str:
-        if self._processes is None:
+    def _state(self, lane: int, program: Program) -> str:
+        if lane >= len(self._pairs):  # they are being started, or ended
             return "ended"
-        status = self._processes.status(name)
+        status = self._pairs[lane].programs.status(_PROGRAMS[program])
         if status is not None:
             return f"ended, status {status}"
-        return "paused" if name in self._paused else "running"
-
-
-def _name(program: Program, lane: int) -> str:
-    return f"{program}-{lane + 1}"
+        return "paused" if (lane, program) in self._paused else "running"

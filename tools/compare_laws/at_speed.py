@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...closed_loop.compiled.engine import Outcome, run_batch
-from ...closed_loop.result import rms
+from ...closed_loop.pair_result import rms
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from .runs import OFF_PATH_M, SETTLED_S, THREADS, constant, finished, jittery

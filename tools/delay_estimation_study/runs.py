@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.virtual import make_virtual_pair
+from ...closed_loop.virtual_pair import make_virtual_pair
 from ...controller.settings import controller_preset
 from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS

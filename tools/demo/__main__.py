@@ -19,10 +19,11 @@ from functools import partial
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.closed_loop.channels import BUSES, Channels, open_channels
-from steer_by_wire.closed_loop.live import LivePair, PairFiles, PairResult
+from steer_by_wire.closed_loop.live_bus import BUSES, Channels, open_channels
+from steer_by_wire.closed_loop.live_pair import LivePair
+from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
 from steer_by_wire.closed_loop.processes import ProcessError
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

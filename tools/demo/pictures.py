@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import Trace
 from ...closed_loop.reports.plot_style import COLOURS, plot_style
-from ...closed_loop.result import Trace
 from ...runtime.array_types import FloatArray
 from .story import LawResult, Phase
 

@@ -12,8 +12,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from ...closed_loop.live import PairResult
-from ...closed_loop.result import Trace, rms
+from ...closed_loop.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.verdict import Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from ...closed_loop.virtual import run_virtual_pair
+from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency import Distribution

@@ -41,8 +41,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import StateSpace, lsim
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.parameter_space.uncertainty import paper_box
-from ...closed_loop.result import rms
 from ...controller.filters.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
 from ...plant_emulator.path.shapes import ellipse

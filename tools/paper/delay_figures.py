@@ -6,7 +6,7 @@ derivative, and with what keeps them on the path (`delay_runs` gives the reasons
 
 from collections.abc import Callable
 
-from ...closed_loop.result import rms
+from ...closed_loop.pair_result import rms
 from . import published
 from .delay_pictures import STEER_SHOWN_S, panels, two_laps
 from .delay_runs import (

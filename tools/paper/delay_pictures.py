@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.result import rms
 from ...runtime.array_types import FloatArray
 from .delay_runs import STEER_RAD_MAX, Compared
 from .result import Picture

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.result import rms
 from ...controller.settings import controller_preset
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.result import rms
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.nominal_model import steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.result import rms
 from ...runtime.array_types import FloatArray
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of

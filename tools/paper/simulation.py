@@ -8,7 +8,7 @@ then measures at 1 kHz too: the ideal derivative of a value held for longer is a
 from typing import NamedTuple
 
 from ...closed_loop.compiled.engine import Outcome, run_batch
-from ...closed_loop.virtual import run_virtual_pair
+from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.array_types import FloatArray
@@ -17,7 +17,7 @@ PAPER_DELAY_S = 0.08
 
 
 class History(NamedTuple):
-    """Time histories of one run, each of shape (samples,); see ``closed_loop.result.Trace``."""
+    """Time histories of one run, each of shape (samples,); see ``pair_result.Trace``."""
 
     time_s: FloatArray
     lateral_error_m: FloatArray

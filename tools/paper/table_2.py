@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...closed_loop.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.result import rms
 from ...controller.settings import controller_preset
 from ...runtime.array_types import FloatArray
 from . import published

@@ -19,10 +19,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from steer_by_wire.closed_loop.bus import SharedBus, virtual_wire, with_clocks
-from steer_by_wire.closed_loop.live import PairFiles
-from steer_by_wire.closed_loop.threaded import run_threaded_nodes
-from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair_result import PairFiles
+from steer_by_wire.closed_loop.threaded_pair import run_threaded_nodes
+from steer_by_wire.closed_loop.virtual_bus import SharedBus, virtual_wire, with_clocks
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements

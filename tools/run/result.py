@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ...closed_loop.bus import SharedBus
+from ...closed_loop.virtual_bus import SharedBus
 from ...controller.node import quantities as controller_quantities
 from ...controller.node.node import ControllerNode
 from ...controller.node.summary import controller_summary

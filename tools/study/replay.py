@@ -20,17 +20,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.channels import open_channels
-from ...closed_loop.live import Bus, LivePair, PairFiles
+from ...closed_loop.live_bus import Bus, open_channels
+from ...closed_loop.live_pair import LivePair
+from ...closed_loop.pair_result import PairFiles, Trace
 from ...closed_loop.processes import ProcessError
-from ...closed_loop.result import Trace
 from ...closed_loop.studies.compute import Computer
 from ...closed_loop.studies.figures import COLUMNS, COUNTS, Figures
 from ...closed_loop.studies.on_nodes import TICKS_MAX, figures_of_trace, range_left
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.studies.store import Store
 from ...closed_loop.studies.verdict import rules_of, verdict_of
-from ...closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.verdict import RunEnd
 from ...runtime.array_types import FloatArray
 from ...runtime.port.python_can import socketcan_obstacle

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steer_by_wire.closed_loop.compiled.law_input import Uplink, Wire
 from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
 from steer_by_wire.closed_loop.compiled.wire_plan import plan_wire
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading
 from steer_by_wire.controller.laws.design import FADE_RAD_S, design_law
 from steer_by_wire.controller.node.control_sample import ControlSample

@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.studies.figures import COLUMNS
 from steer_by_wire.closed_loop.studies.results import read_rows, read_study
 from steer_by_wire.closed_loop.studies.runner import Threads, run_study
 from steer_by_wire.closed_loop.studies.store import Store
-from steer_by_wire.closed_loop.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError

@@ -17,7 +17,7 @@ from steer_by_wire.closed_loop.studies.runner import Block, ShouldStop, Threads,
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.virtual import run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.verdict import RunEnd

@@ -16,7 +16,7 @@ from steer_by_wire.closed_loop.studies.figures import COLUMNS
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_table import run_study
-from steer_by_wire.closed_loop.virtual import run_virtual_pair
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.program.program import ExitStatus

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import NamedTuple
 
-from ....closed_loop.virtual import BITRATE_BIT_S, make_virtual_pair
+from ....closed_loop.virtual_bus import QUIET_BUS
+from ....closed_loop.virtual_pair import make_virtual_pair
 from ....controller.settings import ControllerSettings
 from ....plant_emulator.faults.settings import FaultKind
 from ....plant_emulator.settings import PlantSettings
@@ -87,7 +88,7 @@ def measure_memory(controller: ControllerSettings, run_s: float, seed: int = 1) 
         }
     )
     pair = make_virtual_pair(plant, controller, plant_samples_max=0)
-    bus = QuietBus(BITRATE_BIT_S)
+    bus = QuietBus(QUIET_BUS.bitrate_bit_s)
     executor = VirtualTimeExecutor((pair.edge, pair.controller), bus)
 
     def peak(from_s: float, to_s: float) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....closed_loop.processes import Processes
-from ....closed_loop.virtual import QUIET_BUS
+from ....closed_loop.virtual_bus import QUIET_BUS
 from ....runtime.bus_model.settings import BusSettings
 from ....runtime.settings.toml_text import dump_toml
 from . import census

@@ -22,7 +22,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
-from ....closed_loop.bus import traffic_of
+from ....closed_loop.rest_bus_messages import traffic_of
 from ....dbc.messages import CAN_IDS, Mode, PlantStatus
 from ....runtime.bus_model.rest_bus import PeriodicMessage
 from ....runtime.frame import Frame

@@ -1,11 +1,11 @@
-"""The pair's bus as it is in a vehicle: with other people's traffic, and with noise.
+"""Which messages of other nodes are on the bus of a pair: its rest bus, from databases.
 
-Every periodic message of some databases is sent beside the pair's, by the node that the database
-names. Each has its cycle time, a phase of its own and a payload whose first byte counts to 15; the
-other bytes and the phases are drawn from the seed. Messages without a cycle time are not sent, nor
-are those whose identifier the pair uses. Where no message has a cycle time, as in most databases
-that were found out by listening, all share the given load and are sent equally often. Long messages
-of J1939 are sent in segments, at a pace that the load does not change.
+Every periodic message of the databases is sent by the node that they name. Each has its cycle time,
+a phase of its own and a payload whose first byte counts to 15; the other bytes and the phases are
+drawn from the seed. Messages without a cycle time are not sent, nor are those whose identifier the
+pair uses. Where no message has a cycle time, as in most databases that were found out by listening,
+all share the given load and are sent equally often. Long messages of J1939 are sent in segments, at
+a pace that the load does not change.
 """
 
 from collections.abc import Sequence
@@ -17,23 +17,13 @@ from random import Random
 from ..dbc.foreign_messages import ListedMessage, read_message_set
 from ..dbc.messages import CAN_IDS
 from ..dbc.transport_protocol import GAP_NS, segments, source_address
-from ..runtime.bus_model.bus_model import BusModel
-from ..runtime.bus_model.bus_records import Delivery
-from ..runtime.bus_model.error_frames import error_frame
-from ..runtime.bus_model.errors import BusErrors
-from ..runtime.bus_model.quiet_bus import QuietBus
-from ..runtime.bus_model.rest_bus import COUNTS, OnWire, PeriodicMessage, RestBus
-from ..runtime.bus_model.settings import BusSettings, errors_of
-from ..runtime.bus_model.transmit_queue import BusOverflowError
+from ..runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
+from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame.length import INTERMISSION_BITS, frame_bits
-from ..runtime.node import NS_PER_MS, NS_PER_S, Node
-from ..runtime.node.drifting_clock import DriftingClock
+from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import SettingsError
-from .ear import Ear
 
-NODES = ("plant", "controller")
-"""Names of the nodes, in the order of their numbers on the bus."""
 _EXAMPLE_PERIODS_MS = (*[10] * 4, *[20] * 4, *[50] * 3, *[100] * 4, 200, 500, 1000)
 _EQUAL_CYCLE_MS = 100
 """Before the load scales it, of messages without any cycle time."""
@@ -162,97 +152,3 @@ def load_of(messages: Sequence[PeriodicMessage], bitrate_bit_s: int) -> float:
         / (bitrate_bit_s * message.period_ns)
         for message in messages
     )
-
-
-class SharedBus:
-    """A bus with other traffic on it, as the wire of a virtual-time executor.
-
-    ``messages``  what is sent beside the nodes' frames
-    ``seed``      of their phases
-    ``errors``    of the bus, if it has any
-
-    ``next_event_ns``  when the next frame may be complete [ns]
-    ``refused``        frames of the nodes that found their transmit buffer full and are lost
-
-    The nodes do not get the others' frames: their receive filters keep them away.
-    """
-
-    def __init__(
-        self,
-        bitrate_bit_s: int,
-        messages: Sequence[PeriodicMessage] = (),
-        seed: int = 0,
-        errors: BusErrors | None = None,
-    ) -> None:
-        self.traffic = RestBus(messages, seed) if messages else None
-        self.errors = errors
-        self.model = BusModel(bitrate_bit_s, errors=errors, traffic=self.traffic)
-        self.next_event_ns = self.model.next_event_ns
-        self.refused = 0
-
-    def ear(self, node: Node, index: int) -> Node:
-        """Return a node that does not get what its receiver alone saw wrong, nor in bus-off."""
-        return Ear(node, index, self.model)
-
-    def watch(self, on_wire: OnWire) -> None:
-        """Have every frame that the nodes do not get reported, error frames among them."""
-        if self.traffic is not None:
-            self.traffic.on_wire = on_wire
-        if self.errors is not None:
-            self.errors.on_error = lambda event: on_wire(
-                event.time_ns, event.sender, error_frame(event)
-            )
-
-    @property
-    def busy_share(self) -> float:
-        """Share of the time so far that the bus was busy, 0 to 1."""
-        return self.model.load.busy_ns / max(self.model.load_until_ns, 1)
-
-    def advance(self, now_ns: int) -> Sequence[Delivery]:
-        """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
-        completed = self.model.advance(now_ns)
-        self.next_event_ns = self.model.next_event_ns
-        return completed
-
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
-        """Take a frame of a node, if there is room."""
-        try:
-            self.model.submit(frame, sender, now_ns)
-        except BusOverflowError:
-            self.refused += 1
-        self.next_event_ns = self.model.next_event_ns
-
-
-def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
-    """Return the bus of plant and controller in virtual time; raises SettingsError."""
-    messages = traffic_of(settings, seed)
-
-    def is_acknowledged(sender: int) -> bool:
-        others = {*range(len(NODES)), *(message.sender for message in messages)} - {sender}
-        return errors is None or not all(map(errors.is_off, others))
-
-    errors = errors_of(settings, seed, _number_of, is_acknowledged)
-    return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
-
-
-def virtual_wire(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
-    """Return the same, with nothing but the lengths of frames where that is enough."""
-    return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else virtual_bus(settings, seed)
-
-
-def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:
-    """Return both nodes by the clocks that the settings give them; raises SettingsError."""
-    nodes = [plant, controller]
-    for name, clock in settings.clock.items():
-        try:
-            index = _number_of(name)
-        except ValueError as error:
-            raise SettingsError(f"clock.{name}: {error}") from error
-        nodes[index] = DriftingClock(nodes[index], clock.ppm, clock.drift_ppm_s)
-    return nodes[0], nodes[1]
-
-
-def _number_of(name: str) -> int:
-    if name not in NODES:
-        raise ValueError(f"is no node of this bus ({' or '.join(NODES)})")
-    return NODES.index(name)

@@ -1,10 +1,10 @@
 """Programs that end when their parent does, however that ends, even by ``kill -9``.
 
-    python -P -m steer_by_wire.closed_loop.attached [--after SECONDS] [--remove FOLDER] MODULE ...
+    python -P -m steer_by_wire.closed_loop.ends_with_parent [OPTIONS] MODULE ...
 
-runs ``python -m MODULE`` in this process and watches standard input, a pipe whose other end only
-the parent holds. When the pipe closes, the module's program gets SIGTERM. Our programs then end in
-order, with reports and complete files.
+runs ``python -m MODULE ...`` in this process and watches standard input, a pipe whose other end
+only the parent holds. When the pipe closes, the module's program gets SIGTERM. Our programs then
+end in order, with reports and complete files.
 
 ``--after``   delay before SIGTERM, so that a bus and its recorder outlive their users
 ``--remove``  a folder to remove, which the parent can no longer do
@@ -15,15 +15,13 @@ import os
 import runpy
 import shutil
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
-from typing import IO, NoReturn
+from typing import NoReturn
 
 GRACE_S = 60.0
 """How long a program may take to end before it is killed."""
@@ -32,48 +30,10 @@ _STACK_BYTES = 1 << 18
 _TERMINATED = 128 + signal.SIGTERM
 
 
-class Lifeline:
-    """A pipe that children wait on and whose other end only this process holds."""
-
-    def __init__(self) -> None:
-        # A child inherits neither end, except as its standard input.
-        self._waiting, self._held = os.pipe()
-
-    def start(
-        self,
-        module: str,
-        arguments: Sequence[str],
-        output: IO[bytes] | int,
-        errors: IO[bytes] | IO[str] | int | None = subprocess.STDOUT,
-        *,
-        after_s: float = 0.0,
-        remove: Path | None = None,
-    ) -> subprocess.Popen[bytes]:
-        """Start ``python -m module`` in a session of its own, so that Ctrl-C reaches only us.
-
-        ``after_s``  how long after this process the child ends
-        ``remove``   folder that the child then removes
-        """
-        program = [sys.executable, "-P", "-m", "steer_by_wire.closed_loop.attached"]
-        options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
-        return subprocess.Popen(  # noqa: S603 the command is our own
-            [*program, *options, module, *arguments],
-            stdin=self._waiting,
-            stdout=output,
-            stderr=errors,
-            start_new_session=True,
-        )
-
-    def close(self) -> None:
-        """Close the pipe, which ends the children that still run."""
-        os.close(self._held)
-        os.close(self._waiting)
-
-
 def main() -> None:
     """Run the module that the command line names."""
     parser = argparse.ArgumentParser(
-        prog="python -m steer_by_wire.closed_loop.attached", allow_abbrev=False
+        prog="python -m steer_by_wire.closed_loop.ends_with_parent", allow_abbrev=False
     )
     parser.add_argument("--after", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--remove", type=Path, metavar="FOLDER")

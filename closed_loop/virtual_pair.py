@@ -17,14 +17,8 @@ from ..runtime.node import Node
 from ..runtime.node.virtual_time import VirtualTimeExecutor, Wire
 from ..runtime.program.host import no_collections
 from ..runtime.recording.candump import CandumpLog
-from .bus import SharedBus, virtual_wire, with_clocks
-from .live import PairResult
-from .result import Trace
-
-BITRATE_BIT_S = 500_000
-"""The default bit rate of virtual time and of the emulated bus."""
-
-QUIET_BUS = BusSettings()
+from .pair_result import PairResult, Trace
+from .virtual_bus import QUIET_BUS, SharedBus, virtual_wire, with_clocks
 
 SLICE_NS = 1_000_000_000
 
@@ -98,7 +92,7 @@ def run_virtual_nodes(
         stack.enter_context(no_collections())
         nodes: tuple[Node, ...] = (plant, controller)
         if isinstance(bus, SharedBus):
-            nodes = tuple(bus.ear(node, index) for index, node in enumerate(nodes))
+            nodes = tuple(bus.lossy_receiver(node, index) for index, node in enumerate(nodes))
         on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))

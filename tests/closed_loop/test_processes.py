@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop import processes
-from steer_by_wire.closed_loop.attached import Lifeline
+from steer_by_wire.closed_loop.processes import Lifeline
 from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import PATIENCE_S, wait_until
 
@@ -36,14 +36,13 @@ PARENT = """
 import subprocess, sys, time
 from contextlib import closing
 from pathlib import Path
-from steer_by_wire.closed_loop.attached import Lifeline
-from steer_by_wire.closed_loop import launch
-from steer_by_wire.closed_loop.launch import launched_broker
+from steer_by_wire.closed_loop import processes
+from steer_by_wire.closed_loop.processes import Lifeline, launched_broker
 from steer_by_wire.runtime.program.program import run_main
 
 def main():
     first, second, folder = sys.argv[1:]
-    launch.AFTER_S = 0.3
+    processes.BROKER_AFTER_S = 0.3
     with launched_broker() as address, closing(Lifeline()) as line:
         children = [
             line.start("child", [first], subprocess.PIPE),

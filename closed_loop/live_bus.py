@@ -1,20 +1,76 @@
-"""Opens the best bus of this machine, with a channel for every pair."""
+"""A real bus for each pair: opened, joined by programs, and recorded."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
+
+import can
 
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.port.python_can import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
-from .bus import traffic_of
-from .launch import launched_broker
-from .live import Bus
-from .virtual import QUIET_BUS
+from .processes import launched_broker
+from .rest_bus_messages import traffic_of
+from .virtual_bus import QUIET_BUS
 
 BUSES = ("auto", "socketcan", "emulated")
+
+
+class Bus(NamedTuple):
+    """How a program joins one channel: python-can's interface, channel and arguments."""
+
+    interface: str
+    channel: str
+    arguments: dict[str, str]
+
+    @property
+    def options(self) -> list[str]:
+        """The same as python-can's command line options."""
+        options = ["--interface", self.interface, "--channel", self.channel]
+        if self.arguments:
+            options += ["--bus-kwargs", *(f"{k}={v}" for k, v in self.arguments.items())]
+        return options
+
+    def open(self) -> can.BusABC:
+        """Join the channel; raises what python-can raises."""
+        arguments: dict[str, Any] = dict(self.arguments)
+        return can.Bus(interface=self.interface, channel=self.channel, **arguments)
+
+
+class BusRecorder:
+    """Records every frame on a bus, in a thread, from the start of a ``with`` block to its end.
+
+    ``failure``  why the log ends early, empty if it does not: a bus drops a recorder that reads too
+                 slowly
+    """
+
+    def __init__(self, bus: Bus, candump_log: Path) -> None:
+        """Record into ``candump_log``, as ``candump -L`` prints it."""
+        self._bus, self._candump_log = bus, candump_log
+        self.failure = ""
+
+    def __enter__(self) -> Self:
+        self._listener = self._bus.open()
+        self._writer = can.CanutilsLogWriter(self._candump_log, channel=self._bus.channel)
+        self._notifier = can.Notifier([], [self])
+        self._notifier.add_bus(self._listener)  # its thread may fail at once
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._notifier.stop()
+        self._writer.stop()
+        self._listener.shutdown()
+
+    def __call__(self, message: can.Message) -> None:
+        """Write a frame."""
+        self._writer(message)
+
+    def on_error(self, error: Exception) -> None:
+        """End the recording, and nothing else."""
+        self.failure = str(error)
+        self._notifier.stop(0.0)
 
 
 class Channels(NamedTuple):
@@ -32,7 +88,7 @@ def open_channels(
     settings: BusSettings = QUIET_BUS,
     seed: int = 1,
 ) -> Iterator[Channels]:
-    """Make a channel for every name, until the end of the block.
+    """Open the best bus of this machine until the end of the block, with a channel for every name.
 
     ``wanted``          socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where
                         this machine has them all and nothing else is to be on the bus, else

@@ -1,16 +1,52 @@
-"""Time histories of one run: read from the plant's trace file or taken from its samples."""
+"""What one run of plant emulator and controller leaves: files, reports and time histories."""
 
 import csv
 from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from ..controller.settings import ControllerSettings
 from ..plant_emulator.evaluation.run_record import PlantSample, place
 from ..plant_emulator.node.node import PlantNode
+from ..plant_emulator.settings import PlantSettings
 from ..runtime.array_types import FloatArray
+from ..runtime.settings.toml_text import dump_toml
+
+PLANT, CONTROLLER = "plant_emulator", "controller"
+"""Names of the programs, and of their packages."""
+
+
+class PairFiles(NamedTuple):
+    """Where one pair has its settings and leaves its results."""
+
+    folder: Path
+
+    @property
+    def candump_log(self) -> Path:
+        """Every frame on the channel, as ``candump -L`` prints it."""
+        return self.folder / "candump.log"
+
+    @property
+    def plant_trace(self) -> Path:
+        """The plant's samples, CSV."""
+        return self.folder / "plant_trace.csv"
+
+    def settings(self, program: str) -> Path:
+        """The settings one program is run with, TOML."""
+        return self.folder / f"{program}.toml"
+
+    def write_settings(self, plant: PlantSettings, controller: ControllerSettings) -> None:
+        """Write the settings of both programs; makes the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.settings(PLANT).write_text(dump_toml(plant), encoding="utf-8")
+        self.settings(CONTROLLER).write_text(dump_toml(controller), encoding="utf-8")
+
+    def report(self, program: str) -> Path:
+        """The report of one program, JSON."""
+        return self.folder / f"{program}.json"
 
 
 class Trace(NamedTuple):
@@ -48,6 +84,14 @@ class Trace(NamedTuple):
     def _from_rows(cls, rows: Sequence[Sequence[float]]) -> Self:
         table = np.asarray(rows, dtype=np.float64).reshape(len(rows), len(cls._fields))
         return cls(*table.T)
+
+
+class PairResult(NamedTuple):
+    """Results of one run of a pair: the two reports and the plant's time histories."""
+
+    plant: dict[str, Any]
+    controller: dict[str, Any]
+    trace: Trace
 
 
 def rms(values: FloatArray) -> float:
