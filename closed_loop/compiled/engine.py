@@ -14,8 +14,7 @@ import numpy as np
 
 from ...controller.interface.validity import share_of_demand
 from ...controller.settings import ControllerSettings, counters_of, limits_of
-from ...dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.motion_design import MotionParams

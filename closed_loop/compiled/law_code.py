@@ -13,7 +13,7 @@ from ...controller.interface.law import NO_HISTORY, LawInput, LawOutput
 from ...controller.interface.law_record import LawStep
 from ...controller.laws.design import LawDesign, design_law
 from ...controller.settings import ControllerSettings
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from .compilation import compiled_anew, compiled_fastmath, compiled_inside
 from .law_input import NOW_UNKNOWN

@@ -41,7 +41,7 @@ from ...controller.laws.followed_point import (
 from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
 from ...controller.laws.plugin import numbers_or_none
 from ...controller.prediction.estimator import VehicleGains, row_of
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step
 from ...plant_emulator.path.deviation import deviation_behind_m
 from ...plant_emulator.steering.guard import guard_command, guard_timer, guard_wheel, start_guard

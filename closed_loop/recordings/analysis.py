@@ -205,7 +205,7 @@ class LogAnalysis:
             self._advanced[name] += (count - self._counts.get(name, count)) % modulus
             self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
-            self._laws[messages.Law(message.law).name] = None
+            self._laws[messages.LawNumber(message.law).name] = None
         elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             names = {"direction": message.direction.name, "model": message.model.name}

@@ -7,7 +7,7 @@ node, ``--check`` and compiled runs use only the record.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from .law import LawInput, LawOutput
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ..interface.law import LawInput, LawOutput
 from ..interface.law_record import Law, last_command
 

@@ -35,8 +35,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from ...dbc.messages import CYCLE_TIMES_MS, VehicleState
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import CYCLE_TIMES_MS, LawNumber, VehicleState
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
 from ..filters.discretization import design_pd

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.link import LinkParams
 from ..history.plan import SPACING_MAX, VALUES

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState

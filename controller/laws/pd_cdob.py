@@ -5,7 +5,7 @@ The observer sees the command that was sent, after limits, and does not wind up.
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
 from ..filters.discretization import design_cdob, design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step

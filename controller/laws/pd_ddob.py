@@ -9,7 +9,7 @@ without washout would leave the path for good after one saturation.
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.record import new_record
 from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
 from ..filters.discretization import design_cdob, design_dob, design_pd

@@ -10,7 +10,7 @@ from functools import cache
 from math import isfinite, nan
 from typing import Any
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.settings.plugin import cause, find_part
 from ..interface.law import LawInput, LawOutput
 from ..interface.law_record import Law

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..history.link import LinkParams

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from ...dbc.messages import Law as LawNumber
+from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..filters.discretization import design_compensation, design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step

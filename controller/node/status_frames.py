@@ -1,6 +1,6 @@
 """The frames that report the controller's state, for monitoring."""
 
-from ...dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, limits
+from ...dbc.messages import ControllerStatus, DelayStatus, LawNumber, Mode, SignalRange, limits
 from ...dbc.sending import Sender
 from ...runtime.frame import Frame
 from ..interface.law import LawOutput
@@ -13,7 +13,7 @@ _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1
 class StatusFrames:
     """Makes CONTROLLER_STATUS and DELAY_STATUS; ``safety`` makes CONTROLLER_SAFETY."""
 
-    def __init__(self, law: Law) -> None:
+    def __init__(self, law: LawNumber) -> None:
         self.safety = SafetyStatus()
         self._law = law
         self._statuses, self._delays = Sender(ControllerStatus), Sender(DelayStatus)

@@ -15,7 +15,7 @@ class Mode(IntEnum):
     """Measurements stayed away: the command ramps to zero."""
 
 
-class Law(IntEnum):
+class LawNumber(IntEnum):
     """Control law."""
 
     PD = 0

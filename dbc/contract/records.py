@@ -16,7 +16,7 @@ from .enumerations import (
     EstimateState,
     Freshness,
     LatencyModel,
-    Law,
+    LawNumber,
     Mode,
     MotionRequest,
     SafetyState,
@@ -62,7 +62,7 @@ class ControllerStatus(NamedTuple):
     """Controller to all, for monitoring; ``skipped_ticks`` is modulo 256."""
 
     mode: Mode
-    law: Law
+    law: LawNumber
     disturbance_rad: float
     network_disturbance_rad: float
     skipped_ticks: int

@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     ControllerStatus,
     DelayStatus,
     LateralError,
-    Law,
+    LawNumber,
     Mode,
     SteeringCommand,
     SteeringStatus,
@@ -89,7 +89,7 @@ def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
         START_NS + index * STATUS_PERIOD_NS for index in range(10)
     ]
     assert [counter for _, _, counter in statuses] == list(range(10))
-    assert statuses[-1][1] == ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 0)
+    assert statuses[-1][1] == ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0)
 
 
 def test_a_late_tick_keeps_phase_and_counts_what_it_skipped() -> None:

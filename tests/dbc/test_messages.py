@@ -30,7 +30,7 @@ from steer_by_wire.dbc.messages import (
     LatencyConfig,
     LatencyModel,
     LateralError,
-    Law,
+    LawNumber,
     Message,
     Mode,
     PathAhead,
@@ -102,7 +102,7 @@ GOLDEN: list[tuple[Message, str, str]] = [
     # 77; 20 << 8, as 1 m is 20 spacings; 100 << 16; -100 = 0x1F9C << 29: 0x3F380_0000
     (PathAhead(77, 1.0, 0.005, -0.005, *[0.0] * 24), "140", "fc7f 07 4d146480f303" + 39 * "00"),
     # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
-    (ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
+    (ControllerStatus(Mode.ACTIVE, LawNumber.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
     # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30; 2 << 33 = 0x4_0000_0000
     (
         ControllerSafety(

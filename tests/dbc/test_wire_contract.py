@@ -24,7 +24,7 @@ from steer_by_wire.dbc.messages import (
     LatencyConfig,
     LatencyModel,
     LateralError,
-    Law,
+    LawNumber,
     Message,
     Mode,
     SteeringCommand,
@@ -329,7 +329,7 @@ def test_the_document_names_the_limits_of_a_steer() -> None:
 
 
 def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> None:
-    own = [law for law in Law if law is not Law.CUSTOM]
+    own = [law for law in LawNumber if law is not LawNumber.CUSTOM]
     assert {name: law.number for name, law in LAWS.items()} == {
         law.name.lower(): law for law in own
     }

@@ -3,7 +3,7 @@
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
     LateralError,
-    Law,
+    LawNumber,
     Mode,
     PlantStatus,
     SteeringCommand,
@@ -20,7 +20,7 @@ from steer_by_wire.runtime.frame import Frame
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
 ERROR_MESSAGE = LateralError(0.125, -0.01)
-CONTROLLER_STATUS = encode(ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 3), 7)
+CONTROLLER_STATUS = encode(ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 3), 7)
 PLANT_STATUS = encode(PlantStatus(0.08, 0.02, 1, 2), 9)
 FROM_PLANT = (
     encode(ERROR_MESSAGE, 1),

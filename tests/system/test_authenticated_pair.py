@@ -17,7 +17,7 @@ from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
     LatencyModel,
-    Law,
+    LawNumber,
     Mode,
     PlantStatus,
     SteeringCommand,
@@ -81,7 +81,7 @@ def ends(
 
 def meet(plant_end: Authentication, controller_end: Authentication) -> None:
     plant_status = encode(PlantStatus(0.0, 0.0, 0, 0), 0)
-    controller_status = encode(ControllerStatus(Mode.WAITING, Law.PD, 0.0, 0.0, 0), 0)
+    controller_status = encode(ControllerStatus(Mode.WAITING, LawNumber.PD, 0.0, 0.0, 0), 0)
     plant_end.verify(controller_end.secure(controller_status))
     controller_end.verify(plant_end.secure(plant_status))
     plant_end.verify(controller_end.secure(controller_status))
@@ -318,7 +318,9 @@ def test_old_status_messages_sent_from_the_first_frame_on_delay_the_start_by_one
         plant_end, controller_end = ends(run=earlier)
         recorded.append(plant_end.secure(encode(PlantStatus(0.0, 0.0, 0, 0), 0)))
         recorded.append(
-            controller_end.secure(encode(ControllerStatus(Mode.WAITING, Law.PD, 0.0, 0.0, 0), 0))
+            controller_end.secure(
+                encode(ControllerStatus(Mode.WAITING, LawNumber.PD, 0.0, 0.0, 0), 0)
+            )
         )
     pair = Pair(*ends(run=100), others=[Intruder(recorded)])
     commands = [heard for heard in pair.heard if heard.frame.can_id == CAN_IDS[SteeringCommand]]

@@ -22,7 +22,7 @@ from steer_by_wire.controller.laws import plugin as own_law
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
+from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, Rejection, decode
 from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
@@ -110,7 +110,7 @@ def test_with_hardly_any_integral_it_is_nearly_pd_and_with_more_it_is_not() -> N
 
 def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
     node, statuses = run_nodes(controller(OWN))
-    assert {status.law for status in statuses} == {Law.CUSTOM}
+    assert {status.law for status in statuses} == {LawNumber.CUSTOM}
     assert node.report()["law"] == OWN
     assert node.report()["law_failures"] == 0
 

@@ -17,7 +17,7 @@ from steer_by_wire.dbc.messages import (
     EstimateState,
     Freshness,
     LateralError,
-    Law,
+    LawNumber,
     Mode,
     PlantStatus,
     SafetyState,
@@ -144,7 +144,7 @@ def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last()
 # Lights
 
 CALM = Known(
-    ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 0),
+    ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0),
     ControllerSafety(0, 0, Freshness.FRESH, Freshness.FRESH, Freshness.FRESH, ControllerFault.NONE),
     DelayStatus(0.1, 0.1, EchoState.KNOWN, EstimateState.OBSERVABLE, 1.0),
     SteeringStatus(0.0, 1, SteeringStatusCode.APPLYING),

@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     LatencyConfig,
     LatencyModel,
     LateralError,
-    Law,
+    LawNumber,
     Mode,
     PlantStatus,
     SafetyState,
@@ -86,7 +86,7 @@ def test_a_view_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None:
     assert view.plant == newest[PlantStatus]
     assert view.controller is not None
     assert view.steering is not None
-    assert (view.controller.mode, view.controller.law) == (Mode.ACTIVE, Law.PD_DDOB)
+    assert (view.controller.mode, view.controller.law) == (Mode.ACTIVE, LawNumber.PD_DDOB)
     assert view.steering.status is SteeringStatusCode.APPLYING
     assert view.frames == len(entries)
     assert view.elapsed_s == pytest.approx(20.0, abs=0.2)

@@ -34,7 +34,7 @@ MESSAGES: tuple[messages.Message, ...] = (
     messages.LateralError(0.01234, -0.002),
     messages.SteeringStatus(0.01234, 4321, messages.SteeringStatusCode.APPLYING),
     messages.VehicleState(1.39, 0.012, 0.033),
-    messages.ControllerStatus(messages.Mode.ACTIVE, messages.Law.PD_DDOB, 0.012, -0.034, 5),
+    messages.ControllerStatus(messages.Mode.ACTIVE, messages.LawNumber.PD_DDOB, 0.012, -0.034, 5),
     messages.PlantStatus(0.08, 0.02, 7, 0),
     messages.LatencyConfig(messages.Direction.BOTH, messages.LatencyModel.NORMAL, 0.08, 0.03, 0.01),
 )
