@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.history.link import LinkParams
+from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.history.plan import VALUES
 from steer_by_wire.controller.interface.law_record import Schedule
-from steer_by_wire.controller.laws.design import link_of, vehicle_of
+from steer_by_wire.controller.laws.design import loop_delay_params, vehicle_of
 from steer_by_wire.controller.laws.packet import plan_times
 from steer_by_wire.controller.prediction.estimator import command_from
 from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles
@@ -40,7 +40,7 @@ H = np.eye(4)[[3, 2]]  # y and Δψ are measured
 
 
 class Params(NamedTuple):
-    link: LinkParams
+    loop_delay: LoopDelayParams
     reserve_samples: int
     f: Array
     g: Array
@@ -60,7 +60,10 @@ def design(settings: ControllerSettings) -> Schedule:
     q, r = noise_covariances(noise, period_s)
     q = q[:4, :4] + np.diag([0.0, 0.0, 1e-2, 0.0]) * period_s  # what a bend is to this model
     weight = np.diag([0.0, 0.0, 0.0, settings.predictor.steer_per_error_rad_m**2])
-    link, reserve_samples = link_of(settings), round(settings.packet.reserve_s / period_s)
+    loop_delay, reserve_samples = (
+        loop_delay_params(settings),
+        round(settings.packet.reserve_s / period_s),
+    )
 
     @cache
     def at(speed_m_s: float) -> Params:
@@ -69,24 +72,24 @@ def design(settings: ControllerSettings) -> Schedule:
         f, g = sampled.f[0, :4, :4], sampled.g[0, :4]
         p, s = solve_discrete_are(f, g[:, None], weight, 1.0), solve_discrete_are(f.T, H.T, q, r)
         observer = s @ H.T @ np.linalg.inv(H @ s @ H.T + r)
-        return Params(link, reserve_samples, f, g, g @ p @ f / (1.0 + g @ p @ g), observer)
+        return Params(loop_delay, reserve_samples, f, g, g @ p @ f / (1.0 + g @ p @ g), observer)
 
     return Schedule(at)
 
 
-def step(p: Params, before: State, seen: LawInput) -> tuple[State, LawOutput]:
-    link, history, sample, x = seen.link, seen.history, before.sample, before.x
-    while sample < link.error_sample:
-        x = p.f @ x + p.g * command_from(p.link, link, history, sample)
+def step(p: Params, before: State, observed: LawInput) -> tuple[State, LawOutput]:
+    loop_delay, history, sample, x = observed.link, observed.history, before.sample, before.x
+    while sample < loop_delay.error_sample:
+        x = p.f @ x + p.g * command_from(p.loop_delay, loop_delay, history, sample)
         sample += 1
         at = sample & history.sample_mask
         if history.has_error[at]:
             y = history.lateral_error_m[at], history.heading_error_rad[at]
             x = x + p.observer @ (y - H @ x)
-    first, spacing, acting = plan_times(p.link, p.reserve_samples, link, sample)
+    first, spacing, acting = plan_times(p.loop_delay, p.reserve_samples, loop_delay, sample)
     acts, z, values = first + acting * spacing, x, [0.0] * max(VALUES, acting + 1)
     for k in range(sample, first + len(values) * spacing):
-        u = command_from(p.link, link, history, k) if k < acts else -float(p.k @ z)
+        u = command_from(p.loop_delay, loop_delay, history, k) if k < acts else -float(p.k @ z)
         if k == sample or (k - first) % spacing == 0:
             values[(k - first) // spacing] = u
         z = p.f @ z + p.g * u
@@ -94,10 +97,10 @@ def step(p: Params, before: State, seen: LawInput) -> tuple[State, LawOutput]:
     return State(sample, x, acting, row), LawOutput(acting_rad, 0.0, 0.0, float(x[3]))
 
 
-def plan(_p: Params, x: State, seen: LawInput) -> int:
-    if x.acting >= VALUES or not seen.link.is_measured:
+def plan(_p: Params, x: State, observed: LawInput) -> int:
+    if x.acting >= VALUES or not observed.link.is_measured:
         return -1
-    seen.history.plans[seen.link.tick & seen.history.plan_mask][:] = x.row
+    observed.history.plans[observed.link.tick & observed.history.plan_mask][:] = x.row
     return x.acting
 
 

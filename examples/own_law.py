@@ -50,8 +50,8 @@ def design(settings: LawSettings) -> Params:
     return Params(pd, own.integral_gain_rad_s_m * period_s, period_s / own.tracking_time_s)
 
 
-def step(p: Params, x: State, seen: LawInput) -> tuple[State, LawOutput]:
-    error_m, not_sent_rad = seen.lateral_error_m, x.wanted_rad - seen.sent_steer_rad
+def step(p: Params, x: State, observed: LawInput) -> tuple[State, LawOutput]:
+    error_m, not_sent_rad = observed.lateral_error_m, x.wanted_rad - observed.sent_steer_rad
     integral_rad = x.integral_rad + p.integral_gain_rad_m * error_m + p.tracking * not_sent_rad
     x_pd, demand_rad = pd_step(p.pd, x.pd, error_m)
     wanted_rad = demand_rad - integral_rad

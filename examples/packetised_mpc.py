@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LINK, History, Link
+from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LOOP_DELAY, History, LoopDelay
 from steer_by_wire.controller.interface.law_record import Schedule
 from steer_by_wire.controller.laws import packet
 from steer_by_wire.controller.laws.predictor import PredictorState
@@ -56,7 +56,7 @@ def terms(
     cost: Cost,
     plan: Array,
     z: estimator.EstimatorState = REST,
-    link: Link = NO_LINK,
+    loop_delay: LoopDelay = NO_LOOP_DELAY,
     history: History = NO_HISTORY,
 ) -> Array:
     """Return what the cost squares, for a plan from the state z on."""
@@ -76,7 +76,7 @@ def terms(
         u = float(planned[k]) if k <= ends else steer_for(g, z)
         u_ss = per_curvature * z.curvature_1_m - z.offset_rad
         found += [weight_rad_m * z.lateral_error_m, u - u_ss]
-        z = estimator.step_on_path(g, link, history, z, u)
+        z = estimator.step_on_path(g, loop_delay, history, z, u)
     return np.array(found)
 
 
@@ -90,25 +90,27 @@ def factors(cost: Cost, count: int) -> tuple[Array, Array, Array, Array]:
     return q, r, by_state, limited @ np.linalg.inv(r)
 
 
-def planned(p: Params, x: PredictorState, seen: LawInput) -> int:
+def planned(p: Params, x: PredictorState, observed: LawInput) -> int:
     """Replace the values that ``packet`` plans, from the one that acts first on."""
-    acting = packet.packet_plan(p.inside, x, seen)
+    acting = packet.packet_plan(p.inside, x, observed)
     if acting < 0:
         return acting
-    link, history, of = seen.link, seen.history, p.inside.predictor
-    row = history.plans[link.tick & history.plan_mask]
+    loop_delay, history, of = observed.link, observed.history, p.inside.predictor
+    row = history.plans[loop_delay.tick & history.plan_mask]
     spacing, acts, count = int(row[1]), int(row[0] + acting * row[1]), len(row) - 2 - acting
     g = measured_gains(of.measured, x.measured)
-    z = estimator.estimate_to(of.link, g, x.estimate, link, history, link.error_sample)
-    z = predict(of.link, g, z, link, history, float(acts - z.sample))
+    z = estimator.estimate_to(
+        of.loop_delay, g, x.estimate, loop_delay, history, loop_delay.error_sample
+    )
+    z = predict(of.loop_delay, g, z, loop_delay, history, float(acts - z.sample))
     cost = g, p.weight_rad_m, spacing
     q, r, by_state, limited = factors(cost, count)
     # |R values + at_zero| is to be least, with the values and the steps between them limited.
     at_zero = by_state @ z[1:]
-    if link.path_end > z.sample:
-        at_zero = q.T @ terms(cost, np.zeros(count), z, link, history)
+    if loop_delay.path_end > z.sample:
+        at_zero = q.T @ terms(cost, np.zeros(count), z, loop_delay, history)
     middle, reach = limited @ at_zero, np.repeat([p.angle_rad, p.step_rad * spacing], count)
-    middle[count] += seen.sent_steer_rad
+    middle[count] += observed.sent_steer_rad
     reach[count] = p.step_rad
     a = np.vstack((limited.T, middle - reach)), np.vstack((-limited.T, -middle - reach))
     last = np.eye(count + 1)[-1]
@@ -117,16 +119,16 @@ def planned(p: Params, x: PredictorState, seen: LawInput) -> int:
     return acting
 
 
-def step(p: Params, x: State, seen: LawInput) -> tuple[State, LawOutput]:
-    inside, output = packet.packet_step(p.inside, x.inside, seen)
-    acting = planned(p, inside, seen)
+def step(p: Params, x: State, observed: LawInput) -> tuple[State, LawOutput]:
+    inside, output = packet.packet_step(p.inside, x.inside, observed)
+    acting = planned(p, inside, observed)
     if acting >= 0:
-        row = seen.history.plans[seen.link.tick & seen.history.plan_mask]
+        row = observed.history.plans[observed.link.tick & observed.history.plan_mask]
         output = output._replace(steer_rad=row[2 + acting])
     return State(inside, acting), output
 
 
-def plan(_p: Params, x: State, _seen: LawInput) -> int:
+def plan(_p: Params, x: State, _observed: LawInput) -> int:
     return x.acting
 
 

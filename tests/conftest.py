@@ -88,8 +88,9 @@ TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 LONGEST = (
     "test_batch", "test_house_rules", "test_stale_messages", "test_baseline_laws", "test_site",
-    "test_own_law", "test_package", "test_cockpit_page", "test_any_processor", "test_stress_report",
-    "test_designed_presets", "test_soak_live", "test_fault_campaign", "test_demo",
+    "test_plugin_law", "test_package", "test_cockpit_page", "test_any_processor",
+    "test_stress_report", "test_designed_presets", "test_soak_live", "test_fault_campaign",
+    "test_demo",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 

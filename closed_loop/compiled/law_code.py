@@ -78,9 +78,9 @@ def step_at(
     params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
 ) -> Any:
     """Advance the law whose params and state the pointers are for."""
-    vehicle, link = read(now)
-    seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
-    after, output = law_step(read(params), read(state), seen)
+    vehicle, loop_delay = read(now)
+    observed = LawInput(error_m, sent_rad, vehicle, loop_delay, read(history))
+    after, output = law_step(read(params), read(state), observed)
     write(state, after)
     return output
 
@@ -90,9 +90,9 @@ def plan_at(
     params: Any, state: Any, history: Any, now: Any, error_m: float, sent_rad: float
 ) -> int:
     """Let the law write its plan."""
-    vehicle, link = read(now)
-    seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
-    return law_plan(read(params), read(state), seen)
+    vehicle, loop_delay = read(now)
+    observed = LawInput(error_m, sent_rad, vehicle, loop_delay, read(history))
+    return law_plan(read(params), read(state), observed)
 
 
 @lru_cache(maxsize=_LAWS_KEPT)

@@ -22,17 +22,17 @@ from ...controller.history.history import (
     Commands,
     Echoes,
     Errors,
-    MemoryParams,
+    HistoryParams,
     Rings,
     command_step,
     echo_step,
     error_step,
     history_of,
-    link_at,
+    loop_delay_at,
     path_step,
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
-from ...controller.interface.law import NO_HISTORY, Link, VehicleReading
+from ...controller.interface.law import NO_HISTORY, LoopDelay, VehicleReading
 from ...controller.interface.limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS
@@ -69,7 +69,7 @@ class Wire(NamedTuple):
     ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
     """
 
-    params: MemoryParams
+    params: HistoryParams
     rings: Rings
     arrival_ns: IntArray
     arrival_message: IntArray
@@ -103,7 +103,7 @@ class Known(NamedTuple):
 
     ``arrivals``    messages that have arrived so far
     ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
-    ``path_end``    as in ``Link``
+    ``path_end``    as in ``LoopDelay``
     """
 
     arrivals: int
@@ -119,10 +119,10 @@ class Now(NamedTuple):
     """What the controller knows at a tick, besides errors and commands."""
 
     vehicle: VehicleReading
-    link: Link
+    loop_delay: LoopDelay
 
 
-NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), Link(0, -1, -1, 0.0, False, -1))
+NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0, False, -1))
 NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
@@ -250,8 +250,8 @@ def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
         yaw_rate_rad_s = w.measured_yaw_rate_rad_s[x.vehicle_sample]
         curvature_1_m = w.measured_curvature_1_m[x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > w.params.limits.vehicle_state_ns
-    link = link_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns)
-    write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), link))
+    loop_delay = loop_delay_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns)
+    write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay))
 
 
 record_wire = _choosing(_record)

@@ -191,8 +191,8 @@ def _run_ticks(
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             note_now(wire, now_known, known, tick, to_ns)
-            seen = (law.params, law.state, history, now_known, error_m, sent_rad)
-            output = called(law.step, NO_OUTPUT, seen)
+            observed = (law.params, law.state, history, now_known, error_m, sent_rad)
+            output = called(law.step, NO_OUTPUT, observed)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
             if not math.isfinite(asked_rad):
                 return Kept(x, sent_rad, fade_rad, known), tick, LAW_FAILED
@@ -201,7 +201,7 @@ def _run_ticks(
             else:
                 fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
             if law.plan != 0 and fade_rad == 0.0:
-                acting = called(law.plan, acting, seen)
+                acting = called(law.plan, acting, observed)
             wanted_rad = asked_rad + fade_rad
             r.law_output[now, 0] = output.steer_rad
             r.law_output[now, 1] = output.disturbance_rad

@@ -24,7 +24,7 @@ from ...controller.history.history import (
     echo_step,
     error_step,
     history_of,
-    link_at,
+    loop_delay_at,
     path_step,
 )
 from ...controller.history.plan import limit_plan
@@ -63,7 +63,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     echo_step,
     command_step,
     path_step,
-    link_at,
+    loop_delay_at,
     loss_step,
     start_motion,
     advance_motion,
@@ -140,31 +140,31 @@ def register_law(name: str, law: Law, params: Any) -> None:
     _laws[kind] = law
 
 
-def law_step(params: Any, state: Any, seen: LawInput) -> Any:
+def law_step(params: Any, state: Any, observed: LawInput) -> Any:
     """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
     if type(params) in _AROUND:
-        return _AROUND[type(params)](law_step, params, state, seen)
-    return _laws[type(params)].step(params, state, seen)
+        return _AROUND[type(params)](law_step, params, state, observed)
+    return _laws[type(params)].step(params, state, observed)
 
 
 @overload(law_step, jit_options=_INLINE)
-def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+def _law_step_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: ARG001
     """Choose the step by type, at compile time."""
     kind = params.instance_class
     if kind in _AROUND:
         around = _AROUND[kind]
 
-        def around_law(params: Any, state: Any, seen: Any) -> Any:
-            return around(law_step, params, state, seen)
+        def around_law(params: Any, state: Any, observed: Any) -> Any:
+            return around(law_step, params, state, observed)
 
         return around_law
     step = _laws[kind].step
 
-    def of_type(params: Any, state: Any, seen: Any) -> Any:
-        return step(params, state, seen)
+    def of_type(params: Any, state: Any, observed: Any) -> Any:
+        return step(params, state, observed)
 
-    def of_another_package(params: Any, state: Any, seen: Any) -> Any:
-        after, output = step(params, state, seen)
+    def of_another_package(params: Any, state: Any, observed: Any) -> Any:
+        after, output = step(params, state, observed)
         return after, numbers_or_none(output)
 
     return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
@@ -180,28 +180,28 @@ def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
     return at_address if isinstance(table, types.Integer) else None
 
 
-def law_plan(params: Any, state: Any, seen: LawInput) -> int:
+def law_plan(params: Any, state: Any, observed: LawInput) -> int:
     """Let the law that ``params`` belong to write its plan; -1 for one that does not plan."""
     if type(params) is FollowedPointParams:
-        return followed_point_plan(law_plan, params, state, seen)
+        return followed_point_plan(law_plan, params, state, observed)
     plan = None if type(params) in _AROUND else _laws[type(params)].plan
-    return -1 if plan is None else plan(params, state, seen)
+    return -1 if plan is None else plan(params, state, observed)
 
 
 @overload(law_plan, jit_options=_INLINE)
-def _law_plan_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+def _law_plan_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: ARG001
     """Choose the plan by type, at compile time."""
     kind = params.instance_class
     plan: Any = None if kind in _AROUND else _laws[kind].plan
 
-    def inside(params: Any, state: Any, seen: Any) -> Any:
-        return followed_point_plan(law_plan, params, state, seen)
+    def inside(params: Any, state: Any, observed: Any) -> Any:
+        return followed_point_plan(law_plan, params, state, observed)
 
-    def none(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+    def none(params: Any, state: Any, observed: Any) -> Any:  # noqa: ARG001
         return -1
 
-    def of_type(params: Any, state: Any, seen: Any) -> Any:
-        return plan(params, state, seen)
+    def of_type(params: Any, state: Any, observed: Any) -> Any:
+        return plan(params, state, observed)
 
     if kind is FollowedPointParams:
         return inside

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ...controller.history.history import RING_SIZE, MemoryParams, Rings
+from ...controller.history.history import RING_SIZE, HistoryParams, Rings
 from ...controller.history.plan import ROW_LENGTH
-from ...controller.laws.design import link_of
+from ...controller.laws.design import loop_delay_params
 from ...controller.settings import ControllerSettings, age_limits_of, counters_of
 from ...dbc.codec.protection import SequenceRule
 from ...dbc.messages import (
@@ -42,7 +42,7 @@ def plan_wire(
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     return Wire(
-        MemoryParams(link_of(controller), age_limits_of(controller)),
+        HistoryParams(loop_delay_params(controller), age_limits_of(controller)),
         empty_rings(keeps_plans=controller.law_record.plan is not None),
         *received,
         measured_heading_rad=np.empty(samples),
@@ -110,7 +110,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
 
 
 def empty_rings(*, keeps_plans: bool) -> Rings:
-    """Return the initial rings of ``LinkMemory``, as arrays."""
+    """Return the initial rings of ``BusHistory``, as arrays."""
     arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
     arrays["plans"] = np.zeros((RING_SIZE if keeps_plans else 1, ROW_LENGTH))
     for name in ("has_error", "is_overruled"):

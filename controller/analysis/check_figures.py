@@ -28,7 +28,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..interface.law_record import LookingBack
-from ..laws.design import LawDesign, design_law, link_of, vehicle_of
+from ..laws.design import LawDesign, design_law, loop_delay_params, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
@@ -81,7 +81,7 @@ def _stable_delays_of(
         loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
         return stable_delays(loop, limit_ns)
     periods = law.state_period_ns, law.request_periods
-    around = PredictorLoop(design, link_of(settings), Rig(vehicle), *periods, answers)
+    around = PredictorLoop(design, loop_delay_params(settings), Rig(vehicle), *periods, answers)
     return stable_constant_delays(around, limit_ns)
 
 
@@ -125,7 +125,7 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 def _looking_back(
     settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
 ) -> Figures:
-    link, rig = link_of(settings), Rig(vehicle_of(settings).vehicle)
+    loop_delay, rig = loop_delay_params(settings), Rig(vehicle_of(settings).vehicle)
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
     if law.fallback is not None and settings.model is not None:
         name, when = law.fallback
@@ -134,11 +134,11 @@ def _looking_back(
         stable = stable_delays(SampledLoop(fallback, settings.model, settings.period_ns))
         figures["fallback"] = {"law": name, "when": when, "stable_delays": _delays(stable)}
     try:
-        loop = PredictorLoop(design, link, rig, law.state_period_ns, law.request_periods)
+        loop = PredictorLoop(design, loop_delay, rig, law.state_period_ns, law.request_periods)
     except ValueError as error:
         return figures | {"not_analysed": f"{error}"}
     progress("poles and sensitivity")
-    longest_ns = FILTER_PERIODS_MAX * link.period_ns
+    longest_ns = FILTER_PERIODS_MAX * loop_delay.period_ns
     shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS if ms * NS_PER_MS <= longest_ns]
     figures |= {
         "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings, loop.period_ns),

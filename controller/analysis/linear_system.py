@@ -18,7 +18,7 @@ import numpy as np
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
-from ..interface.law import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput
+from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput
 from ..laws.design import LawDesign
 from ..prediction.held_input import held_over
 
@@ -89,9 +89,9 @@ def law_system(design: LawDesign) -> LinearSystem:
         values = [float(value) for value in _UNIT * unit]
         sent_rad, error_m = values[order:-1], values[-1]
         history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
-        link = NO_LINK._replace(tick=commands)
-        seen = LawInput(error_m, sent_rad[0], NO_VEHICLE, link, history)
-        state, output = design.step(design.params, filled(rest, iter(values[:order])), seen)
+        loop_delay = NO_LOOP_DELAY._replace(tick=commands)
+        observed = LawInput(error_m, sent_rad[0], NO_VEHICLE, loop_delay, history)
+        state, output = design.step(design.params, filled(rest, iter(values[:order])), observed)
         columns.append([*floats_of(state), output.steer_rad, *sent_rad[:-1]])
     rows = np.array(columns).T / _UNIT
     if not np.isfinite(rows).all():

@@ -19,7 +19,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..prediction.held_input import held_over
 
 BETA, R, PSI, Y, WHEEL = range(5)
@@ -43,7 +43,7 @@ class Timing(NamedTuple):
     ``samples_per_state``  from one VEHICLE_STATE to the next; 0: the law does not read it
     """
 
-    link: LinkParams
+    loop_delay: LoopDelayParams
     delay_ns: int
     uplink_ns: int
     first_tick: int
@@ -55,20 +55,22 @@ class Timing(NamedTuple):
     @property
     def end_ns(self) -> int:
         """When the next period begins [ns]."""
-        return (self.first_tick + self.ticks) * self.link.period_ns
+        return (self.first_tick + self.ticks) * self.loop_delay.period_ns
 
     def instants(self) -> list[int]:
         """Return when samples are taken and ticks run [ns]."""
         ticks = range(self.first_tick, self.first_tick + self.ticks)
         samples = range(self.first_sample, self.first_sample + self.samples)
         return sorted(
-            {tick * self.link.period_ns for tick in ticks}
-            | {sample * self.link.sensor_period_ns for sample in samples}
+            {tick * self.loop_delay.period_ns for tick in ticks}
+            | {sample * self.loop_delay.sensor_period_ns for sample in samples}
         )
 
     def newest_sample(self, tick: int) -> int:
         """Return the newest sample that has arrived by a tick."""
-        return (tick * self.link.period_ns - self.uplink_ns) // self.link.sensor_period_ns
+        return (
+            tick * self.loop_delay.period_ns - self.uplink_ns
+        ) // self.loop_delay.sensor_period_ns
 
     def states_known(self, tick: int, before_sample: int) -> range:
         """Return the samples with a VEHICLE_STATE, from the newest arrived by a tick on."""
@@ -79,23 +81,24 @@ class Timing(NamedTuple):
 
     def applied_tick(self, sample: int) -> int:
         """Return the tick whose command is in effect at a sample."""
-        sample_ns = sample * self.link.sensor_period_ns
+        sample_ns = sample * self.loop_delay.sensor_period_ns
         if self.delay_ns == 0:  # the sample is taken before the tick
-            return -(-sample_ns // self.link.period_ns) - 1
-        return (sample_ns - self.delay_ns) // self.link.period_ns
+            return -(-sample_ns // self.loop_delay.period_ns) - 1
+        return (sample_ns - self.delay_ns) // self.loop_delay.period_ns
 
     def acting_tick(self, time_ns: int) -> int:
         """Return the tick whose command acts from a time on."""
-        return (time_ns - self.delay_ns) // self.link.period_ns
+        return (time_ns - self.delay_ns) // self.loop_delay.period_ns
 
     def echoed_delay_ns(self) -> float:
         """Return the mean delay measured by many echoes."""
         samples = range(self.first_sample, self.first_sample + self.samples)
         offsets = [
-            sample * self.link.sensor_period_ns - self.applied_tick(sample) * self.link.period_ns
+            sample * self.loop_delay.sensor_period_ns
+            - self.applied_tick(sample) * self.loop_delay.period_ns
             for sample in samples
         ]
-        return sum(offsets) / len(offsets) - 0.5 * self.link.period_ns
+        return sum(offsets) / len(offsets) - 0.5 * self.loop_delay.period_ns
 
 
 class LoopMatrices(NamedTuple):
@@ -125,14 +128,14 @@ class Signals:
     ) -> None:
         self._timing = timing
         self._a, self._b = plant
-        self._now_ns = timing.first_tick * timing.link.period_ns
+        self._now_ns = timing.first_tick * timing.loop_delay.period_ns
         self._tick, self._sample = timing.first_tick, timing.first_sample
         known = timing.newest_sample(self._tick - 1)
         ticks = range(timing.applied_tick(known), self._tick)
         samples = range(known, self._sample)
         states = timing.states_known(self._tick - 1, self._sample)
         acting = timing.acting_tick(self._now_ns)
-        vehicle, held = len(self._b), (timing.delay_ns % timing.link.period_ns > 0)
+        vehicle, held = len(self._b), (timing.delay_ns % timing.loop_delay.period_ns > 0)
         self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + len(states) + held
         columns = np.eye(self._order + timing.samples + timing.ticks)
         rows, added = iter(columns[: self._order]), columns[self._order + timing.samples :]
@@ -149,7 +152,7 @@ class Signals:
 
     def move_to(self, time_ns: int) -> None:
         """Move the vehicle on, under each command that is in effect on the way."""
-        delay_ns, period_ns = self._timing.delay_ns, self._timing.link.period_ns
+        delay_ns, period_ns = self._timing.delay_ns, self._timing.loop_delay.period_ns
         while self._now_ns < time_ns:
             tick = self._timing.acting_tick(self._now_ns)
             until_ns = min(time_ns, (tick + 1) * period_ns + delay_ns)

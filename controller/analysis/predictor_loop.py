@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..laws.design import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
 from ..settings import ControllerSettings
@@ -67,25 +67,30 @@ class PredictorLoop:
     def __init__(
         self,
         design: LawDesign,
-        link: LinkParams,
+        loop_delay: LoopDelayParams,
         rig: Rig,
         state_period_ns: int | None = None,
         ticks_repeated: int = 1,
         answers: Answers | None = None,
     ) -> None:
         self.rig = rig
-        self._design, self._link = design, link
+        self._design, self._loop_delay = design, loop_delay
         speed_m_s = rig.vehicle.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
-        sample_ns = link.sensor_period_ns
+        sample_ns = loop_delay.sensor_period_ns
         self._samples_per_state = 0 if state_period_ns is None else state_period_ns // sample_ns
         state_ns = sample_ns if state_period_ns is None else state_period_ns
-        self.period_ns = math.lcm(link.period_ns * ticks_repeated, sample_ns, state_ns)
-        if max(self.period_ns // link.period_ns, self.period_ns // link.sensor_period_ns) > (
-            _TICKS_MAX
+        self.period_ns = math.lcm(loop_delay.period_ns * ticks_repeated, sample_ns, state_ns)
+        if (
+            max(
+                self.period_ns // loop_delay.period_ns,
+                self.period_ns // loop_delay.sensor_period_ns,
+            )
+            > _TICKS_MAX
         ):
             raise ValueError(
-                f"control period {link.period_ns} ns and sensor period {link.sensor_period_ns} ns"
+                f"control period {loop_delay.period_ns} ns and sensor period"
+                f" {loop_delay.sensor_period_ns} ns"
                 f" have no common multiple within {_TICKS_MAX} periods"
             )
         self._plant = continuous_rig(rig)
@@ -100,9 +105,9 @@ class PredictorLoop:
         signals = Signals(timing, self._plant, len(own_floats(self._design.initial_state(0.0))))
         for time_ns in timing.instants():
             signals.move_to(time_ns)
-            if time_ns % self._link.sensor_period_ns == 0:
+            if time_ns % self._loop_delay.sensor_period_ns == 0:
                 signals.take_sample()
-            if time_ns % self._link.period_ns == 0:
+            if time_ns % self._loop_delay.period_ns == 0:
                 signals.decide(self._answer)
         signals.move_to(timing.end_ns)
         self._last = delay_ns, signals.matrices()
@@ -159,15 +164,15 @@ class PredictorLoop:
 
     def _timing(self, delay_ns: int) -> Timing:
         start_ns = -(-_START_S * NS_PER_S // self.period_ns) * self.period_ns
-        link = self._link
+        loop_delay = self._loop_delay
         return Timing(
-            link,
+            loop_delay,
             delay_ns,
             self.rig.uplink_ns,
-            start_ns // link.period_ns,
-            start_ns // link.sensor_period_ns,
-            self.period_ns // link.period_ns,
-            self.period_ns // link.sensor_period_ns,
+            start_ns // loop_delay.period_ns,
+            start_ns // loop_delay.sensor_period_ns,
+            self.period_ns // loop_delay.period_ns,
+            self.period_ns // loop_delay.sensor_period_ns,
             self._samples_per_state,
         )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from ..interface.law import History, LawInput, Link, VehicleReading
+from ..interface.law import History, LawInput, LoopDelay, VehicleReading
 from ..laws.design import LawDesign
 from .linear_system import filled, floats_of
 from .looking_back import Timing, rows_read_at
@@ -31,19 +31,19 @@ def unit_answers(
     rest = _settled_at_rest(design, params, wire, timing, tick)
     ticks, samples = rows_read_at(timing, tick)
     at_rest = own_floats(rest)
-    answers = [design.step(params, rest, wire.seen(tick))]
+    answers = [design.step(params, rest, wire.observed(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
-        answers.append(design.step(params, filled(rest, moved, float), wire.seen(tick)))
+        answers.append(design.step(params, filled(rest, moved, float), wire.observed(tick)))
     numbers = [(wire.sent_rad, number) for number in ticks]
     for sample in samples:
         numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
     for ring, number in numbers:
         ring[number % _RING] = 1.0
-        answers.append(design.step(params, rest, wire.seen(tick)))
+        answers.append(design.step(params, rest, wire.observed(tick)))
         ring[number % _RING] = 0.0
     if timing.samples_per_state:
-        answers.append(design.step(params, rest, wire.seen(tick, 1.0)))
+        answers.append(design.step(params, rest, wire.observed(tick, 1.0)))
     rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in answers]
     columns: FloatArray = np.array(rows) - np.array(rest_rows)
     return columns.T
@@ -61,7 +61,7 @@ def _settled_at_rest(
         rest = design.initial_state(0.0)
         first = (tick - periods) // timing.ticks * timing.ticks
         for before in range(first, tick):
-            rest, _ = design.step(params, rest, wire.seen(before))
+            rest, _ = design.step(params, rest, wire.observed(before))
         if not any(value is False for value in floats_of(rest)):
             break  # it predicts, or takes its derivative from the filter
     return rest
@@ -73,7 +73,7 @@ class _Wire:
     def __init__(self, timing: Timing, speed_m_s: float) -> None:
         self._speed_m_s = speed_m_s
         self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
-        self.period_ns = timing.link.period_ns
+        self.period_ns = timing.loop_delay.period_ns
         self.sent_rad = [0.0] * _RING
         self.lateral_error_m = [0.0] * _RING
         self.heading_error_rad = [0.0] * _RING
@@ -93,14 +93,14 @@ class _Wire:
             [0.0] * _RING,
         )
 
-    def seen(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
+    def observed(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
         """Return the law's input at a tick."""
         newest = self._timing.newest_sample(tick)
         return LawInput(
             self.lateral_error_m[newest % _RING],
             self.sent_rad[(tick - 1) % _RING],
             VehicleReading(self._speed_m_s, yaw_rate_rad_s, 0.0),
-            Link(tick, newest, newest, self._delay_ns, True),
+            LoopDelay(tick, newest, newest, self._delay_ns, True),
             self._history,
         )
 

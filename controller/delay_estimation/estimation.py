@@ -85,7 +85,7 @@ class DelayEstimationParams(NamedTuple):
     confidence_min: float
 
 
-Seen = tuple[float, float, float, VehicleReading, float]
+Observed = tuple[float, float, float, VehicleReading, float]
 """The controller's data at a tick.
 
     steer_rad        the command in effect up to now
@@ -140,23 +140,23 @@ class DelayEstimator:
         self._filters: DelayFilters | None = None
         self._states: FilterStates | None = None
         self._speed_m_s = 0.0
-        self._waiting: list[Seen] = []
+        self._waiting: list[Observed] = []
         """The control periods of a block, as far as they have passed."""
         self._pairs = self._unsettled_until = 0
         self._error_before_m = 0.0
         self.estimate = NOTHING_YET
 
-    def on_tick(self, seen: Seen, skipped: int = 0) -> None:
+    def on_tick(self, observed: Observed, skipped: int = 0) -> None:
         """Record a control period and the skipped periods before it."""
         waiting, per_block = self._waiting, self._ticks_per_pair * _PAIRS_PER_BLOCK
         if skipped:
-            waiting += [seen] * min(skipped, _SKIPPED_MAX)
-        waiting.append(seen)
+            waiting += [observed] * min(skipped, _SKIPPED_MAX)
+        waiting.append(observed)
         while len(waiting) >= per_block:
             self._take_block(waiting[:per_block])
             del waiting[:per_block]
 
-    def _pairs_of(self, periods: Sequence[Seen]) -> list[_Pair]:
+    def _pairs_of(self, periods: Sequence[Observed]) -> list[_Pair]:
         """Return the means of the control periods of each pair."""
         count, pairs = self._ticks_per_pair, []
         for begin in range(0, len(periods), count):
@@ -178,7 +178,7 @@ class DelayEstimator:
             pairs.append((*means, curvature_1_m / count, is_fresh))
         return pairs
 
-    def _take_block(self, periods: Sequence[Seen]) -> None:
+    def _take_block(self, periods: Sequence[Observed]) -> None:
         """Filter the pairs of a block, and pass them on to both fits."""
         pairs, newest = self._pairs_of(periods), periods[-1]
         speed_m_s = newest[3].speed_m_s
@@ -251,9 +251,9 @@ class DelayEstimator:
         return Estimate(peak.lag_s + (0.5 * p.period_s - self._age_s), deviation_s)
 
 
-def _is_fresh(seen: Seen) -> bool:
+def _is_fresh(observed: Observed) -> bool:
     """Whether the measurements are up to date and the vehicle moves."""
-    _, _, error_age_s, vehicle, vehicle_age_s = seen
+    _, _, error_age_s, vehicle, vehicle_age_s = observed
     is_young = error_age_s <= _AGE_S_MAX and vehicle_age_s <= _AGE_S_MAX
     return is_young and vehicle.speed_m_s >= _SPEED_M_S_MIN
 

@@ -4,8 +4,8 @@ E2E counters are unwrapped to sample numbers. The number nearest to the one expe
 taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
 
 Four step functions record received and sent values in ``Rings`` (lists in a live run, arrays in
-batches), and ``link_at`` derives the link of a control period. ``controller.history.link_memory``
-keeps the states for a node.
+batches), and ``loop_delay_at`` derives the delay at a tick. ``link_memory`` keeps the states for a
+node.
 """
 
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS, SteeringStatusCode
-from ..interface.law import History, Link
+from ..interface.law import History, LoopDelay
 from .freshness import AgeLimits
-from .link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
+from .loop_delay import NO_DELAY, DelayState, LoopDelayParams, delay_of, delay_step, unwrapped
 from .plan import copy_row, hold
 from .sensor_rate import NO_RATE, RateState, rate_step
 
@@ -30,14 +30,14 @@ _IGNORING_FROM = int(SteeringStatusCode.HOLDING)
 command before, whose age shows only how long none has come, or one of the first ones after."""
 
 
-class MemoryParams(NamedTuple):
+class HistoryParams(NamedTuple):
     """Parameters of the memory.
 
-    ``link``    periods and averaging
+    ``loop_delay``  periods and averaging
     ``limits``  age limits of the delay and of the vehicle's speed
     """
 
-    link: LinkParams
+    loop_delay: LoopDelayParams
     limits: AgeLimits
 
 
@@ -107,7 +107,7 @@ def history_of(rings: Rings) -> History:
 
 
 def error_step(
-    p: MemoryParams,
+    p: HistoryParams,
     rings: Rings,
     x: Errors,
     echoes: Echoes,
@@ -117,7 +117,7 @@ def error_step(
     now_ns: int,
 ) -> Errors:
     """Store a measurement at the sample at which it was taken; lost samples have none."""
-    sample = _sample_of(p.link, x, echoes, counter, now_ns)
+    sample = _sample_of(p.loop_delay, x, echoes, counter, now_ns)
     if sample <= x.sample:  # an earlier sample, or one before the first received frame
         return x
     for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
@@ -126,12 +126,12 @@ def error_step(
     rings.has_error[index] = True
     rings.lateral_error_m[index] = lateral_error_m
     rings.heading_error_rad[index] = heading_error_rad
-    rate = rate_step(p.link.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
+    rate = rate_step(p.loop_delay.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
     return Errors(sample, now_ns, rate)
 
 
 def echo_step(
-    p: MemoryParams,
+    p: HistoryParams,
     rings: Rings,
     x: Echoes,
     errors: Errors,
@@ -146,7 +146,7 @@ def echo_step(
 
     Lost samples get the values of the previous echo.
     """
-    sample = _sample_of(p.link, x, errors, counter, now_ns)
+    sample = _sample_of(p.loop_delay, x, errors, counter, now_ns)
     if sample <= x.sample:
         return x
     before = x.sample & _MASK
@@ -164,7 +164,7 @@ def echo_step(
     if _is_late(p, x, now_ns):  # network or plant may have changed since
         delay = NO_DELAY
     if status < _IGNORING_FROM:
-        delay = delay_step(p.link, delay, sample, tick)
+        delay = delay_step(p.loop_delay, delay, sample, tick)
     return Echoes(sample, now_ns, delay)
 
 
@@ -188,7 +188,7 @@ def command_step(
 
 
 def path_step(
-    p: MemoryParams,
+    p: HistoryParams,
     rings: Rings,
     path_end: int,
     errors: Errors,
@@ -207,7 +207,7 @@ def path_step(
     known_1_m, last_index = rings.curvature_1_m, len(ahead_1_m) - 2
     for unknown in range(max(path_end + 1, sample - RING_SIZE // 2), sample):
         known_1_m[unknown & _MASK] = ahead_1_m[0]
-    step = speed_m_s * (p.link.sensor_period_ns * 1e-9) / spacing_m
+    step = speed_m_s * (p.loop_delay.sensor_period_ns * 1e-9) / spacing_m
     last = min(int((len(ahead_1_m) - 1) / step), RING_SIZE // 2)
     for ahead in range(last + 1):
         position = ahead * step
@@ -218,31 +218,31 @@ def path_step(
     return sample + last
 
 
-def link_at(
-    p: MemoryParams,
+def loop_delay_at(
+    p: HistoryParams,
     errors: Errors,
     echoes: Echoes,
     path_end: int,
     vehicle_ns: int,
     tick: int,
     now_ns: int,
-) -> Link:
-    """Return the link at a tick; without the vehicle's speed all of it is unknown.
+) -> LoopDelay:
+    """Return the delay at a tick; without the vehicle's speed all of it is unknown.
 
     ``vehicle_ns``  when the newest VEHICLE_STATE arrived, -1 for none
     """
     if vehicle_ns < 0:
-        return Link(tick, -1, -1, 0.0, False, path_end)
+        return LoopDelay(tick, -1, -1, 0.0, False, path_end)
     if echoes.sample < 0:
-        return Link(tick, errors.sample, -1, 0.0, False, path_end)
+        return LoopDelay(tick, errors.sample, -1, 0.0, False, path_end)
     is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
     is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
-    delay_ns = delay_of(p.link, echoes.delay, echoes.sample)
-    return Link(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end)
+    delay_ns = delay_of(p.loop_delay, echoes.delay, echoes.sample)
+    return LoopDelay(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end)
 
 
 def _sample_of(
-    p: LinkParams, x: Errors | Echoes, other: Errors | Echoes, counter: int, now_ns: int
+    p: LoopDelayParams, x: Errors | Echoes, other: Errors | Echoes, counter: int, now_ns: int
 ) -> int:
     """Return the sample number of an accepted frame; that of the very first is its counter."""
     if x.sample >= 0:
@@ -265,6 +265,6 @@ def _tick_of(rings: Rings, commands: Commands, applied_counter: int, status: int
     return rings.command_tick[(newest - age) & _MASK]
 
 
-def _is_late(p: MemoryParams, echoes: Echoes, now_ns: int) -> bool:
+def _is_late(p: HistoryParams, echoes: Echoes, now_ns: int) -> bool:
     """Whether the newest echo is too old to show the present delay."""
     return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns

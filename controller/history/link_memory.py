@@ -5,27 +5,27 @@ from typing import Any
 
 from ...dbc.messages import LateralError, PathAhead, SteeringStatus
 from ...runtime.node import NS_PER_S
-from ..interface.law import Link
+from ..interface.law import LoopDelay
 from .freshness import AgeLimits
 from .history import (
     NO_COMMANDS,
     NO_ECHOES,
     NO_ERRORS,
     RING_SIZE,
-    MemoryParams,
+    HistoryParams,
     Rings,
     command_step,
     echo_step,
     error_step,
     history_of,
-    link_at,
+    loop_delay_at,
     path_step,
 )
-from .link import LinkParams
+from .loop_delay import LoopDelayParams
 from .plan import ROW_LENGTH
 
 
-class LinkMemory:
+class BusHistory:
     """Stores commands, measurements and echoes for a node.
 
     ``params``  periods and averaging
@@ -33,8 +33,10 @@ class LinkMemory:
     ``keeps_plans``  whether the law plans
     """
 
-    def __init__(self, params: LinkParams, limits: AgeLimits, *, keeps_plans: bool = False) -> None:
-        self._params = MemoryParams(params, limits)
+    def __init__(
+        self, params: LoopDelayParams, limits: AgeLimits, *, keeps_plans: bool = False
+    ) -> None:
+        self._params = HistoryParams(params, limits)
         size = RING_SIZE
         self._rings = Rings(
             sent_rad=[0.0] * size,
@@ -95,11 +97,11 @@ class LinkMemory:
         """Return the row of a control period, where its plan is."""
         return self._rings.plans[self._tick(period) & (len(self._rings.plans) - 1)]
 
-    def link(self, period: int, now_ns: int) -> Link:
-        """Return the link in a control period."""
+    def loop_delay(self, period: int, now_ns: int) -> LoopDelay:
+        """Return the delay in a control period."""
         tick, errors, echoes = self._tick(period), self._errors, self._echoes
         path_end, vehicle_ns = self._path_end, self._vehicle_ns
-        return link_at(self._params, errors, echoes, path_end, vehicle_ns, tick, now_ns)
+        return loop_delay_at(self._params, errors, echoes, path_end, vehicle_ns, tick, now_ns)
 
     def sensor_period(self) -> Mapping[str, Any]:
         """Return whether the sensors' period agrees with its setting, ready for JSON.
@@ -109,7 +111,7 @@ class LinkMemory:
         """
         rate = self._errors.rate
         return {
-            "setting_s": self._params.link.sensor_period_ns / NS_PER_S,
+            "setting_s": self._params.loop_delay.sensor_period_ns / NS_PER_S,
             "times_wrong": rate.times_wrong,
             "measured_s": rate.measured_ns / NS_PER_S if rate.times_wrong else None,
         }

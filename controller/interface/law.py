@@ -25,7 +25,7 @@ class VehicleReading(NamedTuple):
     is_stale: bool = False
 
 
-class Link(NamedTuple):
+class LoopDelay(NamedTuple):
     """Transmission of commands and measurements, as observed on the bus.
 
     ``tick``           number of this control period
@@ -56,7 +56,7 @@ class History(NamedTuple):
     ``is_overruled``     whether the steering overruled the command at a sample
     ``wheel_rad``        wheel angle at that sample [rad]
     ``curvature_1_m``    of the path at the preview point of a sample, past or to come; valid up to
-                         ``Link.path_end``
+                         ``LoopDelay.path_end``
     ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask
                          is 0 for a law that does not
     """
@@ -76,7 +76,7 @@ class History(NamedTuple):
 
 
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)
-NO_LINK = Link(0, -1, -1, 0.0, False)
+NO_LOOP_DELAY = LoopDelay(0, -1, -1, 0.0, False)
 NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0.0,))
 
 
@@ -90,7 +90,7 @@ class LawInput(NamedTuple):
     lateral_error_m: float
     sent_steer_rad: float
     vehicle: VehicleReading = NO_VEHICLE
-    link: Link = NO_LINK
+    link: LoopDelay = NO_LOOP_DELAY
     history: History = NO_HISTORY
 
 

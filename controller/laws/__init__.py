@@ -18,10 +18,10 @@ PAPER_LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
 """Those of SAE 2018-01-1086."""
 
 
-def _own_laws() -> Mapping[str, Law]:
+def _shipped_laws() -> Mapping[str, Law]:
     names = [number.name.lower() for number in LawNumber if number is not LawNumber.CUSTOM]
     return {name: import_module(f"{__name__}.{name}").LAW for name in names}
 
 
-LAWS: Mapping[str, Law] = MappingProxyType(_own_laws())
+LAWS: Mapping[str, Law] = MappingProxyType(_shipped_laws())
 """By the names of settings files."""

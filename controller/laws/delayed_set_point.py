@@ -41,11 +41,11 @@ from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, Link
+from ..interface.law import LawInput, LawOutput, LoopDelay
 from ..interface.law_record import Law, LookingBack
-from .design import FADE_RAD_S, link_of, steady_steer, vehicle_of
+from .design import FADE_RAD_S, loop_delay_params, steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class DelayedSetPointParams(NamedTuple):
 
     pd: PdParams
     steady: SteadySteer
-    link: LinkParams
+    loop_delay: LoopDelayParams
     proportional_gain: float
     integral_step: float
     delay_periods: float
@@ -109,46 +109,46 @@ class DelayedSetPointState(NamedTuple):
 
 
 def delayed_set_point_step(
-    p: DelayedSetPointParams, x: DelayedSetPointState, seen: LawInput
+    p: DelayedSetPointParams, x: DelayedSetPointState, observed: LawInput
 ) -> tuple[DelayedSetPointState, LawOutput]:
     """Advance one control period."""
-    speed_m_s = seen.vehicle.speed_m_s
+    speed_m_s = observed.vehicle.speed_m_s
     per_curvature = steer_per_curvature(p.steady, speed_m_s)
-    x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
-    curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
+    x_pd, demand_rad = pd_step(p.pd, x.pd, observed.lateral_error_m)
+    curve = curve_step(p.steady, p.fade_step_rad, x.curve, observed.vehicle)
     asked_rad = curve.value + demand_rad
     requests_rad_s, age_periods = x.requests_rad_s, x.age_periods + 1.0
     if age_periods >= p.request_periods:
         request_rad_s = speed_m_s * asked_rad / per_curvature
         requests_rad_s, age_periods = requests_rad_s[1:] + (request_rad_s,), 0.0  # noqa: RUF005
-    delay_periods = delay_of_requests(p, seen.link)
+    delay_periods = delay_of_requests(p, observed.link)
     error_rad_s = 0.0
-    if delay_periods >= 0.0 and not seen.vehicle.is_stale:
+    if delay_periods >= 0.0 and not observed.vehicle.is_stale:
         back = (delay_periods - age_periods) / p.request_periods
-        error_rad_s = request_before(requests_rad_s, back) - seen.vehicle.yaw_rate_rad_s
+        error_rad_s = request_before(requests_rad_s, back) - observed.vehicle.yaw_rate_rad_s
     integral_rad_s = x.integral_rad_s
-    if abs(seen.sent_steer_rad - x.steer_rad) <= _LIMITED_RAD:
+    if abs(observed.sent_steer_rad - x.steer_rad) <= _LIMITED_RAD:
         integral_rad_s += p.integral_step * error_rad_s
     correction_rad_s = p.proportional_gain * error_rad_s + integral_rad_s
     wanted_rad = per_curvature / max(speed_m_s, SPEED_M_S_MIN) * correction_rad_s
-    correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, seen.vehicle.is_stale)
+    correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, observed.vehicle.is_stale)
     steer_rad = asked_rad + correction.value
     return (
         DelayedSetPointState(
             x_pd, integral_rad_s, requests_rad_s, age_periods, steer_rad, curve, correction
         ),
-        LawOutput(steer_rad, -correction.value, 0.0, seen.lateral_error_m),
+        LawOutput(steer_rad, -correction.value, 0.0, observed.lateral_error_m),
     )
 
 
-def delay_of_requests(p: DelayedSetPointParams, link: Link) -> float:
+def delay_of_requests(p: DelayedSetPointParams, loop_delay: LoopDelay) -> float:
     """Return the age of the request whose effect is measured now [periods]; negative: unknown."""
     if p.delay_periods >= 0.0:
         return p.delay_periods
-    if not link.is_measured:
+    if not loop_delay.is_measured:
         return -1.0
-    sample_ns = link.error_sample * p.link.sensor_period_ns
-    return max(0.0, link.tick - (sample_ns - link.delay_ns) / p.link.period_ns)
+    sample_ns = loop_delay.error_sample * p.loop_delay.sensor_period_ns
+    return max(0.0, loop_delay.tick - (sample_ns - loop_delay.delay_ns) / p.loop_delay.period_ns)
 
 
 def request_before(requests_rad_s: tuple[float, ...], back: float) -> float:
@@ -177,7 +177,7 @@ def design_delayed_set_point(settings: "LawSettings") -> DelayedSetPointParams:
     return DelayedSetPointParams(
         design_pd(settings.pd, period_s),
         steady_steer(vehicle_of(settings)),
-        link_of(settings),
+        loop_delay_params(settings),
         table.proportional_gain,
         table.integral_gain_1_s * period_s,
         -1.0 if table.delay_s is None else table.delay_s / period_s,
@@ -189,7 +189,7 @@ def design_delayed_set_point(settings: "LawSettings") -> DelayedSetPointParams:
 def _looking_back(settings: "LawSettings", p: DelayedSetPointParams) -> LookingBack:
     delay_s = settings.table_of(DelayedSetPointSettings).delay_s
     delay = "measured by echoes" if delay_s is None else f"set, {delay_s:g} s"
-    sensor_ns = p.link.sensor_period_ns
+    sensor_ns = p.loop_delay.sensor_period_ns
     state_ns = sensor_ns * max(1, CYCLE_TIMES_MS[VehicleState] * NS_PER_MS // sensor_ns)
     speed_m_s = vehicle_of(settings).speed_m_s
     return LookingBack(

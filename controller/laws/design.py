@@ -9,7 +9,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..interface.law_record import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..prediction.gains import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
@@ -74,7 +74,7 @@ def design_law(settings: "LawSettings") -> LawDesign:
     ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
     law = settings.law_record
-    design = _own(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
+    design = _guarded(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
     if settings.pd is not None and settings.pd.derivative == "kalman":
         design = _with_kalman_derivative(design, settings)
     if settings.feed_forward is not None:
@@ -102,8 +102,8 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
     )
 
 
-def _own(law: Law, settings: "LawSettings") -> LawDesign:
-    """Return a law of another package, guarded so that its exceptions cannot end the controller.
+def _guarded(law: Law, settings: "LawSettings") -> LawDesign:
+    """Return a plug-in law, guarded so that its exceptions cannot end the controller.
 
     Raises SettingsError where its design fails.
     """
@@ -172,12 +172,16 @@ def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesig
     gains_at = together([schedule])
     lowest_m_s, highest_m_s = schedule.speeds_m_s[0], schedule.speeds_m_s[-1]
     gains_of_pd = required(settings.pd)
-    pd, link, params_at = design_pd(gains_of_pd, period_s), link_of(settings), law.params_at
+    pd, loop_delay, params_at = (
+        design_pd(gains_of_pd, period_s),
+        loop_delay_params(settings),
+        law.params_at,
+    )
 
     def at(speed_m_s: float) -> KalmanParams:
         derivative = DerivativeParams(
             gains_at(speed_m_s)[0],
-            link,
+            loop_delay,
             pd,
             gains_of_pd.proportional_gain_rad_m,
             gains_of_pd.derivative_gain_rad_s_m,
@@ -220,10 +224,10 @@ def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadyStee
     return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
 
 
-def link_of(settings: "LawSettings") -> LinkParams:
+def loop_delay_params(settings: "LawSettings") -> LoopDelayParams:
     """Return the parameters of the delay measurement."""
     table = settings.link
-    return LinkParams(
+    return LoopDelayParams(
         round(NS_PER_S / settings.rate_hz),
         round(table.sensor_period_ms * NS_PER_MS),
         max(1.0, table.delay_averaging_s / table.sensor_period_s),

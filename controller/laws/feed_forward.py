@@ -77,12 +77,14 @@ def feed_forward_at_rest(
 
 
 def feed_forward_step(
-    law_step: LawStep, p: FeedForwardParams, x: FeedForwardState, seen: LawInput
+    law_step: LawStep, p: FeedForwardParams, x: FeedForwardState, observed: LawInput
 ) -> tuple[FeedForwardState, LawOutput]:
     """Advance the inner law by one period with ``law_step``, and add the steer for the curve."""
-    own_rad = seen.sent_steer_rad - x.curve.value
-    own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
+    own_rad = observed.sent_steer_rad - x.curve.value
+    own = LawInput(
+        observed.lateral_error_m, own_rad, observed.vehicle, observed.link, observed.history
+    )
     x_law, output = law_step(p.law, x.law, own)
-    curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
+    curve = curve_step(p.steady, p.fade_step_rad, x.curve, observed.vehicle)
     added = (output.steer_rad + curve.value, *output[1:])
     return FeedForwardState(x_law, curve), new_record(LawOutput, added)

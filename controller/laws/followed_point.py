@@ -58,11 +58,11 @@ class FollowedPointParams(NamedTuple):
 
 
 class FollowedPointState(NamedTuple):
-    """State of the law inside, y* before it fades [m], and y* as the law has seen it."""
+    """State of the law inside, y* before it fades [m], and y* as the law observes it."""
 
     law: Any
     set_point_m: float
-    seen: Fading
+    observed: Fading
 
 
 def ahead_of_cg_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
@@ -109,28 +109,28 @@ def followed_point_after_hold(
 ) -> FollowedPointState:
     """Return the state after a hold, with the law's; the set point continues."""
     return FollowedPointState(
-        recovered(x.law, lateral_error_m - x.seen.value), x.set_point_m, x.seen
+        recovered(x.law, lateral_error_m - x.observed.value), x.set_point_m, x.observed
     )
 
 
 def followed_point_plan(
-    law_plan: LawPlan, p: FollowedPointParams, x: FollowedPointState, seen: LawInput
+    law_plan: LawPlan, p: FollowedPointParams, x: FollowedPointState, observed: LawInput
 ) -> int:
     """Let the inner law write its plan, which knows no set point: its gains hold the point."""
-    return law_plan(p.law, x.law, seen)
+    return law_plan(p.law, x.law, observed)
 
 
 def followed_point_step(
-    law_step: LawStep, p: FollowedPointParams, x: FollowedPointState, seen: LawInput
+    law_step: LawStep, p: FollowedPointParams, x: FollowedPointState, observed: LawInput
 ) -> tuple[FollowedPointState, LawOutput]:
     """Advance the inner law by one period with ``law_step``, on the error against its set point."""
-    vehicle = seen.vehicle
+    vehicle = observed.vehicle
     part = min(p.period_s * vehicle.speed_m_s / p.set_point.distance_m, 1.0)
     set_point_m = x.set_point_m + part * (steady_set_point_m(p.set_point, vehicle) - x.set_point_m)
     shown = fading_step(
-        p.fade_step_m, x.seen, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
+        p.fade_step_m, x.observed, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
     )
-    error_m = seen.lateral_error_m - shown.value
-    own = LawInput(error_m, seen.sent_steer_rad, vehicle, seen.link, seen.history)
+    error_m = observed.lateral_error_m - shown.value
+    own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.link, observed.history)
     x_law, output = law_step(p.law, x.law, own)
     return FollowedPointState(x_law, set_point_m, shown), output

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from ...runtime.record import new_record
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput
 from ..interface.law_record import LawStep
@@ -40,7 +40,7 @@ class DerivativeParams(NamedTuple):
     """
 
     gains: VehicleGains
-    link: LinkParams
+    loop_delay: LoopDelayParams
     pd: PdParams
     proportional_gain_rad_m: float
     derivative_gain_rad_s_m: float
@@ -78,24 +78,26 @@ class KalmanState(NamedTuple):
 
 
 def derivative_step(
-    p: DerivativeParams, x: DerivativeState, seen: LawInput
+    p: DerivativeParams, x: DerivativeState, observed: LawInput
 ) -> tuple[DerivativeState, float]:
     """Advance one period; returns what to add to the law's command [rad]."""
-    link, history = seen.link, seen.history
-    x_pd, filtered_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
-    estimate = start_estimate(x.estimate, link, history)
+    loop_delay, history = observed.link, observed.history
+    x_pd, filtered_rad = pd_step(p.pd, x.pd, observed.lateral_error_m)
+    estimate = start_estimate(x.estimate, loop_delay, history)
     settled_sample = x.settled_sample
-    if estimate.sample != x.estimate.sample or not link.is_measured:
-        settled_sample = max(link.error_sample, 0) + p.settling_samples
+    if estimate.sample != x.estimate.sample or not loop_delay.is_measured:
+        settled_sample = max(loop_delay.error_sample, 0) + p.settling_samples
     wanted_rad = 0.0
     if estimate.sample >= 0:
-        known = min(link.error_sample, link.echo_sample)
-        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
-    is_estimated = link.is_measured and 0 <= settled_sample <= estimate.sample
+        known = min(loop_delay.error_sample, loop_delay.echo_sample)
+        estimate = estimate_to(p.loop_delay, p.gains, estimate, loop_delay, history, known)
+    is_estimated = loop_delay.is_measured and 0 <= settled_sample <= estimate.sample
     if is_estimated:
-        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        newest = estimate_to(
+            p.loop_delay, p.gains, estimate, loop_delay, history, loop_delay.error_sample
+        )
         wanted_rad = (
-            -p.proportional_gain_rad_m * seen.lateral_error_m
+            -p.proportional_gain_rad_m * observed.lateral_error_m
             - p.derivative_gain_rad_s_m * error_rate_m_s(p, newest)
             - filtered_rad
         )
@@ -113,11 +115,11 @@ def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
 
 
 def kalman_step(
-    law_step: LawStep, p: KalmanParams, x: KalmanState, seen: LawInput
+    law_step: LawStep, p: KalmanParams, x: KalmanState, observed: LawInput
 ) -> tuple[KalmanState, LawOutput]:
     """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
-    x_law, output = law_step(p.law, x.law, seen)
-    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    x_law, output = law_step(p.law, x.law, observed)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, observed)
     after, corrected = (x_law, x_derivative), (output.steer_rad + correction_rad, *output[1:])
     return new_record(KalmanState, after), new_record(LawOutput, corrected)
 

@@ -25,9 +25,9 @@ from pydantic import Field
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
-from ..interface.law import LawInput, LawOutput, Link
+from ..interface.law import LawInput, LawOutput, LoopDelay
 from ..interface.law_record import Law, LookingBack, Schedule
 from ..prediction.estimator import command_from, estimate_to, step_on_path
 from ..prediction.measured_vehicle import measured_gains
@@ -64,46 +64,48 @@ class PacketParams(NamedTuple):
 
 
 def packet_step(
-    p: PacketParams, x: PredictorState, seen: LawInput
+    p: PacketParams, x: PredictorState, observed: LawInput
 ) -> tuple[PredictorState, LawOutput]:
     """Advance one control period: the predictor's."""
-    return predictor_step(p.predictor, x, seen)
+    return predictor_step(p.predictor, x, observed)
 
 
 def plan_times(
-    p: LinkParams, reserve_samples: int, link: Link, newest: int
+    p: LoopDelayParams, reserve_samples: int, loop_delay: LoopDelay, newest: int
 ) -> tuple[int, int, int]:
     """Return first sample and spacing of a plan, and the index of the value that acts first.
 
     ``newest``  sample of the newest measurement, which the plan reaches back to
     """
-    lead = max(-int(-horizon_samples(p, link, newest) // 1.0), 0)
+    lead = max(-int(-horizon_samples(p, loop_delay, newest) // 1.0), 0)
     spacing = min(max(-(-(lead + reserve_samples) // (VALUES - 2)), 1), SPACING_MAX)
     acting = -(-lead // spacing)
     return newest + lead - acting * spacing, spacing, acting
 
 
-def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
+def packet_plan(p: PacketParams, x: PredictorState, observed: LawInput) -> int:
     """Write the plan of this period into the history; returns the index of the value acting first.
 
     -1: there is no plan, and the command is sent alone. ``x`` is the state after the step.
     """
-    link, history = seen.link, seen.history
+    loop_delay, history = observed.link, observed.history
     inside = p.predictor
     gains = measured_gains(inside.measured, x.measured)
     if not x.is_predicting or x.fade_rad != 0.0:
         return -1
-    z = estimate_to(inside.link, gains, x.estimate, link, history, link.error_sample)
-    first, spacing, acting = plan_times(inside.link, p.reserve_samples, link, z.sample)
+    z = estimate_to(
+        inside.loop_delay, gains, x.estimate, loop_delay, history, loop_delay.error_sample
+    )
+    first, spacing, acting = plan_times(inside.loop_delay, p.reserve_samples, loop_delay, z.sample)
     if acting >= VALUES - 1:
         return -1
     newest, acts = z.sample, first + acting * spacing
-    row = history.plans[link.tick & history.plan_mask]
+    row = history.plans[loop_delay.tick & history.plan_mask]
     row[0], row[1] = float(first), float(spacing)
     last = first + (VALUES - 1) * spacing
     while True:
         if z.sample < acts:
-            steer_rad = command_from(inside.link, link, history, z.sample)
+            steer_rad = command_from(inside.loop_delay, loop_delay, history, z.sample)
         else:
             steer_rad = steer_for(gains, z)
         age = z.sample - first
@@ -111,7 +113,7 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
             row[2 + age // spacing] = steer_rad
         if z.sample >= last:
             return acting
-        z = step_on_path(gains, link, history, z, steer_rad)
+        z = step_on_path(gains, loop_delay, history, z, steer_rad)
 
 
 def packet_at_rest(p: PacketParams, lateral_error_m: float) -> PredictorState:

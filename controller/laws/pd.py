@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from .settings import LawSettings
 
 
-def pd_law_step(p: PdParams, x: SectionState, seen: LawInput) -> tuple[SectionState, LawOutput]:
+def pd_law_step(p: PdParams, x: SectionState, observed: LawInput) -> tuple[SectionState, LawOutput]:
     """Advance one control period."""
-    x_next, steer_rad = pd_step(p, x, seen.lateral_error_m)
-    return x_next, LawOutput(steer_rad, 0.0, 0.0, seen.lateral_error_m)
+    x_next, steer_rad = pd_step(p, x, observed.lateral_error_m)
+    return x_next, LawOutput(steer_rad, 0.0, 0.0, observed.lateral_error_m)
 
 
 def _design(settings: "LawSettings") -> PdParams:

@@ -29,10 +29,12 @@ PdCdobState = tuple[SectionState, CdobState]
 """State of the two."""
 
 
-def pd_cdob_step(p: PdCdobParams, x: PdCdobState, seen: LawInput) -> tuple[PdCdobState, LawOutput]:
+def pd_cdob_step(
+    p: PdCdobParams, x: PdCdobState, observed: LawInput
+) -> tuple[PdCdobState, LawOutput]:
     """Advance one control period."""
     x_pd, x_cdob = x
-    error_m, sent_rad = seen.lateral_error_m, seen.sent_steer_rad
+    error_m, sent_rad = observed.lateral_error_m, observed.sent_steer_rad
     x_cdob, feedback_m, network_rad = cdob_step(p.cdob, x_cdob, error_m, sent_rad)
     x_pd, steer_rad = pd_step(p.pd, x_pd, feedback_m)
     return (x_pd, x_cdob), LawOutput(steer_rad, 0.0, network_rad, feedback_m)

@@ -36,11 +36,13 @@ PdDdobState = tuple[SectionState, DobState, CdobState, float]
 """State of the three, and d̂ of the previous period."""
 
 
-def pd_ddob_step(p: PdDdobParams, x: PdDdobState, seen: LawInput) -> tuple[PdDdobState, LawOutput]:
+def pd_ddob_step(
+    p: PdDdobParams, x: PdDdobState, observed: LawInput
+) -> tuple[PdDdobState, LawOutput]:
     """Advance one control period."""
     pd, dob, cdob = p
     x_pd, x_dob, x_cdob, disturbance_rad = x
-    error_m, sent_rad = seen.lateral_error_m, seen.sent_steer_rad
+    error_m, sent_rad = observed.lateral_error_m, observed.sent_steer_rad
     sent_demand_rad = sent_rad + disturbance_rad
     x_dob, disturbance_rad = dob_step(dob, x_dob, error_m, sent_rad)
     x_cdob, feedback_m, network_rad = cdob_step(cdob, x_cdob, error_m, sent_demand_rad)

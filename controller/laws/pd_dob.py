@@ -29,11 +29,11 @@ PdDobState = tuple[SectionState, DobState]
 """State of the two."""
 
 
-def pd_dob_step(p: PdDobParams, x: PdDobState, seen: LawInput) -> tuple[PdDobState, LawOutput]:
+def pd_dob_step(p: PdDobParams, x: PdDobState, observed: LawInput) -> tuple[PdDobState, LawOutput]:
     """Advance one control period."""
     x_pd, x_dob = x
-    error_m = seen.lateral_error_m
-    x_dob, disturbance_rad = dob_step(p.dob, x_dob, error_m, seen.sent_steer_rad)
+    error_m = observed.lateral_error_m
+    x_dob, disturbance_rad = dob_step(p.dob, x_dob, error_m, observed.sent_steer_rad)
     x_pd, demand_rad = pd_step(p.pd, x_pd, error_m)
     return (x_pd, x_dob), LawOutput(demand_rad - disturbance_rad, disturbance_rad, 0.0, error_m)
 

@@ -36,8 +36,8 @@ def place_of(name: str) -> str | None:
 
 
 @cache
-def find_own_law(name: str) -> Law:
-    """Return a law of another package; raises NoLawError."""
+def find_plugin_law(name: str) -> Law:
+    """Return a plug-in law; raises NoLawError."""
     place = place_of(name)
     if place is None:
         raise NoLawError(f"there is no law {name}")
@@ -55,21 +55,21 @@ class Guard:
         self._law = law
         self.mistake = ""
 
-    def step(self, params: Any, state: Any, seen: LawInput) -> tuple[Any, LawOutput]:
+    def step(self, params: Any, state: Any, observed: LawInput) -> tuple[Any, LawOutput]:
         """Advance the law by one period; an invalid output is replaced by one without numbers."""
         if state is None:
             return state, _NO_NUMBER
         try:
-            after, output = self._law.step(params, state, seen)
+            after, output = self._law.step(params, state, observed)
             return after, numbers_or_none(LawOutput(*output))
         except Exception as error:
             self._note(error)
             return state, _NO_NUMBER
 
-    def plan(self, params: Any, state: Any, seen: LawInput) -> int:
+    def plan(self, params: Any, state: Any, observed: LawInput) -> int:
         """Write the law's plan; without one, -1, if it raises."""
         try:
-            return -1 if self._law.plan is None else self._law.plan(params, state, seen)
+            return -1 if self._law.plan is None else self._law.plan(params, state, observed)
         except Exception as error:
             self._note(error)
             return -1

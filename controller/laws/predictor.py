@@ -1,9 +1,9 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
-The echo of the command counter measures the delay (``controller.history.link``); the Kalman filter
-(``controller.prediction.estimator``) gives the state at the newest sample; the model extrapolates
-it with the commands in transit, up to the time at which this period's command is expected to act;
-and
+The echo of the command counter measures the delay (``controller.history.loop_delay``); the Kalman
+filter (``controller.prediction.estimator``) gives the state at the newest sample; the model
+extrapolates it with the commands in transit, up to the time at which this period's command is
+expected to act; and
 
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
 
@@ -22,7 +22,7 @@ from pydantic import Field
 from ...dbc.messages import LawNumber
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..interface.law import LawInput, LawOutput
 from ..interface.law_record import Fallback, Law, LookingBack, Schedule
 from ..interface.limits import ramp_step
@@ -45,7 +45,7 @@ from ..prediction.measured_vehicle import (
     nothing_measured,
 )
 from ..prediction.prediction import horizon_samples, predict, steer_for
-from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
+from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, loop_delay_params, vehicle_of
 from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
@@ -82,7 +82,7 @@ class PredictorParams(NamedTuple):
 
     gains: VehicleGains
     measured: MeasuredParams
-    link: LinkParams
+    loop_delay: LoopDelayParams
     fallback: PdDdobParams
     fade_step_rad: float
     horizon_samples_max: float
@@ -105,30 +105,34 @@ class PredictorState(NamedTuple):
 
 
 def predictor_step(
-    p: PredictorParams, x: PredictorState, seen: LawInput
+    p: PredictorParams, x: PredictorState, observed: LawInput
 ) -> tuple[PredictorState, LawOutput]:
     """Advance one control period."""
-    x_fallback, output = pd_ddob_step(p.fallback, x.fallback, seen)
-    link, history = seen.link, seen.history
-    estimate, settled_sample = start_estimate(x.estimate, link, history), x.settled_sample
+    x_fallback, output = pd_ddob_step(p.fallback, x.fallback, observed)
+    loop_delay, history = observed.link, observed.history
+    estimate, settled_sample = start_estimate(x.estimate, loop_delay, history), x.settled_sample
     if estimate.sample != x.estimate.sample and estimate.sample >= 0:
         settled_sample = estimate.sample
         # Until a command has acted, the vehicle stands on its path, as the filter assumes.
         if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
-    yaw_rate_rad_s = seen.vehicle.yaw_rate_rad_s
-    measured = measured_to(p.measured, p.link, x.measured, link, history, yaw_rate_rad_s)
+    yaw_rate_rad_s = observed.vehicle.yaw_rate_rad_s
+    measured = measured_to(
+        p.measured, p.loop_delay, x.measured, loop_delay, history, yaw_rate_rad_s
+    )
     gains = measured_gains(p.measured, measured)
     is_predicting = False
     if estimate.sample >= 0:
-        known = min(link.error_sample, link.echo_sample)
-        estimate = estimate_to(p.link, gains, estimate, link, history, known)
-        newest = estimate_to(p.link, gains, estimate, link, history, link.error_sample)
-        horizon = horizon_samples(p.link, link, newest.sample)
+        known = min(loop_delay.error_sample, loop_delay.echo_sample)
+        estimate = estimate_to(p.loop_delay, gains, estimate, loop_delay, history, known)
+        newest = estimate_to(
+            p.loop_delay, gains, estimate, loop_delay, history, loop_delay.error_sample
+        )
+        horizon = horizon_samples(p.loop_delay, loop_delay, newest.sample)
         is_settled = estimate.sample >= settled_sample
-        is_predicting = link.is_measured and is_settled and horizon <= p.horizon_samples_max
+        is_predicting = loop_delay.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
-            ahead = predict(p.link, gains, newest, link, history, horizon)
+            ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
             steer_rad = steer_for(gains, ahead)
             output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
     fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
@@ -189,7 +193,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     }
     gains_at = together(schedules.values())
     places = [list(schedules).index(choice) for choice in choices]
-    link = link_of(settings)
+    loop_delay = loop_delay_params(settings)
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
     horizon_samples_max = table.horizon_s_max / sensor_period_s
@@ -201,7 +205,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
         return PredictorParams(
             gains[SET],
             measured_params(gains, lag_s, **measures),
-            link,
+            loop_delay,
             fallback,
             fade_step_rad,
             horizon_samples_max,

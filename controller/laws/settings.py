@@ -37,14 +37,14 @@ from ..filters.transfer_function import TransferFunction
 from ..interface.law_record import Law
 from ..interface.validity import ValiditySettings
 from . import LAWS
-from .plugin import NoLawError, find_own_law, place_of
+from .plugin import NoLawError, find_plugin_law, place_of
 
-_OwnTable = TypeVar("_OwnTable", bound=Settings)
+_Table = TypeVar("_Table", bound=Settings)
 
 
 def find_law(name: str) -> Law:
     """Return the law with this name, ours or another package's; raises NoLawError."""
-    return LAWS[name] if name in LAWS else find_own_law(name)
+    return LAWS[name] if name in LAWS else find_plugin_law(name)
 
 
 def _known_law(name: Any) -> Any:
@@ -54,7 +54,7 @@ def _known_law(name: Any) -> Any:
     return name
 
 
-def _own_table(value: Any, info: ValidationInfo) -> Settings | None:
+def _plugin_table(value: Any, info: ValidationInfo) -> Settings | None:
     """Return [own_law] validated by the law's own model."""
     name = info.data.get("law")
     kind = None if name is None or name in LAWS else find_law(name).settings
@@ -109,7 +109,7 @@ class LawSettings(_TablesOfLaws):
 
     own_law: Annotated[
         SerializeAsAny[Settings] | None,
-        PlainValidator(_own_table),
+        PlainValidator(_plugin_table),
         WithJsonSchema({"type": "object"}),
     ] = Field(default=None, validate_default=True)
     """Table of a law from another package; the law's record contains its model."""
@@ -142,7 +142,7 @@ class LawSettings(_TablesOfLaws):
         """The name of the law's own table."""
         return self.law if self.law in LAWS else "own_law"
 
-    def table_of(self, kind: type[_OwnTable]) -> _OwnTable:
+    def table_of(self, kind: type[_Table]) -> _Table:
         """Return the law's own table, which is of this kind."""
         table = getattr(self, self._table)
         if not isinstance(table, kind):
@@ -151,7 +151,7 @@ class LawSettings(_TablesOfLaws):
 
     @classmethod
     def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:
-        """Return the JSON schema, including that of the own law named in the data."""
+        """Return the JSON schema, including that of a plug-in law named in the data."""
         schema = schema_of(cls)
         try:
             kind = find_law(str(data.get("law"))).settings

@@ -68,14 +68,14 @@ class SmithState(NamedTuple):
     compensation: Cascade2State
 
 
-def smith_step(p: SmithParams, x: SmithState, seen: LawInput) -> tuple[SmithState, LawOutput]:
+def smith_step(p: SmithParams, x: SmithState, observed: LawInput) -> tuple[SmithState, LawOutput]:
     """Advance one control period."""
-    newest = seen.link.tick - 1
-    on_its_way_rad = command_at(seen.history, newest, 0.0) - command_at(
-        seen.history, newest, p.delay_ticks
+    newest = observed.link.tick - 1
+    on_its_way_rad = command_at(observed.history, newest, 0.0) - command_at(
+        observed.history, newest, p.delay_ticks
     )
     x_compensation, ahead_m = cascade_2_step(p.compensation, x.compensation, on_its_way_rad)
-    feedback_m = seen.lateral_error_m + ahead_m
+    feedback_m = observed.lateral_error_m + ahead_m
     x_pd, steer_rad = pd_step(p.pd, x.pd, feedback_m)
     return SmithState(x_pd, x_compensation), LawOutput(steer_rad, 0.0, on_its_way_rad, feedback_m)
 

@@ -10,8 +10,9 @@ Half a period is subtracted because a command is in effect for a whole period, a
 taken at any time in it. If the plant samples at the controller's rate, the echo is always taken at
 the same point of the period, so that the result is wrong by half a period at most.
 
-``controller.history.link`` measures a different delay with the same echoes, for laws that predict:
-the downlink only, between counters. It does not contain the uplink or the difference of the clocks.
+``controller.history.loop_delay`` measures a different delay with the same echoes, for laws that
+predict: the downlink only, between counters. It does not contain the uplink or the difference of
+the clocks.
 """
 
 from collections.abc import Mapping
@@ -75,14 +76,14 @@ class DelayWatch:
             return
         skipped = 0 if self._period is None else period - self._period - 1
         self._period = period
-        seen = (
+        observed = (
             sent_steer_rad,
             received.lateral_error_m,
             (now_ns - error_ns) / NS_PER_S,
             received.vehicle,
             (now_ns - vehicle_ns) / NS_PER_S,
         )
-        self._estimator.on_tick(seen, skipped)
+        self._estimator.on_tick(observed, skipped)
         self._ticks += 1
         if self._estimator.estimate.is_observable:
             self._ticks_observable += 1

@@ -10,11 +10,11 @@ from typing import Any
 
 from ...dbc.messages import Mode
 from ...runtime.record import new_record
-from ..history.link_memory import LinkMemory
-from ..interface.law import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput, LawOutput
+from ..history.link_memory import BusHistory
+from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
 from ..interface.limits import ramp_step
 from ..interface.validity import share_of_demand
-from ..laws.design import design_law, link_of
+from ..laws.design import design_law, loop_delay_params
 from ..settings import ControllerSettings, age_limits_of
 from .received import Received
 
@@ -36,8 +36,8 @@ class LawRunner:
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
         self.design = design_law(settings)
         self.memory = (
-            LinkMemory(
-                link_of(settings),
+            BusHistory(
+                loop_delay_params(settings),
                 age_limits_of(settings),
                 keeps_plans=self.design.plan is not None,
             )
@@ -87,11 +87,11 @@ class LawRunner:
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
         memory, design = self.memory, self.design
-        link = NO_LINK if memory is None else memory.link(period, now_ns)
+        loop_delay = NO_LOOP_DELAY if memory is None else memory.loop_delay(period, now_ns)
         vehicle = received.vehicle_at(now_ns)
-        values = received.lateral_error_m, sent_rad, vehicle, link, self._history
-        seen = new_record(LawInput, values)
-        state, output = design.step(self._params, self._state, seen)
+        values = received.lateral_error_m, sent_rad, vehicle, loop_delay, self._history
+        observed = new_record(LawInput, values)
+        state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1
         if isfinite(steer_rad):
@@ -101,7 +101,7 @@ class LawRunner:
             elif self._fade_rad != 0.0:
                 self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
             if design.plan is not None and self._fade_rad == 0.0:
-                self.acting = design.plan(self._params, state, seen)
+                self.acting = design.plan(self._params, state, observed)
             command_rad = steer_rad + self._fade_rad
             if isfinite(command_rad):
                 return command_rad

@@ -60,40 +60,42 @@ class Evidence(NamedTuple):
 Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
 
 
-def is_fresh(p: Supervision, _state: ModeState, seen: Evidence, now_ns: int) -> bool:
+def is_fresh(p: Supervision, _state: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether there is a measurement recent enough to steer by."""
-    return seen.arrival_ns is not None and now_ns - seen.arrival_ns <= p.measurement_timeout_ns
+    return (
+        evidence.arrival_ns is not None and now_ns - evidence.arrival_ns <= p.measurement_timeout_ns
+    )
 
 
-def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+def is_stale(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether the newest measurement is too old to steer by."""
-    return not is_fresh(p, state, seen, now_ns)
+    return not is_fresh(p, state, evidence, now_ns)
 
 
-def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+def is_trusted(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether measurements are fresh again, enough of them good, and nothing else is wrong."""
-    is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
-    return is_back and seen.goes_forward and not seen.own_fault
+    is_back = evidence.good_run >= p.recovery_frames and is_fresh(p, state, evidence, now_ns)
+    return is_back and evidence.goes_forward and not evidence.own_fault
 
 
-def is_not_forward(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+def is_not_forward(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the vehicle stands or reverses, which no law is for."""
-    return not seen.goes_forward
+    return not evidence.goes_forward
 
 
-def is_at_fault(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+def is_at_fault(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the controller has detected a fault in itself."""
-    return seen.own_fault
+    return evidence.own_fault
 
 
-def is_held_enough(p: Supervision, state: ModeState, _seen: Evidence, now_ns: int) -> bool:
+def is_held_enough(p: Supervision, state: ModeState, _evidence: Evidence, now_ns: int) -> bool:
     """Whether the mode has lasted for the hold time."""
     return now_ns - state.entered_ns >= p.hold_ns
 
 
-def is_law_failed(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+def is_law_failed(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the law's command was not finite."""
-    return seen.law_failed
+    return evidence.law_failed
 
 
 TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
@@ -113,10 +115,10 @@ TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
 }
 
 
-def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> ModeState:
+def mode_step(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> ModeState:
     """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
     for guard, following in TRANSITIONS[state.mode]:
-        if guard(p, state, seen, now_ns):
+        if guard(p, state, evidence, now_ns):
             return ModeState(following, now_ns)
     return state
 
@@ -179,8 +181,10 @@ class Supervisor:
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
         before = self._state.mode
-        seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward)
-        self._state = mode_step(self._supervision, self._state, seen, now_ns)
+        evidence = Evidence(
+            arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward
+        )
+        self._state = mode_step(self._supervision, self._state, evidence, now_ns)
         self.mode = self._state.mode
         if self.mode is before:
             return None

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...runtime.record import new_record
-from ..history.link import LinkParams
+from ..history.loop_delay import LoopDelayParams
 from ..history.plan import value_at
-from ..interface.law import History, Link
+from ..interface.law import History, LoopDelay
 
 STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
@@ -145,14 +145,14 @@ def model_step(
 
 
 def step_on_path(
-    g: VehicleGains, link: Link, history: History, x: EstimatorState, command_rad: float
+    g: VehicleGains, loop_delay: LoopDelay, history: History, x: EstimatorState, command_rad: float
 ) -> EstimatorState:
     """Return the same where the path ahead may be known: its curvature then changes as that does.
 
     Only the change is taken, so that the estimate still contains what looks like a curvature.
     """
     sample, change_1_m = x.sample, 0.0
-    if sample < link.path_end:
+    if sample < loop_delay.path_end:
         known_1_m, mask = history.curvature_1_m, history.sample_mask
         change_1_m = known_1_m[(sample + 1) & mask] - known_1_m[sample & mask]
     return model_step(g, x, command_rad, change_1_m)
@@ -194,10 +194,10 @@ def _input_at(history: History, sample: int) -> float:
     return sent_for(history, history.applied_tick[index], sample)
 
 
-def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
+def command_from(p: LoopDelayParams, loop_delay: LoopDelay, history: History, sample: int) -> float:
     """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
     mask = history.sample_mask
-    if sample < link.echo_sample:
+    if sample < loop_delay.echo_sample:
         before, after = sample & mask, (sample + 1) & mask
         if history.is_overruled[before] or history.is_overruled[after]:
             return 0.5 * (_input_at(history, sample) + _input_at(history, sample + 1))
@@ -207,12 +207,16 @@ def command_from(p: LinkParams, link: Link, history: History, sample: int) -> fl
             return steer_rad
         # The time of the change between the two samples is unknown.
         return 0.5 * (steer_rad + sent_for(history, tick_after, sample))
-    earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
-    begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
+    earliest = (
+        history.applied_tick[loop_delay.echo_sample & mask] if loop_delay.echo_sample >= 0 else -1
+    )
+    begin = (sample * p.sensor_period_ns - loop_delay.delay_ns) / p.period_ns
     if history.plan_mask:
-        tick = min(max(int(begin // 1.0), earliest), link.tick - 1)
+        tick = min(max(int(begin // 1.0), earliest), loop_delay.tick - 1)
         return sent_for(history, tick, sample)
-    return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)
+    return _mean_command(
+        history, begin, p.sensor_period_ns / p.period_ns, earliest, loop_delay.tick - 1
+    )
 
 
 def _begins_at_a_sample(history: History, tick: int) -> bool:
@@ -238,11 +242,16 @@ def _mean_command(
 
 
 def estimate_to(
-    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, sample: int
+    p: LoopDelayParams,
+    g: VehicleGains,
+    x: EstimatorState,
+    loop_delay: LoopDelay,
+    history: History,
+    sample: int,
 ) -> EstimatorState:
     """Return the estimate at ``sample``, using the measurements up to it."""
     while x.sample < sample:
-        x = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
+        x = step_on_path(g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample))
         index = x.sample & history.sample_mask
         if history.has_error[index]:
             x = correction_step(
@@ -251,14 +260,14 @@ def estimate_to(
     return x
 
 
-def start_estimate(x: EstimatorState, link: Link, history: History) -> EstimatorState:
+def start_estimate(x: EstimatorState, loop_delay: LoopDelay, history: History) -> EstimatorState:
     """Return the state to continue from; a new one if there is none or it is too old."""
-    known = min(link.error_sample, link.echo_sample)
+    known = min(loop_delay.error_sample, loop_delay.echo_sample)
     if x.sample >= 0 and known - x.sample <= STARTS_ANEW_AFTER:
         return x
     index = known & history.sample_mask
     if known < 0 or not history.has_error[index]:
         return estimator_at_rest(x.lateral_error_m)
     heading_rad, error_m = history.heading_error_rad[index], history.lateral_error_m[index]
-    curvature_1_m = history.curvature_1_m[index] if known <= link.path_end else 0.0
+    curvature_1_m = history.curvature_1_m[index] if known <= loop_delay.path_end else 0.0
     return EstimatorState(known, 0.0, 0.0, heading_rad, error_m, curvature_1_m, 0.0, 0.0)

@@ -20,7 +20,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
-from ..interface.law import History, Link
+from ..interface.law import History, LoopDelay
 from .estimator import VehicleGains
 from .regression import regressed
 
@@ -73,13 +73,13 @@ def mass_to(
     heavy: VehicleGains,
     ends: MassEnds,
     x: MassState,
-    link: Link,
+    loop_delay: LoopDelay,
     history: History,
     yaw_rate_rad_s: float,
 ) -> MassState:
     """Return the filter at the newest echo; a yaw rate that has changed belongs to that sample."""
     sample, beta_1, r_1, beta_2, r_2, before_rad_s, w, b, p_ww, p_wb, p_bb, choice = x
-    newest, mask = link.echo_sample, history.sample_mask
+    newest, mask = loop_delay.echo_sample, history.sample_mask
     if sample < 0 or newest - sample > _FORGETS_AFTER:
         sample, beta_1, r_1, beta_2, r_2 = newest, 0.0, yaw_rate_rad_s, 0.0, yaw_rate_rad_s
     while sample < newest:
@@ -90,7 +90,7 @@ def mass_to(
         beta_2, r_2 = _turned(heavy, beta_2, r_2, wheel_rad)
         p_ww, p_bb = min(p_ww + WALKS[0], VARIANCES_MAX[0]), min(p_bb + WALKS[1], VARIANCES_MAX[1])
         sample += 1
-    if yaw_rate_rad_s != before_rad_s and link.error_sample == newest:
+    if yaw_rate_rad_s != before_rad_s and loop_delay.error_sample == newest:
         w, b, p_ww, p_wb, p_bb = regressed(
             (w, b, p_ww, p_wb, p_bb), r_2 - r_1, 1.0, yaw_rate_rad_s - r_1, NOISE_RAD2_S2
         )

@@ -20,8 +20,8 @@ from math import log, sqrt
 from typing import NamedTuple
 
 from ...runtime.record import new_record
-from ..history.link import LinkParams
-from ..interface.law import History, Link
+from ..history.loop_delay import LoopDelayParams
+from ..interface.law import History, LoopDelay
 from .estimator import sent_for
 from .regression import regressed
 
@@ -63,13 +63,13 @@ class LagState(NamedTuple):
 NO_LAG = LagState(-1, False, 0.0, 0.0, _VARIANCE_MAX, 0.0, _VARIANCE_MAX, AS_SET)
 
 
-def lag_to(p: LinkParams, x: LagState, link: Link, history: History) -> LagState:
+def lag_to(p: LoopDelayParams, x: LagState, loop_delay: LoopDelay, history: History) -> LagState:
     """Return the filter at the newest echo."""
-    if x.sample < 0 or link.echo_sample - x.sample > _FORGETS_AFTER:
-        return new_record(LagState, (link.echo_sample, False, *x[2:]))
-    if x.sample >= link.echo_sample:
+    if x.sample < 0 or loop_delay.echo_sample - x.sample > _FORGETS_AFTER:
+        return new_record(LagState, (loop_delay.echo_sample, False, *x[2:]))
+    if x.sample >= loop_delay.echo_sample:
         return x
-    while x.sample < link.echo_sample:
+    while x.sample < loop_delay.echo_sample:
         x = lag_step(x, history)
     return new_record(LagState, (*x[:7], chosen(1e-9 * p.sensor_period_ns, x)))
 

@@ -9,8 +9,8 @@ angle. Neither sees what the other finds. What is not measured is that of the se
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..history.link import LinkParams
-from ..interface.law import History, Link
+from ..history.loop_delay import LoopDelayParams
+from ..interface.law import History, LoopDelay
 from .estimator import VehicleGains, row_of
 from .identification import AS_SET as MASS_AS_SET
 from .identification import (
@@ -56,18 +56,18 @@ class MeasuredState(NamedTuple):
 
 def measured_to(
     p: MeasuredParams,
-    of: LinkParams,
+    of: LoopDelayParams,
     x: MeasuredState,
-    link: Link,
+    loop_delay: LoopDelay,
     history: History,
     yaw_rate_rad_s: float,
 ) -> MeasuredState:
     """Return both filters at the newest echo."""
     lag, mass = x.lag, x.mass
     if p.measures_lag:
-        lag = lag_to(of, lag, link, history)
+        lag = lag_to(of, lag, loop_delay, history)
     if p.measures_mass:
-        mass = mass_to(p.light, p.heavy, p.mass_ends, mass, link, history, yaw_rate_rad_s)
+        mass = mass_to(p.light, p.heavy, p.mass_ends, mass, loop_delay, history, yaw_rate_rad_s)
     return MeasuredState(lag, mass)
 
 

@@ -1,25 +1,32 @@
 """Prediction to the time at which a command acts, and the feedback of the state there."""
 
-from ..history.link import LinkParams
-from ..interface.law import History, Link
+from ..history.loop_delay import LoopDelayParams
+from ..interface.law import History, LoopDelay
 from .estimator import EstimatorState, VehicleGains, command_from, step_on_path
 
 
-def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
+def horizon_samples(p: LoopDelayParams, loop_delay: LoopDelay, sample: int) -> float:
     """Return the number of samples from ``sample`` until the command of this tick acts."""
-    acts_ns = link.tick * p.period_ns + link.delay_ns
+    acts_ns = loop_delay.tick * p.period_ns + loop_delay.delay_ns
     return acts_ns / p.sensor_period_ns - sample
 
 
 def predict(
-    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, horizon: float
+    p: LoopDelayParams,
+    g: VehicleGains,
+    x: EstimatorState,
+    loop_delay: LoopDelay,
+    history: History,
+    horizon: float,
 ) -> EstimatorState:
     """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
     after = x
     last = x.sample + int(max(horizon, 0.0))
     while after.sample <= last:
         x = after
-        after = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
+        after = step_on_path(
+            g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample)
+        )
     part = max(horizon, 0.0) % 1.0
     return EstimatorState(
         x.sample,

@@ -10,8 +10,8 @@ import pytest
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.history.history import RING_SIZE
-from steer_by_wire.controller.history.link_memory import LinkMemory
-from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus
@@ -28,7 +28,7 @@ JITTERY = (
 CONSTANT = ("latency.downlink.mean_s=0.3",)
 
 
-class AssumingMemory(LinkMemory):
+class AssumingMemory(BusHistory):
     """Believes every command to act ``ASSUMED_NS`` after it was sent, and ignores the echoes.
 
     The two clocks agree in these runs: the first tick comes with sample 0, and nothing delays
@@ -40,14 +40,16 @@ class AssumingMemory(LinkMemory):
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         super().on_error(error, counter, now_ns)
-        sample, params = self._errors.sample, self._params.link
+        sample, params = self._errors.sample, self._params.loop_delay
         at_ns = sample * params.sensor_period_ns - ASSUMED_NS
         self._rings.applied_tick[sample % RING_SIZE] = max(at_ns // params.period_ns, -1)
 
-    def link(self, period: int, now_ns: int) -> Link:
-        link = super().link(period, now_ns)
-        delay_ns = ASSUMED_NS - 0.5 * self._params.link.period_ns
-        return link._replace(echo_sample=link.error_sample, delay_ns=delay_ns, is_measured=True)
+    def loop_delay(self, period: int, now_ns: int) -> LoopDelay:
+        loop_delay = super().loop_delay(period, now_ns)
+        delay_ns = ASSUMED_NS - 0.5 * self._params.loop_delay.period_ns
+        return loop_delay._replace(
+            echo_sample=loop_delay.error_sample, delay_ns=delay_ns, is_measured=True
+        )
 
 
 def settled_rms_m(overrides: tuple[str, ...], corner: str) -> float:
@@ -64,7 +66,7 @@ def test_a_constant_delay_may_as_well_be_assumed_as_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured_m = settled_rms_m(CONSTANT, "d")
-    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.BusHistory", AssumingMemory)
     assert settled_rms_m(CONSTANT, "d") == pytest.approx(measured_m, rel=0.05)
 
 
@@ -73,5 +75,5 @@ def test_under_jitter_an_assumed_delay_costs_several_times_the_error(
 ) -> None:
     measured_m = settled_rms_m(JITTERY, "d")
     assert measured_m < 0.0005
-    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.node.law_runner.BusHistory", AssumingMemory)
     assert 5.0 * measured_m < settled_rms_m(JITTERY, "d") < 0.01

@@ -193,8 +193,8 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
 ) -> None:
     outputs = iter([0.1, 0.1, bad])
 
-    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
-        return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
+    def step(_p: None, x: float, observed: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, x), 0.0, 0.0, observed.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
     monkeypatch.setattr(
@@ -219,8 +219,8 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
     """Measurements stay good: without this the last command would be held for ever."""
     outputs = iter([0.1, 0.1])
 
-    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
-        return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
+    def step(_p: None, x: float, observed: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, observed.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
     monkeypatch.setattr(

@@ -6,7 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.interface.law import NO_LINK, LawInput, Link, VehicleReading
+from steer_by_wire.controller.interface.law import (
+    NO_LOOP_DELAY,
+    LawInput,
+    LoopDelay,
+    VehicleReading,
+)
 from steer_by_wire.controller.laws.delayed_set_point import REQUESTS, request_before
 from steer_by_wire.controller.laws.design import LawDesign, design_law
 from steer_by_wire.controller.settings import controller_preset as preset
@@ -18,13 +23,15 @@ ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0
 
 
 def set_point_steps(
-    design: LawDesign, inputs: Sequence[tuple[float, VehicleReading]], link: Link = NO_LINK
+    design: LawDesign,
+    inputs: Sequence[tuple[float, VehicleReading]],
+    loop_delay: LoopDelay = NO_LOOP_DELAY,
 ) -> tuple[Any, list[float]]:
     """State and commands after inputs, every command sent as wanted."""
     state, sent_rad = design.initial_state(0.0), [0.0]
     for error_m, vehicle in inputs:
-        seen = LawInput(error_m, sent_rad[-1], vehicle, link)
-        state, output = design.step(design.params, state, seen)
+        observed = LawInput(error_m, sent_rad[-1], vehicle, loop_delay)
+        state, output = design.step(design.params, state, observed)
         sent_rad.append(output.steer_rad)
     return state, sent_rad[1:]
 
@@ -105,11 +112,14 @@ def test_its_delay_is_the_echo_s_where_none_is_set() -> None:
     """Tick 50, newest sample 48, a command acts 123 ms after its tick: that of tick 35.7 does."""
     table = "delayed_set_point={proportional_gain=0.3, integral_gain_1_s=0.5}"
     measured = design_law(preset("practical_pd", ('law="delayed_set_point"', table)))
-    link = Link(50, 48, 48, 123e6, is_measured=True)
+    loop_delay = LoopDelay(50, 48, 48, 123e6, is_measured=True)
     fixed = ("delayed_set_point.delay_s=0.143",)
     known = design_law(preset("practical_pd", (*SET_POINT, *fixed)))
     drive = a_drive(120)
-    found, expected = set_point_steps(measured, drive, link)[1], set_point_steps(known, drive)[1]
+    found, expected = (
+        set_point_steps(measured, drive, loop_delay)[1],
+        set_point_steps(known, drive)[1],
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 

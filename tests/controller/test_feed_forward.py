@@ -56,8 +56,8 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
             before = state if hidden else state._replace(curve=NOTHING)
-            seen = LawInput(float(x[3]), steer_rad, curve)
-            state, output = design.step(design.params, before, seen)
+            observed = LawInput(float(x[3]), steer_rad, curve)
+            state, output = design.step(design.params, before, observed)
             steer_rad = x[4] = output.steer_rad
             x[5] = 0.02
             x[:4] = phi @ x

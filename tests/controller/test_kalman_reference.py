@@ -59,7 +59,7 @@ def vehicle() -> VehicleModelSettings:
 def gain_matrix(gains: VehicleGains) -> np.ndarray:
     return np.array(
         [
-            [getattr(gains, f"{state}_from_{seen}") for seen in ("y", "psi")]
+            [getattr(gains, f"{state}_from_{observed}") for observed in ("y", "psi")]
             for state in (*FILTERED,)
         ]
     )
@@ -106,8 +106,8 @@ class Listening(ControllerNode):
         self.estimates: list[EstimatorState] = []
         step = self._law.design.step
 
-        def kept(params: Any, state: Any, seen: LawInput) -> Any:
-            state, output = step(params, state, seen)
+        def kept(params: Any, state: Any, observed: LawInput) -> Any:
+            state, output = step(params, state, observed)
             self.estimates.append(state.estimate)
             return state, output
 
@@ -164,8 +164,8 @@ def record(
         applied = history.applied_tick[sample - 1], history.applied_tick[sample]
         commands_rad.append(0.5 * (sent_rad(applied[0]) + sent_rad(applied[1])))
         came = history.has_error[sample]
-        seen = history.lateral_error_m[sample], history.heading_error_rad[sample]
-        measurements.append(seen if came else None)
+        observed = history.lateral_error_m[sample], history.heading_error_rad[sample]
+        measurements.append(observed if came else None)
     return commands_rad, measurements
 
 

@@ -8,8 +8,8 @@ from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.history.link import LinkParams
-from steer_by_wire.controller.interface.law import NO_LINK, History
+from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.interface.law import NO_LOOP_DELAY, History
 from steer_by_wire.controller.prediction.lag_filter import (
     AS_SET,
     LAGS_S,
@@ -32,7 +32,7 @@ from steer_by_wire.plant_emulator.vehicle.rig_settings import (
 )
 
 PERIOD_NS = 10_000_000
-LINK = LinkParams(PERIOD_NS, PERIOD_NS, 10.0)
+LOOP_DELAY = LoopDelayParams(PERIOD_NS, PERIOD_NS, 10.0)
 GAMMA = LatencySettings(model=Distribution.GAMMA, mean_s=0.1, spread_s=0.03, loss=0.05)
 
 
@@ -72,12 +72,12 @@ def history_of(run: BatchRun, lost_share: float = 0.0) -> History:
 
 
 def filtered(history: History) -> LagState:
-    first = lag_to(LINK, NO_LAG, NO_LINK._replace(echo_sample=0), history)
-    last = NO_LINK._replace(echo_sample=len(history.wheel_rad) - 1)
+    first = lag_to(LOOP_DELAY, NO_LAG, NO_LOOP_DELAY._replace(echo_sample=0), history)
+    last = NO_LOOP_DELAY._replace(echo_sample=len(history.wheel_rad) - 1)
     step = 200  # no further apart than what is forgotten
     for sample in range(step, last.echo_sample, step):
-        first = lag_to(LINK, first, last._replace(echo_sample=sample), history)
-    return lag_to(LINK, first, last, history)
+        first = lag_to(LOOP_DELAY, first, last._replace(echo_sample=sample), history)
+    return lag_to(LOOP_DELAY, first, last, history)
 
 
 def test_the_filter_is_filterpys() -> None:

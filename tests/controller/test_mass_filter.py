@@ -9,7 +9,7 @@ from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.interface.law import NO_LINK, History
+from steer_by_wire.controller.interface.law import NO_LOOP_DELAY, History
 from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
 from steer_by_wire.controller.prediction.estimator import VehicleGains
 from steer_by_wire.controller.prediction.identification import (
@@ -74,9 +74,11 @@ def measured(run: BatchRun, noise_rad_s: float = 0.0) -> list[MassState]:
     yaw_rad_s = run.yaw_rate_rad_s + noise_rad_s * np.random.default_rng(7).normal(size=count)
     states, x = [], mass_as_set(params().measured.mass_ends)
     for sample in range(count):
-        link = NO_LINK._replace(error_sample=sample, echo_sample=sample)
+        loop_delay = NO_LOOP_DELAY._replace(error_sample=sample, echo_sample=sample)
         newest_rad_s = float(yaw_rad_s[sample - sample % 2])
-        x = mass_to(*light_and_heavy(), params().measured.mass_ends, x, link, history, newest_rad_s)
+        x = mass_to(
+            *light_and_heavy(), params().measured.mass_ends, x, loop_delay, history, newest_rad_s
+        )
         states.append(x)
     return states
 

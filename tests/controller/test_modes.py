@@ -21,8 +21,8 @@ P = Supervision(measurement_timeout_ns=300 * MS_NS, hold_ns=500 * MS_NS, recover
 NOW_NS = 10_000 * MS_NS
 
 
-def after(mode: Mode, seen: Evidence, entered_ms_ago: int = 0) -> Mode:
-    return mode_step(P, ModeState(mode, NOW_NS - entered_ms_ago * MS_NS), seen, NOW_NS).mode
+def after(mode: Mode, evidence: Evidence, entered_ms_ago: int = 0) -> Mode:
+    return mode_step(P, ModeState(mode, NOW_NS - entered_ms_ago * MS_NS), evidence, NOW_NS).mode
 
 
 def measured(
@@ -38,7 +38,7 @@ def measured(
 
 NOTHING = Evidence(None, 0)
 
-# Mode, what is seen, how long the mode has lasted [ms], the mode that follows: each row of the
+# Mode, evidence, how long the mode has lasted [ms], the mode that follows: each row of the
 # table, met exactly on its threshold.
 TAKEN = [
     (Mode.WAITING, measured(300), 0, Mode.ACTIVE),
@@ -67,16 +67,18 @@ NOT_TAKEN = [
 ]
 
 
-@pytest.mark.parametrize(("mode", "seen", "lasted_ms", "following"), TAKEN)
+@pytest.mark.parametrize(("mode", "evidence", "lasted_ms", "following"), TAKEN)
 def test_a_transition_is_taken_on_its_threshold(
-    mode: Mode, seen: Evidence, lasted_ms: int, following: Mode
+    mode: Mode, evidence: Evidence, lasted_ms: int, following: Mode
 ) -> None:
-    assert after(mode, seen, lasted_ms) is following
+    assert after(mode, evidence, lasted_ms) is following
 
 
-@pytest.mark.parametrize(("mode", "seen", "lasted_ms"), NOT_TAKEN)
-def test_a_mode_stays_short_of_the_threshold(mode: Mode, seen: Evidence, lasted_ms: int) -> None:
-    assert after(mode, seen, lasted_ms) is mode
+@pytest.mark.parametrize(("mode", "evidence", "lasted_ms"), NOT_TAKEN)
+def test_a_mode_stays_short_of_the_threshold(
+    mode: Mode, evidence: Evidence, lasted_ms: int
+) -> None:
+    assert after(mode, evidence, lasted_ms) is mode
 
 
 def test_every_row_of_the_table_is_tested_above() -> None:
@@ -105,13 +107,13 @@ EVIDENCE = st.builds(
 
 
 @given(st.lists(EVIDENCE, max_size=50))
-def test_only_steps_of_the_table_are_ever_taken(seen: list[Evidence]) -> None:
+def test_only_steps_of_the_table_are_ever_taken(steps: list[Evidence]) -> None:
     states = [ModeState(Mode.WAITING, 0)]
-    for index, evidence in enumerate(seen):
+    for index, evidence in enumerate(steps):
         states.append(mode_step(P, states[-1], evidence, NOW_NS + index * 100 * MS_NS))
     for before, state in pairwise(states):
         assert state == before or state.mode in {mode for _, mode in TRANSITIONS[before.mode]}
-    if all(evidence.arrival_ns is None for evidence in seen):
+    if all(evidence.arrival_ns is None for evidence in steps):
         assert states[-1].mode is Mode.WAITING
 
 

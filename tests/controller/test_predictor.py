@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
-from steer_by_wire.controller.history.link import LinkParams
-from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
 from steer_by_wire.controller.prediction.estimator import (
     STARTS_ANEW_AFTER,
@@ -37,7 +37,7 @@ from tests.support.predictor_law import SENT, controller, history
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-LINK = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
+LOOP_DELAY = LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)
 SPEEDS = (0.5, 1.39, 1.94, 8.0, 16.7)
 VEHICLE = VehicleModelSettings(
     kind="vehicle",
@@ -214,38 +214,42 @@ def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
 # Which command acts from a sample to the next
 
 
-def expected_mean(begin_ns: float, link: LinkParams, first_tick: int, last_tick: int) -> float:
+def expected_mean(
+    begin_ns: float, loop_delay: LoopDelayParams, first_tick: int, last_tick: int
+) -> float:
     """Return the mean over a sensor period by looking every microsecond."""
-    times_ns = begin_ns + (np.arange(10_000) + 0.5) * link.sensor_period_ns / 10_000
-    ticks = np.clip(np.floor(times_ns / link.period_ns), first_tick, last_tick).astype(int)
+    times_ns = begin_ns + (np.arange(10_000) + 0.5) * loop_delay.sensor_period_ns / 10_000
+    ticks = np.clip(np.floor(times_ns / loop_delay.period_ns), first_tick, last_tick).astype(int)
     return float(np.mean([SENT[tick] if tick >= 0 else 0.0 for tick in ticks]))
 
 
 def test_where_both_echoes_name_one_command_it_is_that() -> None:
-    link = Link(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LINK, link, history(lambda _: 12), 10) == SENT[12]
+    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 12), 10) == SENT[12]
 
 
 def test_where_two_echoes_name_two_commands_it_is_half_of_each() -> None:
-    link = Link(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LINK, link, history(), 10) == pytest.approx(0.5 * (SENT[7] + SENT[8]))
+    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LOOP_DELAY, loop_delay, history(), 10) == pytest.approx(
+        0.5 * (SENT[7] + SENT[8])
+    )
 
 
 def test_where_the_steering_overrules_its_command_it_is_the_wheel() -> None:
-    link = Link(30, 20, 20, 30.0 * MS, True)
+    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
     wheel = {10: 0.5, 11: 0.3, 12: 0.2}
     seen = history(lambda _: 12, wheel)
-    assert command_from(LINK, link, seen, 9) == pytest.approx(0.5 * (SENT[12] + 0.5))
-    assert command_from(LINK, link, seen, 10) == pytest.approx(0.4)
-    assert command_from(LINK, link, seen, 12) == pytest.approx(0.5 * (0.2 + SENT[12]))
-    assert command_from(LINK, link, seen, 13) == SENT[12]
+    assert command_from(LOOP_DELAY, loop_delay, seen, 9) == pytest.approx(0.5 * (SENT[12] + 0.5))
+    assert command_from(LOOP_DELAY, loop_delay, seen, 10) == pytest.approx(0.4)
+    assert command_from(LOOP_DELAY, loop_delay, seen, 12) == pytest.approx(0.5 * (0.2 + SENT[12]))
+    assert command_from(LOOP_DELAY, loop_delay, seen, 13) == SENT[12]
 
 
 def test_where_no_command_is_applied_there_is_no_steer() -> None:
-    link = Link(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LINK, link, history(lambda _: -1), 10) == 0.0
-    never = Link(30, -1, -1, 30.0 * MS, True)
-    assert command_from(LINK, never, history(lambda _: -1), 1) == 0.0
+    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: -1), 10) == 0.0
+    never = LoopDelay(30, -1, -1, 30.0 * MS, True)
+    assert command_from(LOOP_DELAY, never, history(lambda _: -1), 1) == 0.0
 
 
 @pytest.mark.parametrize("delay_ms", [0.0, 20.0, 30.0, 33.7, 35.0, 78.2])
@@ -254,25 +258,27 @@ def test_where_no_command_is_applied_there_is_no_steer() -> None:
 def test_a_command_that_no_echo_has_shown_is_expected_after_the_delay(
     delay_ms: float, period_ms: int, sensor_period_ms: int, ahead: int
 ) -> None:
-    p = LinkParams(period_ms * MS, sensor_period_ms * MS, 50.0)
+    p = LoopDelayParams(period_ms * MS, sensor_period_ms * MS, 50.0)
     echo_sample = 20
     earliest = int((echo_sample * sensor_period_ms - delay_ms) // period_ms)
     sample = echo_sample + ahead
-    link = Link(earliest + 30, sample, echo_sample, delay_ms * MS, True)
-    seen = command_from(p, link, history(lambda _: earliest), sample)
+    loop_delay = LoopDelay(earliest + 30, sample, echo_sample, delay_ms * MS, True)
+    seen = command_from(p, loop_delay, history(lambda _: earliest), sample)
     begin_ns = sample * p.sensor_period_ns - delay_ms * MS
-    assert seen == pytest.approx(expected_mean(begin_ns, p, earliest, link.tick - 1), abs=2e-4)
+    assert seen == pytest.approx(
+        expected_mean(begin_ns, p, earliest, loop_delay.tick - 1), abs=2e-4
+    )
 
 
 def test_a_command_older_than_the_newest_echoed_is_in_effect_no_more() -> None:
     """One that has overtaken: the echo is ahead of what the delay leads to expect."""
-    link = Link(30, 20, 20, 80.0 * MS, True)
-    assert command_from(LINK, link, history(lambda _: 18), 20) == SENT[18]
+    loop_delay = LoopDelay(30, 20, 20, 80.0 * MS, True)
+    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 18), 20) == SENT[18]
 
 
 def test_a_command_that_is_not_yet_sent_is_the_last_one_sent() -> None:
-    link = Link(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LINK, link, history(lambda _: 17), 60) == SENT[29]
+    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 17), 60) == SENT[29]
 
 
 # Starting, and predicting
@@ -280,37 +286,39 @@ def test_a_command_that_is_not_yet_sent_is_the_last_one_sent() -> None:
 
 def test_an_estimate_begins_at_the_newest_sample_with_echo_and_measurement() -> None:
     h = history()._replace(lateral_error_m=[0.5] * 64, heading_error_rad=[0.1] * 64)
-    link = Link(30, 22, 20, 30.0 * MS, True)
-    assert start_estimate(estimator_at_rest(9.0), link, h) == EstimatorState(
+    loop_delay = LoopDelay(30, 22, 20, 30.0 * MS, True)
+    assert start_estimate(estimator_at_rest(9.0), loop_delay, h) == EstimatorState(
         20, 0.0, 0.0, 0.1, 0.5, 0.0, 0.0, 0.0
     )
 
 
 def test_no_estimate_begins_without_echo_or_measurement() -> None:
     x = estimator_at_rest(0.5)
-    assert start_estimate(x, Link(30, 22, -1, 0.0, False), history()) == x
+    assert start_estimate(x, LoopDelay(30, 22, -1, 0.0, False), history()) == x
     unseen = history()._replace(has_error=[False] * 64)
-    assert start_estimate(x, Link(30, 22, 20, 0.0, True), unseen) == x
+    assert start_estimate(x, LoopDelay(30, 22, 20, 0.0, True), unseen) == x
 
 
 def test_an_estimate_goes_on_through_a_gap_and_begins_anew_after_a_long_one() -> None:
     x = EstimatorState(20, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
     near, far = 20 + STARTS_ANEW_AFTER, 21 + STARTS_ANEW_AFTER
-    assert start_estimate(x, Link(400, near, near, 0.0, True), history()) == x
-    anew = start_estimate(x, Link(400, far, far, 0.0, True), history())
+    assert start_estimate(x, LoopDelay(400, near, near, 0.0, True), history()) == x
+    anew = start_estimate(x, LoopDelay(400, far, far, 0.0, True), history())
     assert anew == EstimatorState(far, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("horizon", [0.0, 1.0, 2.5, 7.25])
 def test_a_prediction_is_the_model_run_on_and_linear_between_two_samples(horizon: float) -> None:
     p = design_predictor(controller()).at(1.39)
-    link = Link(40, 20, 20, 30.0 * MS, True)
+    loop_delay = LoopDelay(40, 20, 20, 30.0 * MS, True)
     x = ANY_STATE._replace(sample=20)
     states = [x]
     for _ in range(9):
         last = states[-1]
-        states.append(model_step(p.gains, last, command_from(LINK, link, history(), last.sample)))
+        states.append(
+            model_step(p.gains, last, command_from(LOOP_DELAY, loop_delay, history(), last.sample))
+        )
     low, part = int(horizon), horizon % 1.0
     expected = (1.0 - part) * np.array(states[low]) + part * np.array(states[low + 1])
-    found = predict(p.link, p.gains, x, link, history(), horizon)
+    found = predict(p.loop_delay, p.gains, x, loop_delay, history(), horizon)
     np.testing.assert_allclose(found[1:], expected[1:], rtol=1e-12)

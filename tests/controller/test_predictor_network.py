@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.history.link import LinkParams
-from steer_by_wire.controller.interface.law import LawInput, Link
+from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.interface.law import LawInput, LoopDelay
 from steer_by_wire.controller.laws import predictor as predictor_module
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
@@ -86,8 +86,8 @@ def test_another_delay_than_that_measured_does_not_hold_it(
     """So the tests above would notice a delay of the wrong sign, or one that is left out."""
     acts = horizon_samples
 
-    def another(p: LinkParams, link: Link, sample: int) -> float:
-        return share * acts(p, link, sample)
+    def another(p: LoopDelayParams, loop_delay: LoopDelay, sample: int) -> float:
+        return share * acts(p, loop_delay, sample)
 
     monkeypatch.setattr(predictor_module, "horizon_samples", another)
     assert rms_after_5_s(plant("duration_s=20", ELLIPSE, *VARYING), controller(SHARP)) > 0.004
@@ -128,12 +128,12 @@ def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
     """Beside the path by 0.3 m they ask for 0.1 rad of difference: half a second of fading."""
     law = design_law(controller())
     far_off = history()._replace(lateral_error_m=[0.3] * 64)
-    seen = LawInput(0.3, 0.0, link=Link(30, 20, 20, 30.0 * MS, True), history=far_off)
-    unmeasured = seen._replace(link=Link(31, 20, 20, 30.0 * MS, False))
+    observed = LawInput(0.3, 0.0, link=LoopDelay(30, 20, 20, 30.0 * MS, True), history=far_off)
+    unmeasured = observed._replace(link=LoopDelay(31, 20, 20, 30.0 * MS, False))
     params = law.params._replace(settling_samples=0)
     state: Any = law.initial_state(0.3)
     commands = []
-    for reported in [seen] * 300 + [unmeasured] * 300:
+    for reported in [observed] * 300 + [unmeasured] * 300:
         state, output = law.step(params, state, reported)
         commands.append(output.steer_rad)
     assert abs(commands[599] - commands[299]) > 0.05

@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LINK, LawInput
+from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig
@@ -23,7 +23,9 @@ def sent_history(sent_rad: Sequence[float], error_m: float) -> LawInput:
     """Return the input of a law that has sent these commands, the newest last."""
     history = NO_HISTORY._replace(tick_mask=-1, sent_rad=sent_rad)
     newest_rad = sent_rad[-1] if sent_rad else 0.0
-    return LawInput(error_m, newest_rad, link=NO_LINK._replace(tick=len(sent_rad)), history=history)
+    return LawInput(
+        error_m, newest_rad, link=NO_LOOP_DELAY._replace(tick=len(sent_rad)), history=history
+    )
 
 
 def after_a_pulse(delay: int, model_delay_s: float) -> tuple[NDArray[np.float64], ...]:
@@ -34,8 +36,8 @@ def after_a_pulse(delay: int, model_delay_s: float) -> tuple[NDArray[np.float64]
     delayed, undelayed, state = np.zeros(6), np.zeros(6), design.initial_state(0.0)
     shown_m, undelayed_m = [], []
     for k, steer_rad in enumerate(pulse):
-        seen = sent_history(pulse[:k], float(delayed[3]))
-        state, output = design.step(design.params, state, seen)
+        observed = sent_history(pulse[:k], float(delayed[3]))
+        state, output = design.step(design.params, state, observed)
         shown_m.append(output.compensated_lateral_error_m)
         undelayed_m.append(undelayed[3])
         delayed[4], undelayed[4] = pulse[k - delay] if k >= delay else 0.0, steer_rad

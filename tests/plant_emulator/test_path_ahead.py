@@ -50,12 +50,12 @@ def test_the_memory_knows_the_curvature_of_samples_to_come() -> None:
         wire.sample(number, None)
         wire.command(number, 0.0)
     ahead = [0.001 * index for index in range(VALUES)]
-    assert wire.link(5).path_end == -1
+    assert wire.loop_delay(5).path_end == -1
     wire.memory.on_path(PathAhead(4, 1.0, *ahead), 10.0)
-    link_now, history = wire.memory.link(5, 5 * TICK_NS), wire.memory.history
-    assert link_now.path_end == 4 + 250
+    loop_delay, history = wire.memory.loop_delay(5, 5 * TICK_NS), wire.memory.history
+    assert loop_delay.path_end == 4 + 250
     known = [history.curvature_1_m[sample] for sample in (0, 4, 9, 14, 254)]
     assert known == pytest.approx([0.0, 0.0, 0.0005, 0.001, 0.025])
     # Of one that names a sample on the other side of the counter's wrap, only the future counts.
     wire.memory.on_path(PathAhead(254, 1.0, *ahead), 10.0)
-    assert wire.memory.link(5, 5 * TICK_NS).path_end == -2 + 250
+    assert wire.memory.loop_delay(5, 5 * TICK_NS).path_end == -2 + 250

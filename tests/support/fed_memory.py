@@ -1,14 +1,14 @@
 """The memory of the controller, fed with echoes and measurements as its node does."""
 
 from steer_by_wire.controller.history.freshness import AgeLimits
-from steer_by_wire.controller.history.link import LinkParams
-from steer_by_wire.controller.history.link_memory import LinkMemory
-from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-PARAMS = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
+PARAMS = LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)
 LIMITS = AgeLimits(300 * MS, 300 * MS, 150 * MS)
 APPLYING, NO_COMMAND = SteeringStatusCode.APPLYING, SteeringStatusCode.NO_COMMAND
 
@@ -24,8 +24,8 @@ def error(value_m: float) -> LateralError:
 class Wire:
     """Feeds a memory as the node does: echo and measurement of a sample, then the tick."""
 
-    def __init__(self, params: LinkParams = PARAMS) -> None:
-        self.memory = LinkMemory(params, LIMITS)
+    def __init__(self, params: LoopDelayParams = PARAMS) -> None:
+        self.memory = BusHistory(params, LIMITS)
 
     def command(self, period: int, steer_rad: float) -> None:
         self.memory.on_command(period, steer_rad)
@@ -37,8 +37,8 @@ class Wire:
         self.memory.on_vehicle(now_ns)
         self.memory.on_error(error(0.001 * number), number % 256, now_ns)
 
-    def link(self, period: int) -> Link:
-        return self.memory.link(period, period * PERIOD_NS)
+    def loop_delay(self, period: int) -> LoopDelay:
+        return self.memory.loop_delay(period, period * PERIOD_NS)
 
 
 def driven(samples: int, latency: int, start: int = 0) -> Wire:

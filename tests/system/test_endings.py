@@ -76,7 +76,7 @@ def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsy
 
 
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
-    law = "law=tests.support.own_laws:NO_OUTPUT"
+    law = "law=tests.support.plugin_laws:NO_OUTPUT"
     run = ["--controller-preset", "practical_pd", "--controller-set", law, "--duration", "3"]
     assert run_main(run) == ExitStatus.SAFE_STATE
     heading, verdict = last_line(capsys).split(maxsplit=1)

@@ -62,16 +62,16 @@ def test_the_predictors_steer_is_calm_after_an_outage(outage_s: float, delay_s: 
 def test_an_outage_says_nothing_of_the_delay() -> None:
     """Echoes go on naming the last command followed, which grows old."""
     wire = driven(100, 5)
-    assert wire.link(99).delay_ns == 45 * MS
+    assert wire.loop_delay(99).delay_ns == 45 * MS
     for code in (
         SteeringStatusCode.HOLDING,
         SteeringStatusCode.FALLBACK,
         SteeringStatusCode.SAFE_STATE,
     ):
         reported(wire, 100, 94, code)
-        assert wire.memory.link(100, 100 * PERIOD_NS).delay_ns == 45 * MS
+        assert wire.memory.loop_delay(100, 100 * PERIOD_NS).delay_ns == 45 * MS
     reported(wire, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
-    assert wire.memory.link(101, 101 * PERIOD_NS).delay_ns > 45 * MS
+    assert wire.memory.loop_delay(101, 101 * PERIOD_NS).delay_ns > 45 * MS
 
 
 def reported(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) -> None:

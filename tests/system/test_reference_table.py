@@ -172,8 +172,8 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
         apply_due(line, motion, now_ns)
         motion.advance(now_ns)
         squares_m2 += motion.lateral_error_m**2
-        seen = LawInput(motion.lateral_error_m, steer_rad)
-        state, output = design.step(design.params, state, seen)
+        observed = LawInput(motion.lateral_error_m, steer_rad)
+        state, output = design.step(design.params, state, observed)
         steer_rad = limit_step(limits, steer_rad, output.steer_rad)
         line.push([(0, steer_rad)], now_ns, now_ns)
         apply_due(line, motion, now_ns)

@@ -15,7 +15,7 @@ import numpy as np
 from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
 from ...closed_loop.recordings.log_file import LogError
 from ...controller.filters.settings import VehicleModelSettings
-from ...controller.history.link import unwrapped
+from ...controller.history.loop_delay import unwrapped
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     LateralError,

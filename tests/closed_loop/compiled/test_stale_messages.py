@@ -165,8 +165,8 @@ def test_an_old_yaw_rate_is_not_integrated() -> None:
     reported = VehicleReading(1.4, 0.03, 0.0)
     integrals = []
     for vehicle in [reported] * 50 + [reported._replace(is_stale=True)] * 50:
-        seen = LawInput(0.0, state.steer_rad, vehicle)
-        state, _ = law.step(law.params, state, seen)
+        observed = LawInput(0.0, state.steer_rad, vehicle)
+        state, _ = law.step(law.params, state, observed)
         integrals.append(state.integral_rad_s)
     assert abs(integrals[49]) > 1e-3
     assert set(integrals[50:]) == {integrals[49]}

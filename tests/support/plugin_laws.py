@@ -30,13 +30,13 @@ def design(_settings: LawSettings) -> Gain:
     return Gain(1.0)
 
 
-def _steer(p: Gain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
-    steer_rad = -p.gain_rad_m * seen.lateral_error_m
+def _steer(p: Gain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    steer_rad = -p.gain_rad_m * observed.lateral_error_m
     return Asleep(max(0.0, x.ticks_left - 1.0)), LawOutput(steer_rad, 0.0, 0.0, 0.0)
 
 
-def divide_later(p: Gain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
-    after, output = _steer(p, x, seen)
+def divide_later(p: Gain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    after, output = _steer(p, x, observed)
     return after, LawOutput(output.steer_rad, 1.0 / x.ticks_left, 0.0, 0.0)
 
 
@@ -47,8 +47,8 @@ class Countdown(NamedTuple):
     gain_rad_m: float
 
 
-def no_number_later(p: Countdown, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
-    after, output = _steer(Gain(p.gain_rad_m), x, seen)
+def no_number_later(p: Countdown, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    after, output = _steer(Gain(p.gain_rad_m), x, observed)
     estimate = float("nan") if x.ticks_left == 0.0 else 0.0
     return after, LawOutput(output.steer_rad, estimate, 0.0, 0.0)
 
@@ -56,8 +56,8 @@ def no_number_later(p: Countdown, x: Asleep, seen: LawInput) -> tuple[Asleep, La
 NOT_A_NUMBER = Law(no_number_later, at_rest, lambda _settings: Countdown(1.0))
 
 
-def through_json(p: OtherGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
-    steer_rad = -json.loads(json.dumps(p.gain_rad_m * seen.lateral_error_m))
+def through_json(p: OtherGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    steer_rad = -json.loads(json.dumps(p.gain_rad_m * observed.lateral_error_m))
     return x, LawOutput(steer_rad, 0.0, 0.0, 0.0)
 
 
@@ -68,10 +68,10 @@ class ThirdGain(NamedTuple):
     gain_rad_m: float
 
 
-def import_inside(p: ThirdGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+def import_inside(p: ThirdGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
     import math  # what numba has no bytecode for
 
-    return x, LawOutput(-math.tanh(p.gain_rad_m * seen.lateral_error_m), 0.0, 0.0, 0.0)
+    return x, LawOutput(-math.tanh(p.gain_rad_m * observed.lateral_error_m), 0.0, 0.0, 0.0)
 
 
 IMPORTS = Law(import_inside, at_rest, lambda _settings: ThirdGain(1.0))
@@ -81,9 +81,9 @@ class FourthGain(NamedTuple):
     gain_rad_m: float
 
 
-def call_with_keywords(p: FourthGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+def call_with_keywords(p: FourthGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
     many = (lambda *gains, **_more: gains[0])(p.gain_rad_m, more=1.0)
-    return x, LawOutput(-many * seen.lateral_error_m, 0.0, 0.0, 0.0)
+    return x, LawOutput(-many * observed.lateral_error_m, 0.0, 0.0, 0.0)
 
 
 KEYWORDS = Law(call_with_keywords, at_rest, lambda _settings: FourthGain(1.0))
@@ -100,7 +100,7 @@ def raise_when_designed(_settings: LawSettings) -> Gain:
 NO_DESIGN = Law(_steer, at_rest, raise_when_designed)
 
 
-def no_output(_p: Gain, x: Asleep, _seen: LawInput) -> tuple[Asleep, LawOutput]:
+def no_output(_p: Gain, x: Asleep, _observed: LawInput) -> tuple[Asleep, LawOutput]:
     return x, None  # type: ignore[return-value]
 
 

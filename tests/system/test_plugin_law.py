@@ -17,8 +17,7 @@ from steer_by_wire.closed_loop.compiled.steps import ForeignParamsError
 from steer_by_wire.closed_loop.studies.compute import Computer
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
-from steer_by_wire.controller.laws import LawInput
-from steer_by_wire.controller.laws import plugin as own_law
+from steer_by_wire.controller.laws import LawInput, plugin
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -41,7 +40,7 @@ from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.small_study import make_scenarios, never
 
 OWN = "own_law:LAW"
-LAWS = "tests.support.own_laws"
+LAWS = "tests.support.plugin_laws"
 
 
 @pytest.fixture(autouse=True)
@@ -150,9 +149,9 @@ def test_a_law_without_pd_needs_no_table_pd_and_the_example_does() -> None:
 
 
 def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = EntryPoints([EntryPoint("integral_pd", OWN, own_law.GROUP)])
+    installed = EntryPoints([EntryPoint("integral_pd", OWN, plugin.GROUP)])
     monkeypatch.setattr(metadata, "entry_points", installed.select)
-    own_law.find_own_law.cache_clear()
+    plugin.find_plugin_law.cache_clear()
     assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
 
 
@@ -167,7 +166,7 @@ def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
         (
             f"{LAWS}:NEEDS_TABLE",
             [],
-            "law = 'tests.support.own_laws:NEEDS_TABLE' needs the table [own_law]",
+            "law = 'tests.support.plugin_laws:NEEDS_TABLE' needs the table [own_law]",
         ),
         (OWN, ["own_law.tracking_time_s=0"], "own_law.tracking_time_s = 0 should be greater than"),
         (OWN, ["own_law.tracking_tim_s=1"], "(did you mean own_law.tracking_time_s?)"),
@@ -252,15 +251,15 @@ def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
 @pytest.mark.parametrize(
     ("law", "cause"),
     [
-        ("NOT_COMPILED", r"Unknown attribute 'loads' of .*'json'.*own_laws\.py\", line \d+\)"),
-        ("IMPORTS", r"Use of unsupported opcode \(IMPORT_NAME\) found.*own_laws\.py \(\d+\)"),
+        ("NOT_COMPILED", r"Unknown attribute 'loads' of .*'json'.*plugin_laws\.py\", line \d+\)"),
+        ("IMPORTS", r"Use of unsupported opcode \(IMPORT_NAME\) found.*plugin_laws\.py \(\d+\)"),
         ("KEYWORDS", "it does not say why"),
     ],
 )
 def test_what_numba_cannot_compile_is_refused_in_one_line(law: str, cause: str) -> None:
     with pytest.raises(LawNotCompiledError) as refused:
         run_batch(plant_settings(()), controller(f"{LAWS}:{law}"))
-    start = f"law = 'tests.support.own_laws:{law}': numba cannot compile it: "
+    start = f"law = 'tests.support.plugin_laws:{law}': numba cannot compile it: "
     nodes = "; the nodes run it as it is: steer-by-wire run"
     assert re.fullmatch(re.escape(start) + cause + re.escape(nodes), str(refused.value))
     # The traceback of a script shows nothing of numba's.

@@ -7,16 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.history.history import RING_SIZE
-from steer_by_wire.controller.history.link import (
+from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.history.loop_delay import (
     NO_DELAY,
     DelayState,
-    LinkParams,
+    LoopDelayParams,
     delay_of,
     delay_step,
     unwrapped,
 )
-from steer_by_wire.controller.history.link_memory import LinkMemory
-from steer_by_wire.controller.interface.law import Link
+from steer_by_wire.controller.interface.law import LoopDelay
 from tests.support.fed_memory import (
     LIMITS,
     MS,
@@ -32,7 +32,7 @@ from tests.support.fed_memory import (
 # The mean of the offsets
 
 
-def delays(pairs: list[tuple[int, int]], params: LinkParams = PARAMS) -> DelayState:
+def delays(pairs: list[tuple[int, int]], params: LoopDelayParams = PARAMS) -> DelayState:
     x = NO_DELAY
     for sample, tick in pairs:
         x = delay_step(params, x, sample, tick)
@@ -98,8 +98,8 @@ def test_a_counter_of_16_bits_is_unwrapped_within_half_a_round(number: int, off:
 
 def test_samples_and_ticks_are_numbered_through_many_rounds_of_the_counters() -> None:
     wire = driven(3000, latency=7)
-    link = wire.link(3000)
-    assert link == Link(3000, 2999, 2999, 65.0 * MS, True)
+    loop_delay = wire.loop_delay(3000)
+    assert loop_delay == LoopDelay(3000, 2999, 2999, 65.0 * MS, True)
     history = wire.memory.history
     for sample in (2000, 2600, 2999):
         assert history.lateral_error_m[sample & history.sample_mask] == 0.001 * sample
@@ -121,12 +121,12 @@ def test_the_command_counter_is_unwrapped_beyond_its_16_bits() -> None:
 
 
 def test_nothing_is_known_before_the_speed_is() -> None:
-    memory = LinkMemory(PARAMS, LIMITS)
+    memory = BusHistory(PARAMS, LIMITS)
     memory.on_error(error(0.1), 0, 0)
     memory.on_echo(echo(0, NO_COMMAND), 0, 0)
-    assert memory.link(0, 0) == Link(0, -1, -1, 0.0, False)
+    assert memory.loop_delay(0, 0) == LoopDelay(0, -1, -1, 0.0, False)
     memory.on_vehicle(0)
-    assert memory.link(0, 0).error_sample == 0
+    assert memory.loop_delay(0, 0).error_sample == 0
 
 
 def test_a_lost_measurement_leaves_a_gap_and_its_echo_stays() -> None:
@@ -144,8 +144,8 @@ def test_a_lost_echo_takes_the_command_before_to_have_stayed() -> None:
     wire = driven(50, latency=3)
     for number in (50, 51):
         wire.memory.on_error(error(0.0), number, number * PERIOD_NS)
-    assert wire.link(52).echo_sample == 49
-    assert wire.link(52).error_sample == 51
+    assert wire.loop_delay(52).echo_sample == 49
+    assert wire.loop_delay(52).error_sample == 51
     wire.sample(52, 49)
     assert [wire.memory.history.applied_tick[number] for number in (49, 50, 51, 52)] == [
         46,
@@ -160,7 +160,7 @@ def test_a_gap_longer_than_the_counters_round_is_bridged_by_the_clock() -> None:
     for number in range(50, 650):
         wire.command(number, 0.5)
     wire.sample(650, 647)
-    assert wire.link(650).error_sample == 650
+    assert wire.loop_delay(650).error_sample == 650
     history = wire.memory.history
     assert not any(history.has_error[number] for number in range(50, 650))
 
@@ -168,7 +168,7 @@ def test_a_gap_longer_than_the_counters_round_is_bridged_by_the_clock() -> None:
 def test_frames_older_than_the_newest_are_left_out() -> None:
     wire = driven(50, latency=3)
     wire.sample(48, 40, at_ns=50 * PERIOD_NS)
-    assert wire.link(50).error_sample == 49
+    assert wire.loop_delay(50).error_sample == 49
     assert wire.memory.history.applied_tick[48] == 45
 
 
@@ -176,7 +176,7 @@ def test_a_frame_from_before_the_first_is_left_out() -> None:
     wire = Wire()
     wire.sample(2, None)
     wire.memory.on_error(error(9.0), (2 - 5) % 256, 2 * PERIOD_NS)
-    assert wire.link(2).error_sample == 2
+    assert wire.loop_delay(2).error_sample == 2
     assert 9.0 not in wire.memory.history.lateral_error_m
 
 
@@ -200,18 +200,18 @@ def test_echoes_that_stop_make_the_delay_unknown_after_the_timeout() -> None:
     last_ns = 49 * PERIOD_NS
     timeout_ns = LIMITS.steering_status_ns
     wire.memory.on_vehicle(last_ns + timeout_ns)
-    assert wire.memory.link(79, last_ns + timeout_ns).is_measured
-    assert not wire.memory.link(80, last_ns + timeout_ns + 1).is_measured
+    assert wire.memory.loop_delay(79, last_ns + timeout_ns).is_measured
+    assert not wire.memory.loop_delay(80, last_ns + timeout_ns + 1).is_measured
 
 
 def test_a_speed_that_is_too_old_makes_the_delay_unknown_but_what_is_known_of_it_stays() -> None:
     wire = driven(50, latency=3)
     until_ns = 49 * PERIOD_NS + LIMITS.vehicle_state_ns
-    fresh, stale = wire.memory.link(64, until_ns), wire.memory.link(64, until_ns + 1)
+    fresh, stale = wire.memory.loop_delay(64, until_ns), wire.memory.loop_delay(64, until_ns + 1)
     assert fresh.is_measured
     assert stale == fresh._replace(is_measured=False)
     wire.memory.on_vehicle(until_ns + 1)
-    assert wire.memory.link(64, until_ns + 1) == fresh
+    assert wire.memory.loop_delay(64, until_ns + 1) == fresh
 
 
 def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:
@@ -223,11 +223,11 @@ def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:
     for number in range(100):  # the plant's samples 0, 1, ... with echoes of the present
         wire.memory.on_echo(echo(now + number - 3), number % 256, (now + number) * PERIOD_NS)
         wire.command(now + number, 0.5)
-    link = wire.memory.link(now + 100, (now + 100) * PERIOD_NS)
+    loop_delay = wire.memory.loop_delay(now + 100, (now + 100) * PERIOD_NS)
     history = wire.memory.history
-    assert history.applied_tick[link.echo_sample & history.sample_mask] == now + 96
+    assert history.applied_tick[loop_delay.echo_sample & history.sample_mask] == now + 96
     # From a sample to where a command acts: that is all a prediction needs.
-    acts_ns = link.tick * PERIOD_NS + link.delay_ns - link.echo_sample * PERIOD_NS
+    acts_ns = loop_delay.tick * PERIOD_NS + loop_delay.delay_ns - loop_delay.echo_sample * PERIOD_NS
     assert acts_ns == pytest.approx(3.5 * PERIOD_NS, abs=0.01 * PERIOD_NS)
 
 

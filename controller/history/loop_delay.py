@@ -24,7 +24,7 @@ _OFFSET_STEP_NS_MAX = 1_000_000_000
 """An offset this far from the mean is not a latency: a sender has restarted."""
 
 
-class LinkParams(NamedTuple):
+class LoopDelayParams(NamedTuple):
     """Periods of the two clocks, and the number of echoes that the mean covers."""
 
     period_ns: int
@@ -42,7 +42,7 @@ class DelayState(NamedTuple):
 NO_DELAY = DelayState(0, 0.0)
 
 
-def delay_step(p: LinkParams, x: DelayState, sample: int, tick: int) -> DelayState:
+def delay_step(p: LoopDelayParams, x: DelayState, sample: int, tick: int) -> DelayState:
     """Process an echo: the command of ``tick`` was in effect at ``sample``; tick -1: none was."""
     if tick < 0:
         return x
@@ -54,7 +54,7 @@ def delay_step(p: LinkParams, x: DelayState, sample: int, tick: int) -> DelaySta
     return DelayState(x.echoes + 1, x.offset_ns + weight * deviation_ns)
 
 
-def delay_of(p: LinkParams, x: DelayState, echo_sample: int) -> float:
+def delay_of(p: LoopDelayParams, x: DelayState, echo_sample: int) -> float:
     """Return the delay measured by the echoes [ns]; ``echo_sample`` is the newest.
 
     While no echo has named a command yet, the command of tick 0 acts after that sample at the
