@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .closed_loop.run import Run
     from .closed_loop.run_tables import ControllerTable, PlantTable, Track
     from .closed_loop.simulate import controller_presets, plant_presets, simulate
-    from .closed_loop.studies.study_table import run_study
+    from .closed_loop.studies.run_study import run_study
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
@@ -48,7 +48,7 @@ _NAMES = {
     "runtime.settings": ("Settings", "SettingsError"),
     "closed_loop.run": ("Run",),
     "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
-    "closed_loop.studies.study_table": ("run_study",),
+    "closed_loop.studies.run_study": ("run_study",),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name comes from. It is imported at its first use: importing the package itself takes

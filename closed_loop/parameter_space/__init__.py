@@ -1,4 +1,5 @@
-"""Theory of the loop beyond ``--check``: what design and reproduction compute before any run.
+"""The parameter space method: the gains with which a family of loops is D-stable.
 
-Admission rule: linear theory of the closed loop that the controller program never imports.
+Linear theory that design and the paper's figures compute before any run. What the controller checks
+about its own loop is in ``controller.analysis``. Begin with ``gain_regions``.
 """

@@ -15,7 +15,7 @@ is searched. The σ line, the cone and the circle are followed only where a cros
 verdict of ``judge``: the cone within R (and beyond it if every root has to be inside the cone), and
 cone and circle left of -σ.
 
-A curve is sampled adaptively in the window (``adaptive_curve``). Ends of curves lie on other
+A curve is sampled adaptively in the window (``_adapted``). Ends of curves lie on other
 boundaries. Off the real axis a curve is followed a little beyond its end; on the axis the limit is
 taken. So rounding leaves no gap in the net of boundaries.
 """
@@ -29,8 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.array_types import ComplexArray, FloatArray
-from .adaptive_curve import MARGIN, adapted, runs
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from .d_stability import DStability
 from .gain_loops import GainLine, GainLoop
 
@@ -39,6 +38,10 @@ _STEP = 1e-3  # from the real axis, of the smallest length at hand
 _PER_DECADE = 60
 _TURN_RAD = 0.1  # of e^(-jωT) between first samples
 _FAR = 1e7  # of R, where a curve without a strip ends
+_MARGIN = 0.05
+"""Margin around the unit square within which a curve is followed too."""
+_CHORD_ERROR = 1e-6
+_HALVINGS = 24
 
 
 class Bound(StrEnum):
@@ -197,7 +200,7 @@ def _first_samples(
     ratios = np.geomspace(start, end, 2 + int(_PER_DECADE * math.log10(end / start)))
     s = s_of(ratios)
     k_p, k_d = np.abs([window.origin, window.origin + window.sides]).max(axis=0)
-    reach = (1.0 + MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
+    reach = (1.0 + _MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
     beyond = np.abs(loop.critical(s)) > reach
     samples = len(ratios) - int(np.argmin(beyond[::-1])) if not beyond.all() else 0
     ratios = ratios[: samples + 1]
@@ -212,7 +215,7 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
     def at(parameters: FloatArray) -> FloatArray:
         return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
 
-    parameters, points, drawn = adapted(at, piece.first)
+    parameters, points, drawn = _adapted(at, piece.first)
     ends = ((0, piece.start, piece.first[0]), (len(points), piece.end, piece.first[-1]))
     for index, end, reached in reversed(ends):
         if end is not None and math.isclose(reached, end.parameter + end.step, rel_tol=1e-9):
@@ -221,7 +224,7 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
             limit = _on_line(limit, real_root_line(loop, piece.s_of(np.array([end.parameter]))[0]))
             points = np.insert(points, index, (limit - window.origin) / window.sides, axis=0)
             drawn = np.insert(drawn, min(index, len(drawn)), True)
-    for start, stop in runs(drawn):
+    for start, stop in _runs(drawn):
         gains = points[start : stop + 1] * window.sides + window.origin
         s_rad_s = piece.s_of(parameters[start : stop + 1])
         yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains, s_rad_s)
@@ -268,7 +271,7 @@ def _clipped(line: GainLine, window: Window) -> FloatArray | None:
     """Return the two ends of a straight line on the window enlarged by the margin, else None."""
     slope = np.array([line.k_p, line.k_d]) * window.sides
     constant = line.constant + float(np.array([line.k_p, line.k_d]) @ window.origin)
-    low, high = -MARGIN, 1.0 + MARGIN
+    low, high = -_MARGIN, 1.0 + _MARGIN
     crossings = []
     for axis in (0, 1):
         if slope[1 - axis]:
@@ -280,3 +283,51 @@ def _clipped(line: GainLine, window: Window) -> FloatArray | None:
         return None
     ends = np.array([min(crossings), max(crossings)])
     return ends * window.sides + window.origin
+
+
+def _adapted(
+    at: Callable[[FloatArray], FloatArray], parameters: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Sample a plane curve as densely as it bends, in and near the unit square.
+
+    Intervals are halved until their middle lies on the chord. Returns parameters, points, and which
+    of the intervals between them belong to the curve. Intervals away from the square do not, nor
+    those that halving does not straighten, such as across a pole.
+    """
+    points = at(parameters)
+    open_, drawn = np.ones(len(points) - 1, np.bool_), np.ones(len(points) - 1, np.bool_)
+    for _ in range(_HALVINGS):
+        left = np.flatnonzero(open_)
+        middles = 0.5 * (parameters[left] + parameters[left + 1])
+        between = at(middles)
+        before, after = points[left], points[left + 1]
+        lowest = np.minimum(np.minimum(before, after), between)
+        highest = np.maximum(np.maximum(before, after), between)
+        near = np.all((lowest <= 1.0 + _MARGIN) & (highest >= -_MARGIN), axis=1)
+        bent = near & ~(_off_chord(before, between, after) <= _CHORD_ERROR)
+        drawn[left] = near
+        open_[:] = False
+        open_[left] = bent
+        split = left[bent]
+        if not len(split):
+            return parameters, points, drawn
+        parameters = np.insert(parameters, split + 1, middles[bent])
+        points = np.insert(points, split + 1, between[bent], axis=0)
+        drawn = np.insert(drawn, split + 1, True)
+        open_ = np.insert(open_, split + 1, True)
+    return parameters, points, drawn & ~open_
+
+
+def _off_chord(before: FloatArray, between: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the distances of points from the straight lines between their neighbours."""
+    chord, offset = after - before, between - before
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        along = np.clip(np.sum(offset * chord, axis=1) / np.sum(chord**2, axis=1), 0.0, 1.0)
+        along = np.where(np.isnan(along), 0.0, along)
+        return np.asarray(np.hypot(*(offset - along[:, None] * chord).T))
+
+
+def _runs(drawn: BoolArray) -> Iterator[tuple[int, int]]:
+    """Return (first, last + 1) of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(np.int8)))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -36,8 +36,7 @@ from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
-from .gain_loops import GainLoop, SampledGainLoop
-from .law_gain_loop import LawGainLoop
+from .gain_loops import GainLoop, LawGainLoop, SampledGainLoop
 
 _OVERSHOOT = 1e-5
 """How far an end of a curve is extended beyond the boundary it lies on, in window sides: more than

@@ -1,4 +1,5 @@
-"""Stress studies: the meaning of a study file, its runs, figures and verdicts, and their storage.
+"""Studies: what a study file means, its runs with figures and verdicts, and their files.
 
-Admission rule: both the program that runs studies and the one that reports on them use it.
+The program and its report are in ``tools.study``; compiled runs themselves in ``compiled``. Begin
+with ``study_file``, then ``run_study``.
 """

@@ -1,16 +1,31 @@
-"""Factors of a study: levels, or a quantile function, of what varies."""
+"""The factors of a study, and its points: which of their levels are run together.
+
+    grid              every combination, in a fixed order; the last factor varies fastest
+    latin_hypercube   ``count`` points, one in each of ``count`` layers of every factor
+    sobol             ``count`` points of a scrambled Sobol sequence; best as a power of two
+
+A factor has levels, or a quantile function from which its values are drawn. Points are numbered,
+and each follows from its number.
+"""
 
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError, read_preset
-from .base_tables import leaves, named_path
+from .base_settings import leaves, named_path
 from .study_file import (
+    REPLICATES_MAX,
     DistributionSettings,
     FactorSettings,
     LogUniform,
     Normal,
+    SamplingKind,
+    SamplingSettings,
     Shorthand,
     Triangular,
     Uniform,
@@ -206,3 +221,59 @@ def _label(value: Any) -> Label:
     if isinstance(value, dict):
         return ", ".join(f"{key}={item}" for key, item in value.items())
     return value if isinstance(value, bool | int | float) else str(value)
+
+
+class Design(NamedTuple):
+    """The points of a study.
+
+    ``uniforms``  shape (points, factors), in (0, 1); None for a grid
+    """
+
+    factors: tuple[Factor, ...]
+    points: int
+    uniforms: FloatArray | None
+
+    def point(self, index: int) -> tuple[Level, ...]:
+        """Return the level of every factor at a point."""
+        if self.uniforms is not None:
+            row = self.uniforms[index].tolist()
+            return tuple(factor.at(u) for factor, u in zip(self.factors, row, strict=True))
+        picked = []
+        for factor in reversed(self.factors):
+            levels = factor.levels or ()
+            index, place = divmod(index, len(levels))
+            picked.append(levels[place])
+        return tuple(reversed(picked))
+
+
+def make_design(factors: tuple[Factor, ...], sampling: SamplingSettings) -> Design:
+    """Return the points of a study."""
+    if sampling.kind is SamplingKind.GRID:
+        return Design(factors, math.prod(len(factor.levels or ()) for factor in factors), None)
+    count = sampling.count or 1
+    if not factors:
+        return Design(factors, 1, None)
+    return Design(factors, count, _uniforms(sampling, count, len(factors)))
+
+
+@lru_cache(REPLICATES_MAX)
+def replicate_seed(study_seed: int, replicate: int) -> int:
+    """Return the seed of the runs of one replicate, from 0 to 2⁶³ − 1.
+
+    It depends on nothing else, so all controllers meet the same network at all points: two rows of
+    a replicate differ because of their factors, not by chance.
+    """
+    words = np.random.SeedSequence((study_seed, replicate)).generate_state(1, np.uint64)
+    return int(words[0]) >> 1
+
+
+def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> FloatArray:
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng(sampling.seed)  # scipy 1.14 calls it seed
+    if sampling.kind is SamplingKind.LATIN_HYPERCUBE:
+        points = qmc.LatinHypercube(factors, seed=rng).random(count)
+    else:
+        # A balanced sequence needs a power of two points; those beyond count are cut off.
+        points = qmc.Sobol(factors, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
+    return np.clip(np.asarray(points, dtype=np.float64), 2.0**-54, 1.0 - 2.0**-53)

@@ -1,4 +1,4 @@
-"""Figures of one run, in one pass of compiled code over its samples.
+"""The figures of one run, in one pass of compiled code over its samples, and its verdict.
 
     y    lateral error of the preview point, once a sensor period      [m]
     w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
@@ -8,7 +8,8 @@ Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ 
 the settling time of y in its band, the share of control periods in which a command was at its
 limits, and the latency of the commands in effect.
 
-At its end: the figures of ``plant_emulator.evaluation.error_windows``.
+At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
+follows.
 """
 
 import math
@@ -17,11 +18,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...plant_emulator.evaluation.error_windows import window_figures
+from ...controller.settings import ControllerSettings, limits_of
+from ...plant_emulator.evaluation import verdict
+from ...plant_emulator.evaluation.error_windows import (
+    WINDOW_SHARE_MAX,
+    WindowFigures,
+    window_figures,
+)
+from ...plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray, IntArray
+from ...runtime.node import NS_PER_S
 from ..compiled.compilation import compiled
 from ..compiled.steps import register
 
-FloatArray = NDArray[np.floating[Any]]
+RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
 
 CG_STRIDE = 10
@@ -89,12 +100,12 @@ class FigureRules(NamedTuple):
 
 def take_figures(
     rules: FigureRules,
-    time_s: FloatArray,
-    lateral_error_m: FloatArray,
-    cg_deviation_m: FloatArray,
-    sent_rad: FloatArray,
+    time_s: RealArray,
+    lateral_error_m: RealArray,
+    cg_deviation_m: RealArray,
+    sent_rad: RealArray,
     latency: LatencyFigures,
-    row: FloatArray,
+    row: RealArray,
 ) -> None:
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
@@ -110,7 +121,7 @@ def take_figures(
         _figures(rules, time_s, lateral_error_m, sent_rad, row)
 
 
-def latency_figures(latency_s: FloatArray) -> LatencyFigures:
+def latency_figures(latency_s: RealArray) -> LatencyFigures:
     """Return mean and 99th percentile, the shortest latency that 99 % of the samples keep to.
 
     ``latency_s``  of the command in effect at each sample; NaN before the first
@@ -127,11 +138,11 @@ def latency_figures(latency_s: FloatArray) -> LatencyFigures:
 
 def figures_of(
     rules: FigureRules,
-    time_s: FloatArray,
-    lateral_error_m: FloatArray,
-    cg_deviation_m: FloatArray,
-    sent_rad: FloatArray,
-    latency_s: FloatArray,
+    time_s: RealArray,
+    lateral_error_m: RealArray,
+    cg_deviation_m: RealArray,
+    sent_rad: RealArray,
+    latency_s: RealArray,
 ) -> Figures:
     """Return the figures of one run."""
     row = np.empty(len(Figures._fields))
@@ -192,3 +203,49 @@ def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
     row[15] = peak
     row[16] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
     row[17] = limited / len(sent_rad)
+
+
+_PEAK = Figures._fields.index("peak_m")
+_WINDOWS = [Figures._fields.index(name) for name in WindowFigures._fields]
+
+
+def rules_of(
+    rules: VerdictRules, plant: PlantSettings, controller: ControllerSettings
+) -> FigureRules:
+    """Return the rules for the figures of a run of these settings."""
+    limits = limits_of(controller)
+    return FigureRules(
+        plant.sensor_period_ns / NS_PER_S,
+        controller.period_ns / NS_PER_S,
+        limits.steer_rad_max,
+        limits.step_rad_max,
+        min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
+        rules.settling_band_m,
+    )
+
+
+def short_windows(rules: VerdictRules, duration_s: float) -> str:
+    """Return a warning for runs too short for the windows asked for; empty for others."""
+    window_s = WINDOW_SHARE_MAX * duration_s
+    if window_s >= rules.window_s:
+        return ""
+    return (
+        f"runs of {duration_s:g} s are judged by two windows of {window_s:g} s, not of "
+        f"verdict.window_s = {rules.window_s:g}: an oscillation of less than "
+        f"{rules.swing_m:g} m is not seen if it is slower than {0.5 * window_s:g} s, nor growth "
+        f"that takes longer; give plant.duration_s = {rules.window_s / WINDOW_SHARE_MAX:g} or more"
+    )
+
+
+def verdict_of(rules: VerdictRules, end: RunEnd, figures: FloatArray) -> Verdict:
+    """Return the verdict of one run; ``figures`` begin in the order of ``Figures``."""
+    return verdicts(rules, np.array([RUN_ENDS.index(end)]), figures[None])[0]
+
+
+def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[Verdict]:
+    """Return the verdict of each run.
+
+    ``ends``     shape (runs,), places in ``RUN_ENDS``
+    ``figures``  shape (runs, figures), in the order of ``Figures``
+    """
+    return verdict.verdicts(rules, ends, figures[:, _PEAK], figures[:, _WINDOWS])

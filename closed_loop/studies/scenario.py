@@ -18,9 +18,8 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
-from .base_tables import Tables
-from .factors import Label
-from .sampling import replicate_seed
+from .base_settings import Tables
+from .factors import Label, replicate_seed
 from .study import Study
 
 FRACTION = ".spread_fraction"

@@ -18,10 +18,9 @@ from ...controller.laws import LAWS
 from ...controller.laws.plugin import place_of
 from ...plant_emulator.evaluation.verdict import VerdictRules
 from ...runtime.settings import SettingsError
-from .base_tables import Tables, bus_tables, controller_tables, plant_tables
-from .factors import Factor, make_factors
+from .base_settings import Tables, bus_tables, controller_tables, plant_tables
+from .factors import Design, Factor, make_design, make_factors
 from .figures import COLUMNS
-from .sampling import Design, make_design
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40

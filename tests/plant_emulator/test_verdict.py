@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.studies.figures import figures_of, latency_figures
-from steer_by_wire.closed_loop.studies.verdict import rules_of, verdicts
+from steer_by_wire.closed_loop.studies.figures import (
+    figures_of,
+    latency_figures,
+    rules_of,
+    verdicts,
+)
 from steer_by_wire.plant_emulator.evaluation.error_windows import WindowFigures, window_figures
 from steer_by_wire.plant_emulator.evaluation.run_record import RunningFigures
 from steer_by_wire.plant_emulator.evaluation.verdict import (

@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from steer_by_wire.closed_loop.studies.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
@@ -148,7 +149,7 @@ def study(folder: Path) -> Iterator[tuple[str, str]]:
     scenarios = Scenarios(load_study(file))
     store = Store(folder / "study", scenarios)
     store.open(text)
-    assert run_study(store, Threads(scenarios, 2), lambda _: None, lambda: False)
+    assert run_missing(store, Threads(scenarios, 2), lambda _: None, lambda: False)
     yield "study", digest(store.results.read_bytes())
 
 

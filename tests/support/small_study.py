@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from steer_by_wire.closed_loop.studies.runner import Threads, run_study
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.workers import Threads
 
 STUDY = """
 name = "small"
@@ -57,5 +58,5 @@ def open_store(folder: Path, scenarios: Scenarios) -> Store:
 def complete(folder: Path, threads: int = 1) -> Store:
     scenarios = make_scenarios(folder)
     store = open_store(folder, scenarios)
-    assert run_study(store, Threads(scenarios, threads), lambda _: None, never)
+    assert run_missing(store, Threads(scenarios, threads), lambda _: None, never)
     return store

@@ -5,8 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.studies.figures import CG_STRIDE, FigureRules, Figures, figures_of
-from steer_by_wire.closed_loop.studies.verdict import verdicts
+from steer_by_wire.closed_loop.studies.figures import (
+    CG_STRIDE,
+    FigureRules,
+    Figures,
+    figures_of,
+    verdicts,
+)
 from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
 
 FloatArray = NDArray[np.floating[Any]]

@@ -14,7 +14,7 @@ import pytest
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
 from steer_by_wire.closed_loop.compiled.steps import ForeignParamsError
-from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
 from steer_by_wire.controller.laws import LawInput, plugin

@@ -51,7 +51,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.paper.__main__": (".reproduce_all",),
     "tools.faults.live.soak": (".run_live_soak",),
     "tools.faults.live.vandals": (".measure",),
-    "tools.study.__main__": ("closed_loop.studies.store.Store.open", "._print_estimate"),
+    "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
     "tools.study.stress_report": (),
     "tools.vcan.__main__": (".choose",),
 }  # fmt: skip

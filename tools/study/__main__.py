@@ -23,19 +23,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console
-from steer_by_wire.closed_loop.studies.compute import Computer
-from steer_by_wire.closed_loop.studies.dask_runner import dask_workers
-from steer_by_wire.closed_loop.studies.runner import (
-    Processes,
-    Threads,
-    Workers,
-    estimate,
-    run_study,
-)
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
+from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
+from steer_by_wire.closed_loop.studies.figures import short_windows
+from steer_by_wire.closed_loop.studies.result_files import CHUNK_RUNS, Store
+from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.store import CHUNK_RUNS, Store
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.verdict import short_windows
+from steer_by_wire.closed_loop.studies.workers import Processes, Threads, Workers
 from steer_by_wire.runtime.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program.option_types import settings_file
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
@@ -215,7 +210,7 @@ def _compute(
             text = f"{before + done:,} of {runs:,}, {_per_s(rate)} a second, {left} left"
             progress.update(task, completed=before + done, text=text)
 
-        is_complete = run_study(store, workers, on_progress, stop)
+        is_complete = run_missing(store, workers, on_progress, stop)
     elapsed_s = time.monotonic() - begin_s
     if done:
         rate = _per_s(done / elapsed_s)

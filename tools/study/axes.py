@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.studies.results import FactorRecord, Rows, StudyRecord
+from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import IntArray
 
 LATENCY = "plant.latency."

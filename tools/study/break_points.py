@@ -27,15 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.studies.compute import Computer
-from ...closed_loop.studies.figures import COLUMNS
-from ...closed_loop.studies.results import Rows, StudyRecord, case_of, read_overrides
+from ...closed_loop.studies.compiled_runs import Computer
+from ...closed_loop.studies.factors import replicate_seed
+from ...closed_loop.studies.figures import COLUMNS, verdict_of
+from ...closed_loop.studies.result_reader import Rows, StudyRecord, case_of, read_overrides
 from ...closed_loop.studies.scenario import Scenarios
-from ...closed_loop.studies.verdict import verdict_of
 from ...plant_emulator.evaluation.verdict import Verdict
 from ...runtime.node import NS_PER_S
 from .axes import StudyAxes, is_share
-from .monte_carlo import seeds
 
 SEEDS = 29
 """The smallest number of which, if all hold, at least HELD_SHARE do, with CONFIDENCE."""
@@ -89,7 +88,8 @@ def break_points(
     jitters = len(axes.jitter.values)
     chosen = np.unique(np.linspace(0, jitters - 1, min(jitters, JITTERS_MAX)).round().astype(int))
     conditions = _conditions(study, rows, axes, chosen.tolist())
-    run_seeds = seeds(int(study.sampling["seed"]), count)
+    seed = int(study.sampling["seed"])
+    run_seeds = [replicate_seed(seed, replicate) for replicate in range(count)]
     by_jitter = [[each for each in conditions if each.jitter == j] for j in chosen.tolist()]
 
     def of_jitter(group: list[_Conditions]) -> list[BreakPoint]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...closed_loop.studies.results import Rows, StudyRecord
+from ...closed_loop.studies.result_reader import Rows, StudyRecord
 from ...runtime.array_types import FloatArray, IntArray
 
 

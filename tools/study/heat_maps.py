@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.studies.results import VERDICTS, Rows
+from ...closed_loop.studies.result_reader import VERDICTS, Rows
 from ...plant_emulator.evaluation.verdict import Verdict
 from ...runtime.array_types import FloatArray, IntArray
 from .axes import StudyAxes, cells

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
-from ...closed_loop.studies.results import FactorRecord, Rows, StudyRecord
+from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import IntArray
 from .axes import LATENCY, StudyAxes, same_levels
 from .comparison import Effort, effort, median

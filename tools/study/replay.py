@@ -24,12 +24,11 @@ from ...closed_loop.live_bus import Bus, open_channels
 from ...closed_loop.live_pair import LivePair
 from ...closed_loop.pair_result import PairFiles, Trace
 from ...closed_loop.processes import ProcessError
-from ...closed_loop.studies.compute import Computer
-from ...closed_loop.studies.figures import COLUMNS, COUNTS, Figures
-from ...closed_loop.studies.on_nodes import TICKS_MAX, figures_of_trace, range_left
+from ...closed_loop.studies.compiled_runs import Computer
+from ...closed_loop.studies.figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
+from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, range_left
+from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
-from ...closed_loop.studies.store import Store
-from ...closed_loop.studies.verdict import rules_of, verdict_of
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.verdict import RunEnd
 from ...runtime.array_types import FloatArray

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...closed_loop.reports.plot_style import plot_style, png_of
-from ...closed_loop.studies.base_tables import leaves
-from ...closed_loop.studies.results import (
+from ...closed_loop.studies.base_settings import leaves
+from ...closed_loop.studies.figures import short_windows
+from ...closed_loop.studies.result_reader import (
     VERDICTS,
     FactorRecord,
     Rows,
@@ -19,20 +20,17 @@ from ...closed_loop.studies.results import (
     read_rows,
     read_study,
 )
-from ...closed_loop.studies.verdict import short_windows
 from ...plant_emulator.evaluation.verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import Settings
 from .axes import StudyAxes, study_axes
 from .break_points import SEEDS, break_points
 from .comparison import comparisons
-from .cost_check import cost_checks, draw_checks
 from .heat_maps import draw_break_points, draw_held, draw_rms, heat_maps
 from .level_section import level_sections
 from .sections import (
     break_point_section,
     comparison_section,
-    cost_section,
     map_section,
     worst_section,
 )
@@ -57,7 +55,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
     ]
     if study.scenarios.study.bus is None:  # these run scenarios again, compiled
         sections.insert(2, _break_points(study, rows, axes, break_point_seeds))
-        sections += [_worst(study, rows), _costs(study, rows, axes)]
+        sections.append(_worst(study, rows))
     file = folder / PAGE
     file.write_text(page(f"Stress study {study.name}", sections), encoding="utf-8")
     return file
@@ -86,13 +84,6 @@ def _worst(study: StudyRecord, rows: Rows) -> Section:
     found = worst_runs(study, rows)
     pictures = [_save(study, "worst_runs", lambda: draw_worst(study, found))] if found else []
     return worst_section(study, rows, found, pictures)
-
-
-def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
-    found = cost_checks(study, rows, axes)
-    shown = [check for check in found.checks if check.is_random]
-    pictures = [_save(study, "expected_cost", lambda: draw_checks(study, shown))] if shown else []
-    return cost_section(study, found, pictures)
 
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
-from ...closed_loop.studies.results import Rows, StudyRecord
+from ...closed_loop.studies.result_reader import Rows, StudyRecord
 from .axes import StudyAxes
 from .break_points import (
     CANDIDATES_MAX,
@@ -16,7 +16,6 @@ from .break_points import (
     BreakPoint,
 )
 from .comparison import Comparison, Effort
-from .cost_check import DURATION_S_MAX, RUNS, CostChecks
 from .worst_runs import WorstRun, conditions
 
 EFFORT_HEADINGS = ("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]")
@@ -158,68 +157,6 @@ def worst_section(
         ),
         pictures,
         (Table(headings, lines),),
-    )
-
-
-def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Picture]) -> Section:
-    """Return the expected cost beside the runs."""
-    title = "Expected cost, two ways"
-    left_out = [
-        f"Left out: {', '.join(what)}: {reason}." for reason, what in found.left_out.items()
-    ]
-    if not found.checks:
-        none = "" if left_out else "No cell with jitter is held by all laws: nothing to compare."
-        return Section(title, (none,) if none else (), notes=left_out)
-    rows = []
-    for check in found.checks:
-        on, off, expected = check.on_grid, check.off_grid, check.expected
-        errors = check.standard_errors
-        change = 100.0 * (off.mean_square_m2 / on.mean_square_m2 - 1.0)
-        rows.append(
-            (
-                Cell(study.names[check.controller]),
-                Cell(check.conditions),
-                number(f"{1e6 * expected.mean_square_m2:.6g}"),
-                number(f"{1e6 * on.mean_square_m2:.6g} ± {1e6 * on.standard_error_m2:.2g}"),
-                number("-" if math.isnan(errors) else f"{errors:+.1f}"),
-                *(
-                    number(three_digits(1e6 * math.sqrt(m4) if check.is_random else math.nan))
-                    for m4 in (expected.variance_m4, on.variance_m4)
-                ),
-                number(f"{change:+.2f} %"),
-            )
-        )
-    headings = (
-        "Controller",
-        "Latency",
-        "E[J], propagated [mm²]",
-        "mean J of the runs [mm²]",
-        "difference [std. errors]",
-        "deviation of J, propagated [mm²]",
-        "of the runs [mm²]",
-        "J off the grid",
-    )
-    duration_s = float(study.plant["duration_s"])
-    if duration_s > DURATION_S_MAX:
-        left_out.append(f"Only the first {DURATION_S_MAX:g} s of {duration_s:g} s are compared.")
-    return Section(
-        title,
-        (
-            "J is the mean square of the lateral error in one run. Its expectation over all seeds "
-            "follows from propagating means and covariances of the linear sampled loop through "
-            "the Markov chain of the age of the newest command that has arrived (as Jitterbug "
-            f"does), and is compared with {RUNS} runs of the batch engine, which share nothing "
-            "with it but the numbers of law and vehicle. Latencies are rounded up to control "
-            "periods in both, for which the propagation is exact; the last column says what the "
-            "runs give without rounding. A law any of whose runs meets a limit is left out.",
-            "The picture shows the deviation of the lateral error over seeds: what jitter alone "
-            "does to it."
-            if pictures
-            else "Nothing is random in these cells, so that only the means can be compared.",
-        ),
-        pictures,
-        (Table(headings, rows),),
-        left_out,
     )
 
 

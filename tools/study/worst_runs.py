@@ -12,7 +12,13 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.compiled.engine import BatchRun, run_batch
 from ...closed_loop.reports.plot_style import COLOURS
-from ...closed_loop.studies.results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
+from ...closed_loop.studies.result_reader import (
+    VERDICTS,
+    Rows,
+    StudyRecord,
+    case_of,
+    read_overrides,
+)
 from ...controller.settings import limits_of
 from ...plant_emulator.evaluation.verdict import Verdict
 

@@ -5,9 +5,8 @@ import pytest
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import d_stability, in_s_plane
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
-from steer_by_wire.closed_loop.parameter_space.gain_loops import SampledGainLoop
+from steer_by_wire.closed_loop.parameter_space.gain_loops import LawGainLoop, SampledGainLoop
 from steer_by_wire.closed_loop.parameter_space.gain_regions import law_region, verified
-from steer_by_wire.closed_loop.parameter_space.law_gain_loop import LawGainLoop
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error

@@ -7,12 +7,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
-from steer_by_wire.closed_loop.studies import compute, scenario
-from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies import compiled_runs, scenario
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.figures import COLUMNS
-from steer_by_wire.closed_loop.studies.results import read_rows, read_study
-from steer_by_wire.closed_loop.studies.runner import Threads, run_study
-from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
+from steer_by_wire.closed_loop.studies.run_study import run_missing
+from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -77,7 +78,7 @@ def test_a_study_in_which_the_wheel_is_lost_is_whole_replays_and_is_reported(
     for name, threads in (("one", 1), ("two", 2)):
         store = Store(tmp_path / name, scenarios)
         store.open(LOST)
-        assert run_study(store, Threads(scenarios, threads), lambda _: None, never)
+        assert run_missing(store, Threads(scenarios, threads), lambda _: None, never)
         stores.append(store)
     one, two = stores
     assert one.results.read_bytes() == two.results.read_bytes()
@@ -127,14 +128,14 @@ def test_an_error_names_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     def refuse(*_: object, **__: object) -> None:
         raise SettingsError("nothing doing")
 
-    monkeypatch.setattr(compute, "run_batch", refuse)
+    monkeypatch.setattr(compiled_runs, "run_batch", refuse)
     with pytest.raises(SettingsError, match="run 2: nothing doing"):
         computer.compute([2], never)
 
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(compute, "run_batch", fail)
+    monkeypatch.setattr(compiled_runs, "run_batch", fail)
     with pytest.raises(ZeroDivisionError) as raised:
         computer.compute([2], never)
     assert raised.value.__notes__ == ["run 2 of the study"]

@@ -7,8 +7,8 @@ from unittest import mock
 
 import pytest
 
-from steer_by_wire.closed_loop.studies.dask_runner import dask_workers
-from steer_by_wire.closed_loop.studies.runner import run_study
+from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from tests.support.small_study import complete, make_scenarios, never, open_store
 
 pytestmark = pytest.mark.skipif(
@@ -24,5 +24,5 @@ def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
     # dask leaves what its workers need in this process's environment, which others inherit.
     with mock.patch.dict(os.environ), dask_workers(scenarios.study, None, 1) as workers:
         assert workers.count == 1
-        assert run_study(store, workers, lambda _: None, never)
+        assert run_missing(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop import studies
-from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.factors import corner_vehicle
-from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.figures import COLUMNS, short_windows, verdicts
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.verdict import short_windows, verdicts
 from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, Verdict, VerdictRules
 from steer_by_wire.tools.study import __main__ as stress_latency
 from tests.support.small_study import make_scenarios

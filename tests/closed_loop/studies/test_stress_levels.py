@@ -1,4 +1,4 @@
-"""Levels of factors beside each other, effort, what is left out of the expected cost, and hints."""
+"""Levels of factors beside each other, effort, and hints."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.reports.page import page
-from steer_by_wire.closed_loop.studies.compute import Computer
-from steer_by_wire.closed_loop.studies.results import Rows, StudyRecord, read_rows, read_study
-from steer_by_wire.closed_loop.studies.runner import Threads, estimate, run_study
-from steer_by_wire.closed_loop.studies.store import Store
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
+from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
+from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.axes import study_axes
 from steer_by_wire.tools.study.comparison import comparisons
-from steer_by_wire.tools.study.cost_check import RUNS, cost_checks
 from steer_by_wire.tools.study.level_section import (
     compared_factors,
     conditions_by_level,
@@ -58,7 +58,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> StudyRecord:
     scenarios = make_scenarios(folder, STUDY)
     store = Store(folder / "out", scenarios)
     store.open(STUDY)
-    assert run_study(store, Threads(scenarios, 1), lambda _: None, never)
+    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
     return read_study(store.folder)
 
 
@@ -121,30 +121,6 @@ def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Row
         own = rows.controller == one.controller
         assert one.effort.limited_share == float(np.median(rows.limited_share[own]))
         assert one.effort.steer_rate_rms_rad_s > 0.0
-
-
-def test_the_expected_cost_is_taken_where_no_limit_is_met(study: StudyRecord, rows: Rows) -> None:
-    found = cost_checks(study, rows, study_axes(study, rows))
-    assert found.left_out == {}
-    assert len(found.checks) == 4
-    assert all(check.on_grid.limited == 0 and check.is_random for check in found.checks)
-    assert all(abs(check.standard_errors) < 4.0 for check in found.checks)
-
-
-def test_laws_at_a_limit_are_left_out_of_the_expected_cost_and_named(
-    study: StudyRecord, rows: Rows
-) -> None:
-    noisy = study._replace(plant=dict(study.plant))
-    at = rows.factors["noise"] == 0.02
-    picked = rows._replace(
-        **{name: getattr(rows, name)[at] for name in Rows._fields if name not in ("factors",)},
-        factors={name: column[at] for name, column in rows.factors.items()},
-    )
-    found = cost_checks(noisy, picked, study_axes(noisy, picked))
-    assert found.checks == []
-    (reason,) = found.left_out
-    assert reason.startswith(f"{RUNS} of {RUNS} runs met a limit of the command")
-    assert len(found.left_out[reason]) == 4
 
 
 def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, rows: Rows) -> None:

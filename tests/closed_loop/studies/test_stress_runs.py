@@ -11,12 +11,13 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.compiled.schedule import plan_run
-from steer_by_wire.closed_loop.studies.compute import Computed, Computer, losses_of
+from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
 from steer_by_wire.closed_loop.studies.figures import COLUMNS
-from steer_by_wire.closed_loop.studies.runner import Block, ShouldStop, Threads, run_study
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
-from steer_by_wire.closed_loop.studies.store import Store
 from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, Threads
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
@@ -89,7 +90,7 @@ def test_an_interrupted_study_goes_on_and_gives_the_same_bytes(
     stored = []
     for looks in (8, 17, 8):
         store = open_store(tmp_path, scenarios)
-        assert not run_study(store, order(scenarios), lambda _: None, Interrupted(looks))
+        assert not run_missing(store, order(scenarios), lambda _: None, Interrupted(looks))
         assert not store.is_complete
         stored.append(store.stored())
         assert sorted(run for ids in store.missing() for run in ids) == [
@@ -98,7 +99,7 @@ def test_an_interrupted_study_goes_on_and_gives_the_same_bytes(
     assert 0 < stored[0] < stored[1] < stored[2] < RUNS
     computed: list[int] = []
     store = open_store(tmp_path, scenarios)
-    assert run_study(store, order(scenarios), computed.append, never)
+    assert run_missing(store, order(scenarios), computed.append, never)
     assert sum(computed) == RUNS - stored[-1]
     assert store.results.read_bytes() == whole.results.read_bytes()
 
@@ -109,7 +110,7 @@ def test_a_complete_study_computes_nothing(whole: Store) -> None:
     store.open(STUDY)
     computed: list[int] = []
     assert store.stored() == RUNS
-    assert run_study(store, Threads(scenarios, 1), computed.append, never)
+    assert run_missing(store, Threads(scenarios, 1), computed.append, never)
     assert computed == []
 
 
@@ -123,7 +124,7 @@ def test_what_is_computed_is_stored_when_a_scenario_turns_out_bad(tmp_path: Path
     )
     store = open_store(tmp_path, scenarios)
     with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
-        run_study(store, Backwards(scenarios), lambda _: None, never)
+        run_missing(store, Backwards(scenarios), lambda _: None, never)
     with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
         scenarios.check()
 
@@ -142,7 +143,7 @@ def test_fastmath_is_a_study_of_its_own_close_to_the_exact_one(
     with pytest.raises(SettingsError, match="another study: fastmath differ"):
         Store(whole.folder, fast).open(STUDY)
     store = open_store(tmp_path, fast)
-    assert run_study(store, Threads(fast, 1), lambda _: None, never)
+    assert run_missing(store, Threads(fast, 1), lambda _: None, never)
     with pytest.raises(SettingsError, match="another study: fastmath differ"):
         Store(store.folder, exact).open(STUDY)
     one, other = (
@@ -249,7 +250,7 @@ steer_rad_max = 0.001
 """,
     )
     store = open_store(tmp_path, scenarios)
-    assert run_study(store, Threads(scenarios, 1), lambda _: None, never)
+    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
     made = replay.replay(store, Computer(scenarios), 0)
     assert made.stored is not None
     assert made.stored["verdict"] == "left range"

@@ -11,12 +11,13 @@ import pytest
 from steer_by_wire.closed_loop.studies.factors import (
     Factor,
     Level,
+    make_design,
     make_factors,
     quantile_of,
     range_values,
+    replicate_seed,
 )
 from steer_by_wire.closed_loop.studies.figures import COLUMNS
-from steer_by_wire.closed_loop.studies.sampling import make_design, replicate_seed
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (

@@ -11,11 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.closed_loop.simulate import simulate
-from steer_by_wire.closed_loop.studies.compute import Computer
+from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.study_table import run_study
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError

@@ -18,9 +18,8 @@ from ...runtime.node.virtual_time import Wire
 from ..pair_result import Trace
 from ..virtual_bus import virtual_bus, with_clocks
 from ..virtual_pair import VirtualPair, make_virtual_pair, run_virtual_nodes
-from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of
+from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
 from .scenario import Pair
-from .verdict import rules_of
 
 TICKS_MAX = 10_000_000
 

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from ...plant_emulator.evaluation.verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
+from .factors import Design
 from .figures import COUNTS
-from .sampling import Design
+from .result_files import are_numbers, overrides_of, read_columns, read_json
 from .scenario import Case, Pair, Scenarios
-from .store import are_numbers
-from .stored import overrides_of, read_columns, read_json
 from .study import Study
 from .study_file import StudySettings
 

@@ -5,13 +5,14 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.studies.factors import replicate_seed
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.latency import QUANTILES, Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study.expected_cost import Rounding, expected_cost, latency_cdf
-from steer_by_wire.tools.study.monte_carlo import monte_carlo_costs, on_grid, seeds
+from tests.support.expected_cost.monte_carlo import monte_carlo_costs, on_grid
+from tests.support.expected_cost.propagation import Rounding, expected_cost, latency_cdf
 
 GAMMA = "latency.downlink={model='gamma',mean_s=0.08,spread_s=0.03}"
 STRAIGHT = "path={kind='straight'}"
@@ -29,6 +30,11 @@ def controller_settings(law: str) -> ControllerSettings:
     """A law whose limits are never met: only then is a run linear."""
     wide = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
     return controller_preset(f"practical_{law}", wide)
+
+
+def seeds(count: int) -> list[int]:
+    """Return those of the replicates of a study with seed 1."""
+    return [replicate_seed(1, replicate) for replicate in range(count)]
 
 
 PD, DDOB = controller_settings("pd"), controller_settings("pd_ddob")
@@ -78,7 +84,7 @@ def test_steps_within_the_period_take_a_constant_latency_of_parts_of_it() -> Non
 def test_the_mean_cost_of_many_runs_is_the_expected_one(overrides: tuple[str, ...]) -> None:
     """Latencies rounded up to control periods, for which the expected cost is exact."""
     plant = plant_settings(*overrides)
-    monte_carlo = monte_carlo_costs(plant, [PD, DDOB], seeds(1, RUNS), is_on_grid=True)
+    monte_carlo = monte_carlo_costs(plant, [PD, DDOB], seeds(RUNS), is_on_grid=True)
     for controller, found in zip([PD, DDOB], monte_carlo, strict=True):
         expected = expected_cost(plant, controller)
         off = expected.mean_square_m2 - found.mean_square_m2
@@ -93,14 +99,14 @@ def test_the_mean_cost_of_many_runs_is_the_expected_one(overrides: tuple[str, ..
 
 def test_another_latency_is_distinguished_from_the_right_one_by_many_standard_errors() -> None:
     plant = plant_settings(GAMMA)
-    (found,) = monte_carlo_costs(plant, [DDOB], seeds(1, RUNS), is_on_grid=True)
+    (found,) = monte_carlo_costs(plant, [DDOB], seeds(RUNS), is_on_grid=True)
     other = expected_cost(plant_settings("latency.downlink.mean_s=0.08"), DDOB)
     assert abs(other.mean_square_m2 - found.mean_square_m2) > 10.0 * found.standard_error_m2
 
 
 def test_off_the_grid_steps_within_the_period_come_near_and_rounding_up_does_not() -> None:
     plant = plant_settings(GAMMA)
-    (found,) = monte_carlo_costs(plant, [DDOB], seeds(1, RUNS), is_on_grid=False)
+    (found,) = monte_carlo_costs(plant, [DDOB], seeds(RUNS), is_on_grid=False)
     fine = expected_cost(plant, DDOB, 4, Rounding.NEAREST).mean_square_m2
     rounded_up = expected_cost(plant, DDOB).mean_square_m2
     assert abs(fine - found.mean_square_m2) < 4.0 * found.standard_error_m2
@@ -112,7 +118,7 @@ def test_a_run_that_meets_a_limit_is_reported() -> None:
     narrow = DDOB.model_copy(
         update={"limits": DDOB.limits.model_copy(update={"steer_rad_max": 0.01})}
     )
-    found = monte_carlo_costs(plant_settings(GAMMA), [DDOB, narrow], seeds(1, 3), is_on_grid=True)
+    found = monte_carlo_costs(plant_settings(GAMMA), [DDOB, narrow], seeds(3), is_on_grid=True)
     assert [each.limited for each in found] == [0, 3]
 
 

@@ -24,10 +24,17 @@ from ...runtime.settings import SettingsError
 from ..compiled.engine import Outcome, run_batch
 from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, Plan, plan_run
-from .figures import CG_STRIDE, COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
-from .on_nodes import run_on_nodes
+from .figures import (
+    CG_STRIDE,
+    COLUMNS,
+    COUNTS,
+    LatencyFigures,
+    latency_figures,
+    rules_of,
+    take_figures,
+)
+from .node_runs import run_on_nodes
 from .scenario import Pair, Scenarios
-from .verdict import rules_of
 
 PLANS_KEPT = 64
 """Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""

@@ -7,39 +7,36 @@
             disturbances held over it
     law     as it steps, from the error measured at each tick
     u       commands, the newest first
-    s       a weighted sum of errors (``expected_cost``)
+    s       a weighted sum of errors (``propagation``)
     1       so that what drives the loop is part of its matrix
 
 Left out are the limits of commands and actuator, and the resolution of signals: a run that meets no
 limit is linear. Whatever else is not linear, or not of this form, is rejected.
 
-One control period of the moments of a jump-linear loop, compiled, in place.
-
+The moments of this jump-linear loop are moved by one control period in compiled code, in place.
 Arrays have the shape (modes, states, columns). A first moment has one column, or several that do
-not mix. A second moment has as many columns as states, and is moved in its rows and columns. The
-states are those of ``linear_loop``: plant, law, commands with the newest first, sum, one.
-"""
+not mix. A second moment has as many columns as states, and is moved in its rows and columns."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.compiled.compilation import compiled
-from ...controller.analysis.linear_system import LinearSystem, floats_of, law_system
-from ...controller.laws.design import design_law
-from ...controller.settings import ControllerSettings
-from ...plant_emulator.network.latency import Distribution
-from ...plant_emulator.network.settings import LatencySettings, Order
-from ...plant_emulator.path.path import curvature
-from ...plant_emulator.path.shapes import build_path
-from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.disturbance import disturbance_intervals
-from ...plant_emulator.vehicle.motion_design import vehicle_params
-from ...plant_emulator.vehicle.rig_settings import DisturbanceSettings
-from ...plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_S
-from ...runtime.settings import SettingsError
+from steer_by_wire.closed_loop.compiled.compilation import compiled
+from steer_by_wire.controller.analysis.linear_system import LinearSystem, floats_of, law_system
+from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
+from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
+from steer_by_wire.plant_emulator.vehicle.motion_design import vehicle_params
+from steer_by_wire.plant_emulator.vehicle.rig_settings import DisturbanceSettings
+from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.runtime.array_types import FloatArray
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import SettingsError
 
 LATERAL_ERROR, WHEEL = 3, 4
 """Places of y and δ in the plant's state."""

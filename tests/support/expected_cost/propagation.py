@@ -30,15 +30,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.analysis import arrivals
-from ...controller.analysis.jitter import newest_arrivals
-from ...controller.settings import ControllerSettings
-from ...plant_emulator.network.latency import RESOLUTION_S, Distribution
-from ...plant_emulator.network.settings import LatencySettings
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
-from ...runtime.settings import SettingsError
-from .linear_loop import LATERAL_ERROR, LinearLoop, Recursion, linear_loop, move_first, move_second
+from steer_by_wire.controller.analysis import arrivals
+from steer_by_wire.controller.analysis.jitter import newest_arrivals
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.plant_emulator.network.latency import RESOLUTION_S, Distribution
+from steer_by_wire.plant_emulator.network.settings import LatencySettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.array_types import FloatArray
+from steer_by_wire.runtime.settings import SettingsError
+from tests.support.expected_cost.linear_loop import (
+    LATERAL_ERROR,
+    LinearLoop,
+    Recursion,
+    linear_loop,
+    move_first,
+    move_second,
+)
 
 LAGS_FROM = 24
 NUMBERS_MAX = 250_000

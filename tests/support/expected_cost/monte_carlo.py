@@ -1,4 +1,4 @@
-"""The cost of runs with many seeds, for comparison with the expected cost (``expected_cost``).
+"""The cost of runs with many seeds, for comparison with the expected cost (``propagation``).
 
     mean      (J_1 + ... + J_n)/n                       its standard error s/√n
     variance  s² = Σ (J_i - mean)²/(n - 1)              its standard error √((μ4 - s⁴)/n)
@@ -14,15 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...closed_loop.compiled.engine import BatchRun, Outcome, run_batch
-from ...closed_loop.compiled.network import Frames, passages
-from ...closed_loop.compiled.schedule import Plan, plan_run
-from ...closed_loop.studies.sampling import replicate_seed
-from ...controller.settings import ControllerSettings, limits_of
-from ...plant_emulator.network.random_streams import Channel
-from ...plant_emulator.network.settings import Order
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
+from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.network import Frames, passages
+from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
+from steer_by_wire.controller.settings import ControllerSettings, limits_of
+from steer_by_wire.plant_emulator.network.random_streams import Channel
+from steer_by_wire.plant_emulator.network.settings import Order
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.array_types import FloatArray
 
 _AT_LIMIT = 1.0 - 1e-9
 """Share of the limit at which a command counts as limited: differences of commands are rounded."""
@@ -53,11 +52,6 @@ class MonteCarloCost(NamedTuple):
     def variance_m4(self) -> float:
         """Variance of the costs."""
         return float(self.costs_m2.var(ddof=1))
-
-
-def seeds(first: int, count: int) -> list[int]:
-    """Return the seeds of the replicates of a study, and of as many more as needed."""
-    return [replicate_seed(first, replicate) for replicate in range(count)]
 
 
 def monte_carlo_costs(

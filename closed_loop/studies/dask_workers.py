@@ -13,8 +13,9 @@ from typing import Any
 from ...runtime.command_line import installation
 from ...runtime.program.program import handled
 from ...runtime.settings import SettingsError
-from .compute import Computed
-from .runner import (
+from .compiled_runs import Computed
+from .study import Study
+from .workers import (
     NOTHING,
     PATIENCE_S,
     WAITING_PER_WORKER,
@@ -23,7 +24,6 @@ from .runner import (
     compute_block,
     payload_of,
 )
-from .study import Study
 
 CONNECT_S = 20.0
 

@@ -1,0 +1,150 @@
+"""Runs a study: what is missing of a stored one, or a whole one for Python (``run_study``)."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...controller.laws.design import design_law
+from .compiled_runs import Computer
+from .figures import COLUMNS, Figures, verdicts
+from .result_files import Store
+from .scenario import Scenarios
+from .study import load_study
+from .workers import Block, ShouldStop, Workers
+
+BLOCK_RUNS = 64
+"""Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer
+than all of them."""
+FLUSH_S = 10.0
+"""Interval at which an incomplete chunk is written: the most that a crash can lose."""
+KINDS_OF = 200
+"""Controllers searched for kinds of laws that an estimate has not compiled yet."""
+TRIALS_MAX, TRIAL_RUNS, TRIALS_S = 16, 160, 3.0
+"""Stretches, runs in each, and longest time of an estimate."""
+
+
+class Estimate(NamedTuple):
+    """How long runs take, from a few that were measured.
+
+    ``seconds_a_run``  on one thread, the network shared as in the study
+    """
+
+    runs: int
+    seconds_a_run: float
+
+
+def run_missing(
+    store: Store, workers: Workers, on_progress: Callable[[int], None], should_stop: ShouldStop
+) -> bool:
+    """Compute and store what is missing; returns whether the study is complete.
+
+    ``on_progress``  called with how many further runs are done
+
+    Computed runs are stored however it ends.
+    """
+    if store.is_complete:
+        return True
+    flushed_s = time.monotonic()
+    try:
+        block_runs = BLOCK_RUNS if store.scenarios.study.bus is None else 1
+        for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
+            if len(computed.ids):
+                store.put(computed)
+                on_progress(len(computed.ids))
+            if time.monotonic() - flushed_s >= FLUSH_S:
+                store.flush()
+                flushed_s = time.monotonic()
+    finally:
+        store.flush()
+    if should_stop() and next(store.missing(), None):
+        return False
+    store.finish()
+    return True
+
+
+def estimate(scenarios: Scenarios, clock_s: Callable[[], float] = time.perf_counter) -> Estimate:
+    """Measure a few stretches of the study, in which runs share what they share in the study."""
+    computer = Computer(scenarios)
+    runs = scenarios.study.runs
+    # The golden ratio spreads any number of places evenly.
+    places = [0.618033988749895 * (place + 1) % 1.0 for place in range(TRIALS_MAX)]
+    firsts = [int(max(runs - TRIAL_RUNS, 0) * place) for place in places]
+    stretches = [range(first, min(first + TRIAL_RUNS, runs)) for first in firsts]
+    # The first run of each kind of law compiles, and is not counted.
+    computer.compute(_one_of_each_kind(scenarios, stretches), lambda: False)
+    begin_s = clock_s()
+    done = 0
+    for ids in stretches:
+        block = list(ids if scenarios.study.bus is None else ids[:1])
+        computer.compute(block, lambda: False)
+        done += len(block)
+        if clock_s() - begin_s > TRIALS_S or done >= runs:
+            break
+    return Estimate(done, (clock_s() - begin_s) / done)
+
+
+def _one_of_each_kind(scenarios: Scenarios, stretches: Sequence[range]) -> list[int]:
+    """Return a run of each kind of parameters a law may have: one is compiled for each."""
+    kinds: dict[object, int] = {}
+    seen: set[int] = set()
+    for run in chain.from_iterable(stretches):
+        index, place = divmod(run, len(scenarios.controllers))
+        controller = scenarios.controller(scenarios.case(index), scenarios.controllers[place])
+        if id(controller) not in seen and len(seen) < KINDS_OF:
+            seen.add(id(controller))
+            kinds.setdefault(_kind(design_law(controller).params), run)
+    return sorted(kinds.values())
+
+
+def _kind(params: object) -> object:
+    """Return the types of nested parameters, as the compiler sees them."""
+    if isinstance(params, tuple):
+        return (type(params), *map(_kind, params))
+    return type(params)
+
+
+def _blocks(chunks: Iterable[list[int]], block_runs: int) -> Iterator[Block]:
+    for ids in chunks:
+        for first in range(0, len(ids), block_runs):
+            yield ids[first : first + block_runs]
+
+
+def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
+    """Compute every run of a study file on one thread; returns columns of shape (runs,) by name.
+
+    ``controller``, ``replicate``, ``verdict``, the factors by their names, and the figures of
+    ``results.parquet`` of ``steer-by-wire study``; in the same order and the same to the last bit.
+    Nothing is stored. Raises SettingsError.
+    """
+    scenarios = Scenarios(load_study(Path(file)))
+    scenarios.check()
+    runs = range(scenarios.study.runs)
+    done = Computer(scenarios).compute(runs, lambda: False)
+    judged = verdicts(
+        scenarios.study.settings.verdict, done.ends, done.figures[:, : len(Figures._fields)]
+    )
+    return {
+        **_factors(scenarios),
+        "verdict": np.array([str(verdict) for verdict in judged]),
+        **dict(zip(COLUMNS, done.figures.T.copy(), strict=True)),
+    }
+
+
+def _factors(scenarios: Scenarios) -> dict[str, NDArray[Any]]:
+    """Return the columns in which the runs differ."""
+    names = scenarios.controllers
+    cases = [scenarios.case(run // len(names)) for run in range(scenarios.study.runs)]
+    factors = [factor.name for factor in scenarios.study.design.factors]
+    return {
+        "controller": np.tile(np.array(names), scenarios.study.cases),
+        "replicate": np.array([case.replicate for case in cases]),
+        **{
+            name: np.array([case.labels[place] for case in cases])
+            for place, name in enumerate(factors)
+        },
+    }
