@@ -30,7 +30,7 @@ from .settings import PlantSettings
 from .steering.limiter import AVERAGING_S, Cause
 from .steering.settings import design_guard
 from .vehicle.motion_design import MotionParams, motion_params
-from .vehicle.rig_settings import VehicleSettings
+from .vehicle.settings import VehicleSettings
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""
@@ -39,7 +39,7 @@ _SHOWN: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState,
 
 def check_text(settings: PlantSettings) -> str:
     """Return the settings and what follows from them; raises what ``motion_params`` raises."""
-    params = motion_params(settings)
+    params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     comments = [*_vehicle(settings), "", *_path(settings, params), "", *_network(settings), ""]
     lines = [f"# {comment}" if comment else "#" for comment in [*comments, *_wire(settings)]]
     return "\n".join([dump_toml(settings), *lines, ""])

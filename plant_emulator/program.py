@@ -63,7 +63,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
-    params = motion_params(settings)
+    params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     # Without a trace, samples would only take memory.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(

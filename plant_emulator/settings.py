@@ -19,16 +19,10 @@ from ..runtime.settings import (
 from .evaluation.verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, FaultSettings
 from .network.settings import BothLatencySettings
+from .path.settings import EllipseSettings, PathSettings
+from .sensors.settings import PathAheadSettings, SensorNoiseSettings
 from .steering.settings import SafetySettings, resync_ns_of
-from .vehicle.rig_settings import (
-    ActuatorSettings,
-    DisturbanceSettings,
-    EllipseSettings,
-    PathAheadSettings,
-    PathSettings,
-    SensorNoiseSettings,
-    VehicleSettings,
-)
+from .vehicle.settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 
 PRESETS = "steer_by_wire.plant_emulator.presets"
 """The package with the presets that are shipped."""

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
+    from .plant_emulator.network.settings import LatencyModel
+    from .plant_emulator.path.settings import PathModel
     from .plant_emulator.path.shapes import path_of_curvature
     from .plant_emulator.path.waypoints import path_through
     from .plant_emulator.settings import PlantSettings
-    from .plant_emulator.vehicle.own_parts import (
+    from .plant_emulator.vehicle.settings import (
         DisturbanceModel,
         DisturbanceStep,
-        LatencyModel,
-        PathModel,
         VehicleInput,
         VehicleModel,
         VehicleState,
@@ -36,12 +36,14 @@ _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
     "controller.settings": ("ControllerSettings",),
     "dbc.messages": ("Mode",),
-    "plant_emulator.vehicle.own_parts": (
-        *("DisturbanceModel", "DisturbanceStep", "LatencyModel", "PathModel"),
-        *("VehicleInput", "VehicleModel", "VehicleState"),
-    ),
+    "plant_emulator.network.settings": ("LatencyModel",),
+    "plant_emulator.path.settings": ("PathModel",),
     "plant_emulator.path.shapes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),
+    "plant_emulator.vehicle.settings": (
+        *("DisturbanceModel", "DisturbanceStep"),
+        *("VehicleInput", "VehicleModel", "VehicleState"),
+    ),
     "plant_emulator.vehicle.vehicle": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "closed_loop.run_tables": ("ControllerTable", "PlantTable", "Track"),

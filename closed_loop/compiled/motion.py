@@ -10,14 +10,14 @@ import numpy as np
 
 from ...plant_emulator.path.deviation import deviation_behind_m
 from ...plant_emulator.path.path import Path, Pose
+from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
 from ...plant_emulator.vehicle.motion_design import MotionParams, design_motion_arrays
-from ...plant_emulator.vehicle.rig_settings import (
+from ...plant_emulator.vehicle.settings import (
     ActuatorSettings,
     DisturbanceSettings,
-    PathSettings,
     VehicleSettings,
 )
 from .compilation import compiled

@@ -8,10 +8,10 @@ from typing import Any
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
-from ...plant_emulator.vehicle.rig_settings import EllipseSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import (
     COMMAND_LINE,

@@ -12,10 +12,9 @@ from ...runtime.node import NS_PER_S
 from ...runtime.record import new_record
 from ..path.deviation import cg_deviation_m
 from ..path.path import Path, pose
-from ..settings import PlantSettings
 from ..vehicle.motion import Motion
 from ..vehicle.propagation import LinearState
-from .verdict import samples_judged
+from .verdict import VerdictRules, samples_judged
 
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
@@ -124,15 +123,22 @@ class RunningFigures:
 class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
-    ``motion``       of the run
+    ``motion``       of the run, which lasts ``duration_s``
+    ``rules``        of the verdict
+    ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
-
-    ``rules``, ``period_s``  of the verdict, and of the sensors
     """
 
-    def __init__(self, settings: PlantSettings, motion: Motion, samples_max: int) -> None:
-        self.rules, self.period_s = settings.verdict, settings.sensor_period_ns / NS_PER_S
-        newest = samples_judged(self.rules, settings.duration_s, self.period_s)
+    def __init__(
+        self,
+        motion: Motion,
+        duration_s: float,
+        rules: VerdictRules,
+        period_s: float,
+        samples_max: int,
+    ) -> None:
+        self.rules, self.period_s = rules, period_s
+        newest = samples_judged(rules, duration_s, period_s)
         self._figures = RunningFigures(self.rules.settling_band_m, newest)
         self._samples: list[PlantSample] = []
         self._samples_max = samples_max

@@ -4,21 +4,20 @@ import math
 
 from ...dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
-from ..settings import PlantSettings
 from .latency import Distribution
 from .latency_line import LatencyLine
 from .random_streams import Channel, uniforms
+from .settings import BothLatencySettings
 
 
 class Network:
-    """Both lines of a run.
+    """Both lines of a run; their random numbers depend on its ``seed`` only.
 
     ``measured_latency_s``  latency of the last measurement that left [s]
     ``configured``          what LATENCY_CONFIG has changed last; None before the first
     """
 
-    def __init__(self, settings: PlantSettings) -> None:
-        seed, latency = settings.seed, settings.latency
+    def __init__(self, latency: BothLatencySettings, seed: int) -> None:
         self.downlink: LatencyLine[SteeringCommand | SteeringPlan] = LatencyLine(
             latency.downlink,
             uniforms(seed, Channel.DOWNLINK),

@@ -1,15 +1,28 @@
-"""Settings tables of the two latency lines: [latency.downlink] and [latency.uplink]."""
+"""Settings tables `[latency.downlink]` and `[latency.uplink]`.
 
+Another package may provide the distribution (``LatencyModel``); see ``runtime.settings.plugin``.
+"""
+
+from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticKnownError
 
 from ...runtime.settings import Settings
-from ..vehicle.own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
+from ...runtime.settings.plugin import (
+    PLUGIN_TABLE,
+    TABLE_SCHEMA,
+    PartError,
+    PluginTable,
+    asked,
+    find_part,
+    plugin_table,
+)
 from .latency import QUANTILES, Distribution, Quantile
 from .latency_profile import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
 
@@ -17,6 +30,36 @@ LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 _TRIED = (0.001, 0.5, 0.999)
 """Uniforms with which a latency model of another package is tested."""
+
+
+class LatencyModel(NamedTuple):
+    """Latency of frames: ``quantile(u, mean_s, spread_s, own) -> latency_s``.
+
+    ``u`` is uniform in (0, 1); the latency must not decrease with u, and be 0 to 10 s.
+    """
+
+    quantile: Callable[[float, float, float, Any], float]
+    settings: type[Settings] | None = None
+
+
+find_latency_model = partial(find_part, kind=LatencyModel, noun="latency model")
+"""Returns the model at a place; raises ValueError."""
+
+
+def plugin_quantile(place: str, own: Settings | None) -> Callable[[float, float, float], float]:
+    """Return the quantile function of a latency model; it raises PartError."""
+    model, what = find_latency_model(place), f"latency model {place}"
+
+    def quantile(u: float, mean_s: float, spread_s: float) -> float:
+        latency_s = asked(what, model.quantile, u, mean_s, spread_s, own)
+        if not (isinstance(latency_s, float | int) and 0.0 <= latency_s <= LATENCY_S_MAX):
+            raise PartError(
+                f"{what} gives {latency_s!r} s at u = {u:g}, mean_s = {mean_s:g}, spread_s ="
+                f" {spread_s:g} (allowed: number from 0, up to {LATENCY_S_MAX:g})"
+            )
+        return latency_s
+
+    return quantile
 
 
 def _known_model(name: Any) -> Distribution | str:
@@ -61,7 +104,7 @@ class LatencySettings(Settings):
     """The network in one direction; by default it changes nothing."""
 
     model: LatencyModelName = Distribution.CONSTANT
-    own: LatencyTable = OWN_TABLE
+    own: Annotated[PluginTable, plugin_table(find_latency_model), TABLE_SCHEMA] = PLUGIN_TABLE
     mean_s: LatencySeconds = 0.0
     spread_s: LatencySeconds = 0.0
     """Standard deviation."""
@@ -117,7 +160,7 @@ class LatencySettings(Settings):
         """The quantile function; one of another package raises PartError when it fails."""
         if isinstance(self.model, Distribution):
             return QUANTILES[self.model]
-        return own_quantile(self.model, self.own)
+        return plugin_quantile(self.model, self.own)
 
 
 class BothLatencySettings(Settings):

@@ -37,7 +37,7 @@ from ...dbc.messages import (
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.view import View
 from ..evaluation.plant_report import line_report, motion_report, reception_report
@@ -66,8 +66,8 @@ class PlantNode:
     """The rig on the bus.
 
     ``start_ns``     first sample [ns]
-    ``params``       from ``motion_params(settings)``, which takes tens of milliseconds; computed
-                     here unless given
+    ``params``       from ``motion_params``, which takes tens of milliseconds; computed here unless
+                     given
     ``samples_max``  largest number of samples stored in ``samples``
 
     ``motion_start_ns``  start of the motion [ns]; NEVER_NS before
@@ -85,7 +85,11 @@ class PlantNode:
         self._seed = settings.seed
         self._duration_ns = settings.duration_ns
         self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
-        params = motion_params(settings) if params is None else params
+        params = (
+            motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+            if params is None
+            else params
+        )
         self._motion = make_motion(settings.vehicle, params)
         self._disturbing = Disturbing(settings, params)
         self._unit = SteeringUnit(
@@ -95,7 +99,7 @@ class PlantNode:
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
         self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
-        self._network = Network(settings)
+        self._network = Network(settings.latency, settings.seed)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
         self._unauthenticated = 0
         self._command: SteeringCommand | None = None
@@ -104,7 +108,13 @@ class PlantNode:
         self._sends_truth = settings.ground_truth
         self._messages = PlantMessages()
         self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
-        self._record = RunRecord(settings, self._motion, samples_max)
+        self._record = RunRecord(
+            self._motion,
+            settings.duration_s,
+            settings.verdict,
+            settings.sensor_period_ns / NS_PER_S,
+            samples_max,
+        )
         self.finished = False
 
     @property

@@ -16,20 +16,20 @@ from itertools import pairwise
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from ..vehicle.own_parts import own_path
-from ..vehicle.rig_settings import (
-    CircleSettings,
-    DoubleLaneChangeSettings,
-    EllipseSettings,
-    OwnPathSettings,
-    PathSettings,
-    SingleLaneChangeSettings,
-    StraightSettings,
-    WaypointSettings,
-)
 from .circular import cos_and_sin
 from .curve import CurvePoints, path_along
 from .path import Path, Pose, along_clothoid
+from .settings import (
+    CircleSettings,
+    DoubleLaneChangeSettings,
+    EllipseSettings,
+    PathSettings,
+    PluginPathSettings,
+    SingleLaneChangeSettings,
+    StraightSettings,
+    WaypointSettings,
+    plugin_path,
+)
 
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
@@ -64,8 +64,8 @@ def build_path(settings: PathSettings) -> Path:
             from .waypoints import waypoint_path
 
             return waypoint_path(settings.file, closed=settings.closed)
-        case OwnPathSettings():
-            return own_path(settings.model, settings.own)
+        case PluginPathSettings():
+            return plugin_path(settings.model, settings.own)
 
 
 def straight() -> Path:

@@ -8,7 +8,7 @@ from pydantic import Field, Tag
 
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
-from ..vehicle.rig_settings import ActuatorSettings, VehicleSettings
+from ..vehicle.settings import ActuatorSettings, VehicleSettings
 from .guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 from .limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
 

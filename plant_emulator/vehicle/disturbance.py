@@ -15,7 +15,7 @@ disturbance of the paper, the curvature of the path, comes from the path.
 from typing import NamedTuple
 
 from ...runtime.node import NS_PER_S
-from .rig_settings import DisturbanceSettings
+from .settings import DisturbanceSettings
 from .vehicle import VehicleParams, on_friction, state_matrices
 
 

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..path.path import Path
+from ..path.settings import PathSettings
 from ..path.shapes import build_path
-from ..settings import PlantSettings
 from .actuator import ActuatorParams, WheelPhase
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .propagation import TABLE_ROWS, Row, Table, augmented_matrix, table_rows, transition_table
-from .rig_settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
+from .settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 from .vehicle import VehicleParams, on_friction
 
 _KEPT = 4
@@ -33,13 +33,17 @@ class MotionParams(NamedTuple):
     """Where in ``table`` each interval's transitions start, by `WheelPhase`."""
 
 
-def motion_params(settings: PlantSettings) -> MotionParams:
+def motion_params(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: PathSettings,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
     """Design the motion of a run; computes the transition tables (about 40 ms each).
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
-    vehicle, path = settings.vehicle, build_path(settings.path)
-    params = _params(vehicle, settings.actuator, path, settings.disturbance)
+    params = _params(vehicle, actuator, build_path(path), disturbance)
     table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
     return params._replace(table=table, first_rows=first_rows)
 

@@ -9,9 +9,8 @@ from ...runtime.settings.plugin import asked
 from .motion import Motion
 from .motion_design import MotionParams, vehicle_params
 from .motion_steps import MotionState, advance_motion, event_ns_of, interval_of, with_vehicle
-from .own_parts import VehicleInput, VehicleState, find_vehicle_model
 from .propagation import DELTA
-from .rig_settings import VehicleSettings
+from .settings import VehicleInput, VehicleSettings, VehicleState, find_vehicle_model
 from .vehicle import VehicleParams, on_friction
 
 STEP_NS = 1_000_000

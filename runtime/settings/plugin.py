@@ -8,12 +8,25 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, Protocol, TypeVar
 
-from pydantic import ValidationError, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+)
 
 from .mistakes import explain, schema_of
 from .settings import Settings, SettingsError
 
 PLACE = "package.module:ATTRIBUTE"
+PluginTable = SerializeAsAny[Settings] | None
+"""A part's own table: of its own model, or None for a part without one."""
+TABLE_SCHEMA = WithJsonSchema({"type": "object"})
+PLUGIN_TABLE: Any = Field(default_factory=dict, validate_default=True)
+"""Default of such a table, from the part's model."""
 
 
 class Part(Protocol):
@@ -58,21 +71,32 @@ def find_part(place: str, kind: type[P], noun: str) -> P:
     return part
 
 
-def own_table(
-    place_key: str, find: Callable[[str], Part]
-) -> Callable[[Any, ValidationInfo], Settings | None]:
-    """Return the validator of a part's own table, which follows the key that names the part.
+def plugin_place(find: Callable[[str], Part]) -> AfterValidator:
+    """Return the validator of a key that names a part.
+
+    ``find``  returns the part at a place; raises ValueError
+    """
+
+    def validate(place: str) -> str:
+        find(place)
+        return place
+
+    return AfterValidator(validate)
+
+
+def plugin_table(find: Callable[[str], Part]) -> PlainValidator:
+    """Return the validator of a part's own table, which follows the key ``model`` that names it.
 
     ``find``  returns the part at a place
     """
 
     def validate(value: Any, info: ValidationInfo) -> Settings | None:
-        place = info.data.get(place_key)
+        place = info.data.get("model")
         is_named = isinstance(place, str) and ":" in place
         kind = find(str(place)).settings if is_named else None
         if kind is None:
-            if value and place_key in info.data:
-                raise ValueError(f"{place_key} = {place} has no table of its own")
+            if value and "model" in info.data:
+                raise ValueError(f"model = {place} has no table of its own")
             return None
         if isinstance(value, kind):
             return value
@@ -85,7 +109,7 @@ def own_table(
             lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]
             raise ValueError("; ".join(lines)) from error
 
-    return validate
+    return PlainValidator(validate)
 
 
 def asked(what: str, function: Callable[..., R], *arguments: object) -> R:

@@ -23,13 +23,10 @@ from steer_by_wire.controller.prediction.lag_filter import (
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.latency import Distribution
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    ActuatorSettings,
-    DoubleLaneChangeSettings,
-    VehicleSettings,
-)
+from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 
 PERIOD_NS = 10_000_000
 LOOP_DELAY = LoopDelayParams(PERIOD_NS, PERIOD_NS, 10.0)

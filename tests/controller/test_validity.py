@@ -31,9 +31,10 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
-from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from tests.support.controller_link import Link
 from tests.support.one_mean import one_mean as one_mean

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.path.settings import StraightSettings
 from steer_by_wire.plant_emulator.vehicle.actuator import (
     ActuatorParams,
     WheelPhase,
@@ -17,9 +17,10 @@ from steer_by_wire.plant_emulator.vehicle.actuator import (
 from steer_by_wire.plant_emulator.vehicle.motion import Motion
 from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
 from steer_by_wire.plant_emulator.vehicle.propagation import propagate
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
+from steer_by_wire.plant_emulator.vehicle.settings import (
     ActuatorSettings,
-    StraightSettings,
+    DisturbanceSettings,
+    VehicleSettings,
 )
 from steer_by_wire.runtime.node import NEVER_NS
 
@@ -35,7 +36,9 @@ ACTUATORS = {
 
 
 def moving(actuator: ActuatorSettings) -> Motion:
-    return Motion(motion_params(PlantSettings(actuator=actuator, path=StraightSettings())))
+    return Motion(
+        motion_params(VehicleSettings(), actuator, StraightSettings(), DisturbanceSettings())
+    )
 
 
 @pytest.mark.parametrize("name", ACTUATORS)
@@ -80,7 +83,9 @@ def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, i
         assert not motion.is_limited
 
 
-TRANSPARENT = motion_params(PlantSettings(path=StraightSettings()))
+TRANSPARENT = motion_params(
+    VehicleSettings(), ActuatorSettings(), StraightSettings(), DisturbanceSettings()
+)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
@@ -96,7 +101,9 @@ def test_wheel_keeps_both_limits_whatever_is_commanded(commands: list[float]) ->
         before = motion.wheel_rad
 
 
-LIMITED = motion_params(PlantSettings(actuator=ACTUATORS["all"], path=StraightSettings()))
+LIMITED = motion_params(
+    VehicleSettings(), ACTUATORS["all"], StraightSettings(), DisturbanceSettings()
+)
 
 
 def test_ramp_ends_where_the_lag_takes_over() -> None:

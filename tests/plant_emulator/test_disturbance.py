@@ -3,16 +3,15 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
 from steer_by_wire.plant_emulator.vehicle.motion import Motion
 from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
-from steer_by_wire.plant_emulator.vehicle.own_parts import DisturbanceStep
 from steer_by_wire.plant_emulator.vehicle.propagation import TABLE_ROWS
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    CircleSettings,
+from steer_by_wire.plant_emulator.vehicle.settings import (
+    ActuatorSettings,
     DisturbanceSettings,
-    StraightSettings,
+    DisturbanceStep,
     VehicleSettings,
 )
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, on_friction, state_matrices
@@ -23,11 +22,7 @@ PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.545
 
 def moving(*steps: DisturbanceStep, side_force_arm_m: float = 0.0) -> Motion:
     disturbance = DisturbanceSettings(steps=steps, side_force_arm_m=side_force_arm_m)
-    return Motion(
-        motion_params(
-            PlantSettings(vehicle=VEHICLE, path=StraightSettings(), disturbance=disturbance)
-        )
-    )
+    return Motion(motion_params(VEHICLE, ActuatorSettings(), StraightSettings(), disturbance))
 
 
 def test_a_step_changes_what_it_gives_and_keeps_the_rest() -> None:
@@ -110,9 +105,7 @@ def test_every_friction_has_one_table_however_often_it_returns() -> None:
         for second, friction in enumerate([0.5, 1.0, 0.5, 1.0, 0.5], start=1)
     )
     params = motion_params(
-        PlantSettings(
-            vehicle=VEHICLE, path=CircleSettings(), disturbance=DisturbanceSettings(steps=steps)
-        )
+        VEHICLE, ActuatorSettings(), CircleSettings(), DisturbanceSettings(steps=steps)
     )
     assert len(params.table) == 2 * TABLE_ROWS
     assert len(params.first_rows) == 6

@@ -8,42 +8,41 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.path.path import curvature
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion import Motion
-from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams, motion_params
-from steer_by_wire.plant_emulator.vehicle.own_parts import DisturbanceStep
-from steer_by_wire.plant_emulator.vehicle.propagation import TABLE_ROWS
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    ActuatorSettings,
+from steer_by_wire.plant_emulator.path.settings import (
     CircleSettings,
-    DisturbanceSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
     PathSettings,
     StraightSettings,
+)
+from steer_by_wire.plant_emulator.vehicle.motion import Motion
+from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from steer_by_wire.plant_emulator.vehicle.propagation import TABLE_ROWS
+from steer_by_wire.plant_emulator.vehicle.settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    DisturbanceStep,
     VehicleSettings,
 )
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 
 BUSY = motion_params(
-    PlantSettings(
-        vehicle=VehicleSettings(speed_m_s=30.0 / 3.6),
-        actuator=ActuatorSettings(
-            lag_s=0.03, rate_limit_rad_s=0.8, angle_limit_rad=0.1, dead_band_rad=0.002
-        ),
-        path=EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
-        disturbance=DisturbanceSettings(
-            steps=(
-                DisturbanceStep(at_s=0.05, side_force_n=500.0),
-                DisturbanceStep(at_s=0.13, friction=0.6, yaw_moment_n_m=-200.0),
-            )
-        ),
-    )
+    VehicleSettings(speed_m_s=30.0 / 3.6),
+    ActuatorSettings(lag_s=0.03, rate_limit_rad_s=0.8, angle_limit_rad=0.1, dead_band_rad=0.002),
+    EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
+    DisturbanceSettings(
+        steps=(
+            DisturbanceStep(at_s=0.05, side_force_n=500.0),
+            DisturbanceStep(at_s=0.13, friction=0.6, yaw_moment_n_m=-200.0),
+        )
+    ),
 )
 
 
 def quiet(path: PathSettings, vehicle: VehicleSettings | None = None) -> MotionParams:
-    return motion_params(PlantSettings(vehicle=vehicle or VehicleSettings(), path=path))
+    return motion_params(
+        vehicle or VehicleSettings(), ActuatorSettings(), path, DisturbanceSettings()
+    )
 
 
 @given(
@@ -177,7 +176,9 @@ def test_motion_in_the_loop_reproduces_table_2() -> None:
 
 def test_only_the_tables_that_can_occur_are_built() -> None:
     def tables(actuator: ActuatorSettings) -> int:
-        params = motion_params(PlantSettings(actuator=actuator, path=StraightSettings()))
+        params = motion_params(
+            VehicleSettings(), actuator, StraightSettings(), DisturbanceSettings()
+        )
         return len(params.table) // TABLE_ROWS
 
     assert tables(ActuatorSettings()) == 1

@@ -22,6 +22,14 @@ from steer_by_wire.plant_emulator.path.path import (
     pose,
     vehicle_pose,
 )
+from steer_by_wire.plant_emulator.path.settings import (
+    CircleSettings,
+    DoubleLaneChangeSettings,
+    EllipseSettings,
+    SingleLaneChangeSettings,
+    StraightSettings,
+    WaypointSettings,
+)
 from steer_by_wire.plant_emulator.path.shapes import (
     build_path,
     circle,
@@ -29,14 +37,6 @@ from steer_by_wire.plant_emulator.path.shapes import (
     ellipse,
     single_lane_change,
     straight,
-)
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    CircleSettings,
-    DoubleLaneChangeSettings,
-    EllipseSettings,
-    SingleLaneChangeSettings,
-    StraightSettings,
-    WaypointSettings,
 )
 from steer_by_wire.runtime.settings import SettingsError
 

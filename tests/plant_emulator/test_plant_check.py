@@ -7,7 +7,7 @@ import pytest
 from steer_by_wire.plant_emulator.check import check_text, understeer_gradient_s2_m
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 
 LANE_CHANGE = ("path.kind=double_lane_change", "duration_s=10")

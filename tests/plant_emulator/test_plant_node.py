@@ -39,7 +39,9 @@ def reference_samples(
     settings: PlantSettings, commands: Sequence[tuple[int, float]], motion_start_ns: int, steps: int
 ) -> list[tuple[float, float, float]]:
     """y, Δψ and wheel angle at each sample, with commands acting at exactly their times."""
-    motion = Motion(motion_params(settings))
+    motion = Motion(
+        motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+    )
     waiting = list(commands)
     found = []
     for step in range(steps):

@@ -15,8 +15,8 @@ from steer_by_wire.plant_emulator.evaluation.run_record import (
     place,
     write_trace,
 )
+from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 from steer_by_wire.plant_emulator.path.shapes import build_path
-from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings, StraightSettings
 
 ROAD = build_path(StraightSettings())
 CIRCLE = build_path(CircleSettings(radius_m=50.0))

@@ -11,7 +11,7 @@ from bisect import bisect_right
 import pytest
 
 from steer_by_wire.plant_emulator.steering import limiter as safety_limiter
-from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 from tests.support.mutation import fails_with, survivors
 

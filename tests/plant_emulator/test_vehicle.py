@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import ss2tf
 
 from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.settings import PathSettings
 from steer_by_wire.plant_emulator.path.shapes import ellipse
 from steer_by_wire.plant_emulator.vehicle.propagation import (
     BETA,
@@ -19,7 +20,7 @@ from steer_by_wire.plant_emulator.vehicle.propagation import (
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.vehicle.rig_settings import PathSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, on_friction, state_matrices
 
 PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)

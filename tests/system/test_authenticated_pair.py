@@ -35,8 +35,8 @@ from steer_by_wire.plant_emulator.network.settings import (
     Order,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node

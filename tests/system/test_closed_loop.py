@@ -36,10 +36,11 @@ from steer_by_wire.plant_emulator.network.settings import (
     Order,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion import Motion
 from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
-from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
@@ -132,7 +133,7 @@ def textbook_loop(
     design = design_law(controller)
     angle_rad = controller.limits.steer_rad_max
     step_rad = controller.limits.steer_rate_rad_s_max * controller.period_ns / S_NS
-    motion = Motion(motion_params(plant))
+    motion = Motion(motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance))
     state, steer_rad, held_rad = design.initial_state(0.0), 0.0, 0.0
     samples = []
     for index in range(plant.duration_ns // controller.period_ns + 1):

@@ -10,7 +10,7 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator import settings as plant
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 

@@ -30,10 +30,11 @@ from steer_by_wire.plant_emulator.network.latency import Distribution
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion import Motion
 from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
-from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 
 PERIOD_NS = 10_000_000
 DURATION_S = 60
@@ -159,7 +160,7 @@ def plant_settings(latency: Latency, corner: Corner) -> PlantSettings:
 def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
     """RMS of the loop without nodes, frames and quantisation."""
     design, limits = design_law(controller), limits_of(controller)
-    motion = Motion(motion_params(plant))
+    motion = Motion(motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance))
     line: LatencyLine[float] = LatencyLine(
         plant.latency.downlink,
         uniforms(plant.seed, Channel.DOWNLINK),

@@ -15,7 +15,7 @@ import pytest
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import CircleSettings
+from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.runtime.program.report import json_text
 from steer_by_wire.tools.run.__main__ import main as run_closed_loop
 

@@ -33,8 +33,8 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings
 from steer_by_wire.runtime.node.overruns import OverrunSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import PATIENCE_S

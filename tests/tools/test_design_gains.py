@@ -10,7 +10,7 @@ from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_erro
 from steer_by_wire.controller.laws.design import design_law, required
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
 from steer_by_wire.tools.design.__main__ import ProgressLines

@@ -12,13 +12,10 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.latency import Distribution
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    ActuatorSettings,
-    DoubleLaneChangeSettings,
-    VehicleSettings,
-)
+from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.pictures import draw_smoothed
 from steer_by_wire.tools.analyze.smoothed import COLUMNS, SmoothedTable

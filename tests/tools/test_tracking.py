@@ -22,15 +22,14 @@ from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.path import curvature
-from steer_by_wire.plant_emulator.path.shapes import build_path
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.rig_settings import (
-    ActuatorSettings,
+from steer_by_wire.plant_emulator.path.settings import (
     EllipseSettings,
     PathSettings,
     SingleLaneChangeSettings,
-    VehicleSettings,
 )
+from steer_by_wire.plant_emulator.path.shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.tools.design.loop_figures import (
     behind_lag,
     frequency_grid,

@@ -28,8 +28,8 @@ from ...controller.filters.discretization import q_order_2, q_type_2, washout
 from ...controller.filters.nominal_model import steer_to_lateral_error, vehicle_model
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.settings import ControllerSettings
+from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.rig_settings import EllipseSettings
 from ...runtime.array_types import FloatArray
 
 PADE_ORDER = 4

@@ -18,7 +18,7 @@ from ...closed_loop.virtual_bus import QUIET_BUS
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.rig_settings import VehicleSettings
+from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.port.python_can import BusPort
 from .lane import Lane

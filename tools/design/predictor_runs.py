@@ -20,8 +20,8 @@ from ...controller.laws.design import design_law, loop_delay_params
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.network.settings import LatencySettings
+from ...plant_emulator.sensors.settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.rig_settings import SensorNoiseSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .specification import ConditionsTable, PredictorTable, Specification

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
-from ...plant_emulator.vehicle.rig_settings import PathSettings
+from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml

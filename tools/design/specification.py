@@ -16,7 +16,7 @@ from ...controller.laws.predictor import FALLBACK
 from ...controller.laws.settings import LawName
 from ...controller.settings import LimitSettings
 from ...plant_emulator.network.settings import Order
-from ...plant_emulator.vehicle.rig_settings import PathSettings
+from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 

@@ -15,10 +15,11 @@ from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import UNGUARDED
-from ...plant_emulator.vehicle.rig_settings import ActuatorSettings, PathSettings, VehicleSettings
+from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml

@@ -115,7 +115,9 @@ def controller_settings(number: int) -> ControllerSettings:
 def plant_settings(number: int) -> tuple[PlantSettings, MotionParams]:
     """Return the settings of one of PLANTS, and the motion, whose design takes long."""
     settings = load_settings(PlantSettings, overrides=PLANTS[number])
-    return settings, motion_params(settings)
+    return settings, motion_params(
+        settings.vehicle, settings.actuator, settings.path, settings.disturbance
+    )
 
 
 class CommandLimits:

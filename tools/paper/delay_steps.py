@@ -24,10 +24,10 @@ from ...controller.interface.law import LawInput
 from ...controller.interface.limits import limit_step
 from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings, controller_preset, limits_of
+from ...plant_emulator.path.settings import StraightSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion import Motion
 from ...plant_emulator.vehicle.motion_design import motion_params
-from ...plant_emulator.vehicle.rig_settings import StraightSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
@@ -55,7 +55,9 @@ def reference_step(
     ``delay_s``  of the command, rounded to whole control periods
     """
     design, limits = design_law(controller), limits_of(controller)
-    motion = Motion(motion_params(plant.model_copy(update={"path": StraightSettings()})))
+    motion = Motion(
+        motion_params(plant.vehicle, plant.actuator, StraightSettings(), plant.disturbance)
+    )
     period_ns = controller.period_ns
     on_their_way = deque([0.0] * round(delay_s * NS_PER_S / period_ns))
     state, steer_rad = design.initial_state(-reference_m), 0.0

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import COLOURS
 from ...plant_emulator.path.path import Path, curvature, pose
+from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.path.shapes import ellipse
-from ...plant_emulator.vehicle.rig_settings import EllipseSettings
 from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row

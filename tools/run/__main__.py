@@ -227,7 +227,12 @@ def _run_in_virtual_time(
 def _run_in_real_time(
     plant_settings: PlantSettings, controller_settings: ControllerSettings, candump_log: Path | None
 ) -> Run:
-    params = motion_params(plant_settings)  # takes long, so before the first tick is due
+    params = motion_params(
+        plant_settings.vehicle,
+        plant_settings.actuator,
+        plant_settings.path,
+        plant_settings.disturbance,
+    )  # takes long, so before the first tick is due
     stop = StopRequest()
     with real_time(RealTimeRequest()) as answers, stop.on_signals():
         steal = StealClock()

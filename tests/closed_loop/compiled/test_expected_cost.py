@@ -153,12 +153,12 @@ def test_the_distributions_are_those_of_the_plant(model: Distribution) -> None:
             "disturbance.steps: must not change friction",
         ),
         (
-            "disturbance.model=tests.support.own_parts:PUSHES",
+            "disturbance.model=tests.support.plugin_parts:PUSHES",
             "disturbance.steps: must not change friction",
         ),
-        ("vehicle.model=tests.support.own_parts:SAME", "vehicle.model: must be left out"),
+        ("vehicle.model=tests.support.plugin_parts:SAME", "vehicle.model: must be left out"),
         (
-            "latency.downlink.model=tests.support.own_parts:LIKE_UNIFORM",
+            "latency.downlink.model=tests.support.plugin_parts:LIKE_UNIFORM",
             "latency.downlink.model: must be one of ours",
         ),
         ("latency.downlink.loss=1", "latency.downlink.loss: must be below 1"),

@@ -31,8 +31,8 @@ from steer_by_wire.closed_loop.studies.study_file import (
     Uniform,
 )
 from steer_by_wire.plant_emulator.evaluation.verdict import Verdict, VerdictRules
-from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.plant_emulator.vehicle.rig_settings import EllipseSettings, PathAheadSettings
+from steer_by_wire.plant_emulator.sensors.settings import PathAheadSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.shown_blocks import blocks_of
 
@@ -175,7 +175,7 @@ controller.supervision.hold_ms = 100.0
 """,
     )
     paths = [made.pair(run).plant.path for run in range(made.study.runs)]
-    assert EllipseSettings() in paths
+    assert PlantSettings().path in paths
     assert {path.kind for path in paths} == {"ellipse", "double_lane_change", "circle"}
     by_label = {made.case(index).labels[0]: made.pair(2 * index) for index in range(6)}
     assert by_label["bad"].plant.latency.downlink.loss == 0.1

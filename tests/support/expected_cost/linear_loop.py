@@ -32,7 +32,7 @@ from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
 from steer_by_wire.plant_emulator.vehicle.motion_design import vehicle_params
-from steer_by_wire.plant_emulator.vehicle.rig_settings import DisturbanceSettings
+from steer_by_wire.plant_emulator.vehicle.settings import DisturbanceSettings
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 from steer_by_wire.runtime.array_types import FloatArray
 from steer_by_wire.runtime.node import NS_PER_S

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ....closed_loop.worker_processes import worker_pool
-from ....plant_emulator.vehicle.rig_settings import WaypointSettings
+from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
 from .trial import Result, Verdict

@@ -16,7 +16,7 @@ from ....plant_emulator.faults.settings import (
     FaultSettings,
     quantities_of,
 )
-from ....plant_emulator.vehicle.rig_settings import PathSettings
+from ....plant_emulator.path.settings import PathSettings
 from ....runtime.settings import Settings
 
 

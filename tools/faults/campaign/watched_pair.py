@@ -8,8 +8,7 @@ from ....controller.node.node import ControllerNode
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ....plant_emulator.faults.stage import FaultyNode
 from ....plant_emulator.node.node import PlantNode
-from ....plant_emulator.settings import PlantSettings
-from ....plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from ....plant_emulator.vehicle.motion_design import motion_params
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
@@ -76,8 +75,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
 
     sent_by_plant: set[Any] = set()
     controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
-    # Neither seed nor faults affect the motion, so runs share it.
-    motion = _motion_params(plant.model_copy(update={"seed": 1, "faults": ()}))
+    motion = _motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
     node = PlantNode(plant, 0, motion)
     plant_watch = watched(node, PLANT, controller_watch.sent)
     plant_watch.sent = sent_by_plant
@@ -111,6 +109,4 @@ def onset_ns_of(case: Case) -> int:
     return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
 
 
-@lru_cache(maxsize=_PARAMS_KEPT)
-def _motion_params(settings: PlantSettings) -> MotionParams:
-    return motion_params(settings)
+_motion_params = lru_cache(maxsize=_PARAMS_KEPT)(motion_params)

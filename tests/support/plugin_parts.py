@@ -1,4 +1,4 @@
-"""Parts of the rig as a stranger may write them: right and wrong."""
+"""Plug-in parts of the plant as a stranger may write them: right and wrong."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from steer_by_wire import (
     path_of_curvature,
     path_through,
 )
-from steer_by_wire.plant_emulator.vehicle.own_parts import VehicleInput
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleInput
 from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
 
 

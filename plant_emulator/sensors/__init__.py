@@ -1,0 +1,1 @@
+"""What the sensors report: their noise, their messages, the path ahead."""

@@ -1,0 +1,168 @@
+"""Settings tables `[vehicle]`, `[actuator]` and `[disturbance]`.
+
+Another package may provide the equations of motion (``VehicleModel``) and the steps of the
+disturbance (``DisturbanceModel``); see ``runtime.settings.plugin``.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Annotated, Any, NamedTuple, Self
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from ...runtime.settings import Settings
+from ...runtime.settings.plugin import (
+    PLUGIN_TABLE,
+    TABLE_SCHEMA,
+    PartError,
+    PluginTable,
+    asked,
+    find_part,
+    plugin_place,
+    plugin_table,
+)
+from .vehicle import VehicleParams
+
+
+class VehicleState(NamedTuple):
+    """State of (1), see ``plant_emulator.vehicle.vehicle``; also its rates, per second."""
+
+    side_slip_rad: float
+    yaw_rate_rad_s: float
+    heading_error_rad: float
+    lateral_error_m: float
+
+
+class VehicleInput(NamedTuple):
+    """Inputs of (1): wheel angle behind the actuator, curvature of the path, disturbances."""
+
+    wheel_rad: float
+    curvature_1_m: float
+    side_slip_disturbance_rad_s: float
+    yaw_disturbance_rad_s2: float
+
+
+class VehicleModel(NamedTuple):
+    """Equations of motion: ``rates(vehicle, state, input, own) -> (β', r', Δψ', y')``.
+
+    ``vehicle`` is [vehicle] with the present friction. Actuator, path, disturbances and the
+    constant speed are the rig's.
+    """
+
+    rates: Callable[[VehicleParams, VehicleState, VehicleInput, Any], Sequence[float]]
+    settings: type[Settings] | None = None
+
+
+find_vehicle_model = partial(find_part, kind=VehicleModel, noun="vehicle model")
+"""Returns the model at a place; raises ValueError."""
+
+
+class VehicleSettings(Settings):
+    """`[vehicle]`: the vehicle of SAE 2018-01-1086 (19) at nominal speed.
+
+    Table I prints stiffnesses of 195,000 and 50,000 N/rad in front and at the rear, and no distance
+    of the preview point. With 190,000, 500,000 and 2 m the five coefficients of (19) come out to
+    0.02 %, and the PD row of Table II to 1e-4 m.
+    """
+
+    speed_m_s: float = Field(5.0 / 3.6, ge=0.13, le=70.0)
+    virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
+    yaw_inertia_kg_m2: float = Field(3728.0, ge=100.0, le=1_000_000.0)
+    front_cornering_stiffness_n_rad: float = Field(190_000.0, ge=1000.0, le=10_000_000.0)
+    rear_cornering_stiffness_n_rad: float = Field(500_000.0, ge=1000.0, le=10_000_000.0)
+    front_axle_distance_m: float = Field(1.3008, gt=0.0, le=20.0)
+    """From the centre of gravity to the front axle."""
+    rear_axle_distance_m: float = Field(1.5453, gt=0.0, le=20.0)
+    """From the centre of gravity to the rear axle."""
+    preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
+    """From the centre of gravity to the point whose lateral error is measured."""
+    model: Annotated[str, plugin_place(find_vehicle_model)] | None = None
+    """Equations of motion of another package (``VehicleModel``), instead of (1)."""
+    own: Annotated[PluginTable, plugin_table(find_vehicle_model), TABLE_SCHEMA] = PLUGIN_TABLE
+
+
+LAG_S_MIN = 1e-6
+
+
+class ActuatorSettings(Settings):
+    """`[actuator]`: ideal by default; omitted limits do not exist."""
+
+    lag_s: float = Field(0.0, ge=0.0, le=10.0)
+    """0, or at least a microsecond, long against the nanosecond of the motion."""
+    angle_limit_rad: float | None = Field(None, gt=0.0, le=1.5)
+    rate_limit_rad_s: float | None = Field(None, ge=0.001, le=100.0)
+    dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
+
+    @field_validator("lag_s")
+    @classmethod
+    def _is_none_or_can_be_computed(cls, lag_s: float) -> float:
+        if 0.0 < lag_s < LAG_S_MIN:
+            raise ValueError(f"must be 0 or {LAG_S_MIN:g} to 10, not {lag_s:g}")
+        return lag_s
+
+
+class DisturbanceStep(Settings):
+    """One `[[disturbance.steps]]`, from ``at_s`` on; omitted values do not change."""
+
+    at_s: float = Field(ge=0.0, le=1e6)
+    """After the start of motion."""
+    side_force_n: float | None = Field(None, ge=-1e6, le=1e6)
+    """Side wind or bank, to the left positive."""
+    yaw_moment_n_m: float | None = Field(None, ge=-1e6, le=1e6)
+    """For instance split braking; to the left positive."""
+    steering_offset_rad: float | None = Field(None, ge=-0.5, le=0.5)
+    """Added to the front wheel angle behind the actuator and its sensor."""
+    friction: float | None = Field(None, ge=0.05, le=2.0)
+    """Factor on both cornering stiffnesses; 1 at the start."""
+
+
+class DisturbanceModel(NamedTuple):
+    """Disturbances over time: ``steps(own)`` returns rows as in ``[[disturbance.steps]]``."""
+
+    steps: Callable[[Any], Iterable[DisturbanceStep]]
+    settings: type[Settings] | None = None
+
+
+find_disturbance_model = partial(find_part, kind=DisturbanceModel, noun="disturbance model")
+"""Returns the model at a place; raises ValueError."""
+
+
+class DisturbanceSettings(Settings):
+    """`[disturbance]`: none by default, besides the path's curvature."""
+
+    side_force_arm_m: float = Field(0.0, ge=-20.0, le=20.0)
+    """Where the side force acts, ahead of the centre of gravity."""
+    steps: tuple[DisturbanceStep, ...] = Field((), max_length=10_000)
+    model: Annotated[str, plugin_place(find_disturbance_model)] | None = None
+    """Steps of another package (``DisturbanceModel``), instead of those above."""
+    own: Annotated[PluginTable, plugin_table(find_disturbance_model), TABLE_SCHEMA] = PLUGIN_TABLE
+
+    @model_validator(mode="after")
+    def _steps_follow_each_other(self) -> Self:
+        times = [step.at_s for step in self.steps]
+        for earlier, later in pairwise(times):
+            if later <= earlier:
+                raise ValueError(f"steps must follow each other in time: {later} after {earlier}")
+        frictions = {step.friction for step in self.steps if step.friction is not None}
+        if len(frictions) > 16:
+            raise ValueError(f"at most 16 different values of friction, not {len(frictions)}")
+        if self.model is not None:
+            if self.steps:
+                raise ValueError("steps and model exclude each other")
+            _ = self.all_steps
+        return self
+
+    @property
+    def all_steps(self) -> tuple[DisturbanceStep, ...]:
+        """All steps; those of another package may raise PartError."""
+        if self.model is None:
+            return self.steps
+        what = f"disturbance model {self.model}"
+        steps = asked(what, lambda: tuple(find_disturbance_model(self.model or "").steps(self.own)))
+        try:
+            return DisturbanceSettings(steps=steps).steps
+        except ValidationError as error:
+            mistake = error.errors(include_url=False)[0]
+            where = ".".join(map(str, mistake["loc"]))
+            raise PartError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error
