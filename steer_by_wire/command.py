@@ -72,7 +72,6 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "bus-study": _tool("bus_study", "the loop over bus load, bit errors and clocks"),
             "stress-report": _tool("study", "rewrite the report of a study", "stress_report"),
             "faults": _tool("faults", "a thousand faulty runs, what detected each; inject, soak"),
-            "fuzz": _tool("fuzz", "random bytes into all that reads bytes"),
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),

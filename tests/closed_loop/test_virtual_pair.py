@@ -25,8 +25,6 @@ BUILDERS = {
     "closed_loop/rig/rig.py": "beside any controller, behind the faults as well",
     "tools/faults/campaign/watched_pair.py": "watches stand between node and faults",
     "tools/run/__main__.py": "in real time, behind the faults as well",
-    "tools/fuzz/node_targets.py": "a node alone, which is given any bytes",
-    "tools/fuzz/settings_targets.py": "a node alone",
 }
 """Where a plant is made, and why there."""
 LOST = FaultSettings(kind=FaultKind.DROP, direction="uplink", message="LATERAL_ERROR", onset_s=0.5)

@@ -25,7 +25,7 @@ LONG = {"plant", "controller", "run", "cockpit"}
 LONG_LINES = 60
 FORMER = (
     "analyze", "benchmark", "benchmark_batch", "benchmark_bus", "compare_laws",
-    "delay_estimation_study", "demo", "design", "doctor", "faults", "fuzz", "monitor", "paper",
+    "delay_estimation_study", "demo", "design", "doctor", "faults", "monitor", "paper",
     "run", "study",
 )  # fmt: skip
 """``python -m tools.NAME`` starts them, as before there was one command."""
@@ -119,7 +119,6 @@ def test_the_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) ->
         (["plant", "--set", "x=1"], "steer-by-wire plant: error: command line: x "),
         (["check", "--preset", "x"], "steer-by-wire check: error: preset x: "),
         (["stress", "nosuch"], "steer-by-wire stress: error: argument STUDY: 'nosuch' is neither"),
-        (["fuzz", "nosuch"], "steer-by-wire fuzz: error: argument TARGET: "),
     ],
 )
 def test_a_mistake_is_reported_under_the_name_that_was_typed(

@@ -44,8 +44,7 @@ def test_imports_go_in_one_direction() -> None:
 
 def test_what_only_one_program_uses_stands_in_that_program() -> None:
     graph = grimp.build_graph("steer_by_wire", cache_dir=None)
-    # The fuzzer imports other programs, and with them all that they use.
-    programs = {path.parent.name for path in (ROOT / "tools").glob("*/__main__.py")} - {"fuzz"}
+    programs = {path.parent.name for path in (ROOT / "tools").glob("*/__main__.py")}
     for library in ("closed_loop.reports", "tools.benchmarking"):
         for module in graph.find_children(f"steer_by_wire.{library}"):
             users = graph.find_downstream_modules(module)
@@ -77,9 +76,9 @@ def test_every_tool_ends_in_the_one_way_that_knows_each_exit_status() -> None:
     tools = list((ROOT / "tools").glob("*/__main__.py"))
     assert len(tools) > 10
     others = {path.parent.name for path in tools if "return run_main(" not in path.read_text()}
-    # The bus has statuses of its own and does without python-can, the fuzzer runs all the others;
+    # The bus has statuses of its own and does without python-can;
     # with-vcan passes on the status of its command, faults hands over to one of its programs.
-    assert others == {"bus", "faults", "fuzz", "vcan"}
+    assert others == {"bus", "faults", "vcan"}
 
 
 def test_every_extra_that_is_named_is_there_to_install() -> None:

@@ -1,4 +1,4 @@
-"""The fault campaign: classification beforehand, a small campaign, comparison, random walks."""
+"""The fault campaign: classification beforehand, a small campaign, comparison."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -10,11 +10,9 @@ import pytest
 
 from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
-from steer_by_wire.plant_emulator.faults.stage import FaultStage
-from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
-from steer_by_wire.tools.faults.campaign.acceptance import findings_of, memory_finding
+from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.detectability import (
     MECHANISM_OF,
     UNRECEIVED,
@@ -25,7 +23,6 @@ from steer_by_wire.tools.faults.campaign.detectability import (
 )
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.faults.campaign.grouping import compare, group
-from steer_by_wire.tools.faults.campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,
@@ -44,7 +41,6 @@ onset_s = 1.0
 fault_s = 0.5
 golden_seeds = 1
 residual_frames = 20000
-memory_s = 0
 laws = ["practical_pd"]
 [[points]]
 name = "nominal"
@@ -248,32 +244,6 @@ def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
     assert findings_of([result], 150.0)[0].holds is False
 
 
-def test_memory_that_keeps_something_of_every_period_is_reported() -> None:
-    flat = Memory(1_700_000, 1_700_000 + 54_000 * 15, 600.0, 54_000)
-    leaking = flat._replace(late_bytes=flat.late_bytes + 54_000)
-    assert memory_finding(flat).holds
-    assert not memory_finding(leaking).holds
-    assert "16.0 bytes a control period" in memory_finding(leaking).figure
-
-
-def test_the_bytes_held_are_the_same_again_and_more_where_a_stage_keeps_its_frames(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    law = controller_settings_of("practical_pd")
-    sound = measure_memory(law, 2.0)
-    again = measure_memory(law, 2.0)
-    assert abs(again.late_bytes - sound.late_bytes) < 1000
-    take = FaultStage.take
-
-    def keeping(stage: FaultStage, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
-        vars(stage).setdefault("kept", []).append(now_ns)
-        return take(stage, frame, now_ns, since_ns)
-
-    monkeypatch.setattr(FaultStage, "take", keeping)
-    leaking = measure_memory(law, 2.0)
-    assert leaking.growth_bytes - sound.growth_bytes > GROWTH_BYTES_MAX
-
-
 def test_every_cause_that_is_counted_has_a_mechanism(results: list[Result]) -> None:
     counted = {cause.split(".")[1] for one in results for cause in one.counts}
     assert counted <= MECHANISM_OF.keys()
@@ -343,14 +313,13 @@ def test_mistakes_are_reported_in_one_line(
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("option", ["--processes", "--random-walks"])
 @pytest.mark.parametrize("value", ["0", "-1", "2.5", "many", "9" * 5000])
 def test_a_number_that_is_none_is_reported_with_its_range(
-    option: str, value: str, capsys: pytest.CaptureFixture[str]
+    value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
-        main([f"{option}={value}"])
-    assert f"argument {option}: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
+        main([f"--processes={value}"])
+    assert "argument --processes: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_results_of_programs_that_have_changed_are_none_of_these(

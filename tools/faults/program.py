@@ -2,18 +2,16 @@
 
     steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
     steer-by-wire faults --live
-    steer-by-wire faults --random-walks 200
 
 Runs every fault of the specification at every operating point with every law, and runs without a
 fault. Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it
 continues where it stopped. A folder with results of another specification, or of programs that have
 changed since, is rejected. With --live some of the faults are also injected into real processes on
-the emulated bus, which takes seven minutes more. Random walks print what they find, and the command
-that repeats it. The exit status is 1 where an acceptance or a walk fails.
+the emulated bus, which takes seven minutes more. The exit status is 1 where an
+acceptance fails.
 """
 
 import argparse
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +22,7 @@ from typing import TypeVar
 
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
-from steer_by_wire.runtime.command_line import command_parser, whole_number
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, whole_number
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import (
@@ -37,7 +35,6 @@ from steer_by_wire.tools.faults.campaign.acceptance import (
     Finding,
     findings_of,
     measure_residual,
-    memory_finding,
     residual_finding,
 )
 from steer_by_wire.tools.faults.campaign.execution import (
@@ -50,7 +47,6 @@ from steer_by_wire.tools.faults.campaign.execution import (
     write_result,
 )
 from steer_by_wire.tools.faults.campaign.grouping import compare, group
-from steer_by_wire.tools.faults.campaign.memory import measure_memory
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
@@ -58,17 +54,14 @@ from steer_by_wire.tools.faults.campaign.presentation import (
     table_lines,
     write_csv,
 )
-from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
-from steer_by_wire.tools.faults.campaign.specification import SEED_MAX, CampaignSettings
+from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import Result, run_trial
-from steer_by_wire.tools.faults.campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
 from steer_by_wire.tools.faults.live.campaign import live_finding, run_live_campaign
 
 NAME = "steer-by-wire faults"
 FAILED = 1
-OUT = Path("out/faults")
-_EXAMPLES = ("inject --list", "soak --duration-s 60", "--random-walks 3")
-WALKS_MAX = 1_000_000
+_EXAMPLES = ("inject --list", "soak --duration-s 60", "--set golden_seeds=1")
 R = TypeVar("R")
 
 
@@ -92,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="KEY=VALUE",
         help="one value on top of the specification; repeatable",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
+    add_out_argument(parser, "out/faults")
     parser.add_argument(
         "--compare", type=Path, metavar="EARLIER", help="compare with the results in this DIR"
     )
@@ -106,12 +99,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="1..64",
         help="default: %(default)s",
     )
-    parser.add_argument(
-        "--random-walks",
-        type=whole_number(1, WALKS_MAX),
-        metavar="N",
-        help=f"run N random sequences of up to {WALK_FAULTS_MAX} faults instead, from this seed on",
-    )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -123,17 +110,11 @@ def _run(options: argparse.Namespace) -> int:
     for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
-    if options.random_walks is not None:
-        return _walk(spec, options)
-    options.out = options.out or OUT
     earlier = None if options.compare is None else _earlier(options.compare)
     begin_s = time.perf_counter()
     results = _results(spec, options)
     residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
     findings = [*findings_of(results, spec.ftti_ms), residual]
-    if spec.memory_s > 0.0:
-        controller = controller_settings_of(spec.laws[0])
-        findings.append(memory_finding(measure_memory(controller, spec.memory_s, spec.seed)))
     live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
     findings += [live_finding(live)] if live else []
     comparison = None if earlier is None else compare(earlier, results)
@@ -203,36 +184,6 @@ def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
     if stored.not_whole:
         what = f"{stored.not_whole} lines that are no whole results are left out"
         say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)
-
-
-def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
-    count: int = options.random_walks
-    for name in ("out", "compare", "live"):
-        if getattr(options, name):
-            raise SettingsError(
-                f"--{name}: does not apply to --random-walks, which only print their findings"
-            )
-    if not (spec.cases or spec.node_cases):
-        raise SettingsError("--random-walks: there are no cases and no node_cases to draw from")
-    if spec.seed + count - 1 > SEED_MAX:
-        raise SettingsError(f"--random-walks: seed + N must be up to {SEED_MAX + 1}")
-    walks: list[Walk] = []
-    try:
-        with _with_progress(count, walks.append) as taken:
-            walk_all(spec, count, options.processes, taken)
-    finally:  # on Ctrl-C too, so that no result is lost
-        if walks:
-            print("\n".join(walk_lines(walks, _again(options))))
-    return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
-
-
-def _again(options: argparse.Namespace) -> str:
-    """Return the command that runs one walk of the same specification again."""
-    words = ["steer-by-wire", "faults", *([] if options.spec is None else [str(options.spec)])]
-    for override in options.overrides:
-        if override.partition("=")[0].strip() != "seed":
-            words += ["--set", override]
-    return f"{shlex.join(words)} --random-walks 1"
 
 
 @contextmanager

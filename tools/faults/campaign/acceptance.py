@@ -17,7 +17,6 @@ from typing import NamedTuple
 from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
 from ....dbc.messages import Mode as ControllerMode
 from ....runtime.frame import Frame
-from .memory import GROWTH_BYTES_MAX, LONGER, Memory
 from .scenario import GOLDEN
 from .specification import NodeFaultKind
 from .trial import Result, Verdict
@@ -113,17 +112,6 @@ def residual_finding(measured: Residual) -> Finding:
     )
     what = "the CRC's residual probability is 2^-16"
     return Finding(what, not (is_too_many or is_too_few), figure)
-
-
-def memory_finding(measured: Memory) -> Finding:
-    """Return whether a pair with faults keeps no memory from each control period."""
-    figure = (
-        f"{measured.warm_bytes / 1e6:.2f} MB held after {measured.run_s / LONGER:g} s with faults, "
-        f"{measured.late_bytes / 1e6:.2f} MB after {measured.run_s:g} s: "
-        f"{measured.growth_bytes:.1f} bytes a control period, the smallest object takes "
-        f"{GROWTH_BYTES_MAX:g}"
-    )
-    return Finding("no unbounded memory", measured.growth_bytes < GROWTH_BYTES_MAX, figure)
 
 
 def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""Runs scenarios or walks on processes, and stores every result as soon as it is complete.
+"""Runs scenarios on processes, and stores every result as soon as it is complete.
 
 Results are one JSON object a line. A campaign that is run again with the same specification
 continues where it stopped, as long as no program has changed since. A folder with results of
@@ -53,7 +53,7 @@ def specification_hash(spec: CampaignSettings) -> str:
 
     Results of programs, or of waypoint files, that have changed since do not belong to it.
     """
-    text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
+    text = spec.model_dump_json(exclude={"residual_frames"})  # no run depends on it
     digest = sha256(text.encode())
     for point in spec.points:
         if isinstance(point.path, WaypointSettings):

@@ -37,8 +37,6 @@ class NodeFaultKind(StrEnum):
 
 CONTROLLER, PLANT, BUS = "controller", "plant", "bus"
 SEED_MAX = 2**31
-MEMORY_S_MIN = 10.0
-"""A tenth of it is the warm-up."""
 
 
 def _printable(text: str) -> str:
@@ -144,9 +142,6 @@ class CampaignSettings(Settings):
     bitrate_bit_s: Annotated[int, Field(ge=125_000, le=1_000_000)] = 500_000
     residual_frames: Annotated[int, Field(ge=1000, le=100_000_000)] = 2_000_000
     """Frames corrupted at random beside the runs, to count how many have a CRC that fits."""
-    memory_s: float = Field(600.0, ge=0.0, le=100_000.0)
-    """How long a pair with faults runs beside them, to count what it holds: 10 s or more; 0: none
-    does."""
     laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
     points: tuple[PointSettings, ...] = Field((PointSettings(name="nominal"),), min_length=1)
@@ -157,9 +152,6 @@ class CampaignSettings(Settings):
     def _leaves_time(self) -> Self:
         if self.onset_s + self.fault_s >= self.motion_s:
             raise ValueError("motion_s must be longer than onset_s and fault_s together")
-        if 0.0 < self.memory_s < MEMORY_S_MIN:
-            least = f"0 or from {MEMORY_S_MIN:g} on"
-            raise ValueError(f"memory_s must be {least}, not {self.memory_s:g}")
         _refuse_twice("points", (point.name for point in self.points))
         _refuse_twice("laws", self.laws)
         for point in self.points:

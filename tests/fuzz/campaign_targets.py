@@ -13,30 +13,30 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
-from ...dbc.messages import MESSAGE_TYPES
-from ...plant_emulator.faults.settings import FaultKind
-from ...runtime.settings import Settings, load_settings
-from ..faults.campaign.acceptance import findings_of
-from ..faults.campaign.execution import RESULTS, keep_only, read_stored
-from ..faults.campaign.grouping import compare, group
-from ..faults.campaign.presentation import (
+from steer_by_wire.dbc.messages import MESSAGE_TYPES
+from steer_by_wire.plant_emulator.faults.settings import FaultKind
+from steer_by_wire.runtime.settings import Settings, load_settings
+from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, read_stored
+from steer_by_wire.tools.faults.campaign.grouping import compare, group
+from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
     finding_lines,
     table_lines,
     write_csv,
 )
-from ..faults.campaign.scenario import scenarios_of
-from ..faults.campaign.specification import (
+from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
+from steer_by_wire.tools.faults.campaign.specification import (
     CampaignSettings,
     CaseSettings,
     NodeCaseSettings,
     NodeFaultKind,
     PointSettings,
 )
-from ..faults.campaign.trial import Result, Verdict, run_trial
-from .settings_targets import begin_campaign, settled, toml_value
-from .traffic import Choices, promise
+from steer_by_wire.tools.faults.campaign.trial import Result, Verdict, run_trial
+from tests.fuzz.settings_targets import begin_campaign, settled, toml_value
+from tests.fuzz.traffic import Choices, promise
 
 TABLES_MAX = 3
 LINES_MAX = 8

@@ -13,13 +13,19 @@ from threading import Thread
 
 import can
 
-from ...runtime.emulated_bus import protocol
-from ...runtime.emulated_bus.interface import EmulatedBus
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_US
-from ...runtime.port.python_can import BusError, BusPort
-from .fuzzed_bus import BITRATE_BIT_S, CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus, listening_socket
-from .traffic import Choices, Sender, promise
+from steer_by_wire.runtime.emulated_bus import protocol
+from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_US
+from steer_by_wire.runtime.port.python_can import BusError, BusPort
+from tests.fuzz.fuzzed_bus import (
+    BITRATE_BIT_S,
+    CHANNEL,
+    DATA_BITRATE_BIT_S,
+    FuzzedBus,
+    listening_socket,
+)
+from tests.fuzz.traffic import Choices, Sender, promise
 
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150

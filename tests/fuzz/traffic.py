@@ -10,10 +10,10 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeVar
 
-from ...dbc.codec.protection import COUNTERS, protect
-from ...dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig, Message
-from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.dbc.codec.protection import COUNTERS, protect
+from steer_by_wire.dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig, Message
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 
 
 class BrokenPromiseError(AssertionError):

@@ -1,13 +1,12 @@
 """Conditions that every walk of faults must meet, however its faults interact.
 
-1. The run does not raise.
-2. No node sends what does not decode, or is beyond its limits.
-3. No corrupted frame is accepted.
-4. A node that meets detectable faults counts something that one of their mechanisms detects. It
+1. No node sends what does not decode, or is beyond its limits.
+2. No corrupted frame is accepted.
+3. A node that meets detectable faults counts something that one of their mechanisms detects. It
    meets a fault if it is present (not killed, paused or off the bus, nor cut off by a babbling
    node) from the fault's first effect until it must have detected the last one. A silence also has
    to outlast the age limit by as much as the walk's delays and the jitter can shorten it.
-5. Once every fault has been over for RECOVERY_S, a node is in control again if its peer lives, and
+4. Once every fault has been over for RECOVERY_S, a node is in control again if its peer lives, and
    out of control, in its safe state, if its peer was killed. Of a killed node nothing is required.
 """
 
@@ -15,14 +14,14 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from ....plant_emulator.faults.settings import FaultKind
-from ....runtime.node import NEVER_NS, NS_PER_S
-from .detectability import MECHANISM_OF, Mechanism
-from .node_faults import NodeFault
-from .observation import Watch
-from .scenario import Case, case_of_fault, case_of_node_fault
-from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
-from .watched_pair import Pair
+from steer_by_wire.plant_emulator.faults.settings import FaultKind
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
+from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.observation import Watch
+from steer_by_wire.tools.faults.campaign.scenario import Case, case_of_fault, case_of_node_fault
+from steer_by_wire.tools.faults.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
+from steer_by_wire.tools.faults.campaign.watched_pair import Pair
 
 RECOVERY_S = 3.5
 """Time after the last fault within which both nodes must have recovered."""

@@ -5,13 +5,13 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ...runtime.emulated_bus import protocol
-from ...runtime.emulated_bus.broker import Broker
-from ...runtime.emulated_bus.broker_clients import CLIENTS_MAX
-from ...runtime.emulated_bus.journal import Journal
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS
-from .traffic import promise
+from steer_by_wire.runtime.emulated_bus import protocol
+from steer_by_wire.runtime.emulated_bus.broker import Broker
+from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.journal import Journal
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
+from tests.fuzz.traffic import promise
 
 CHANNEL = "can0"
 BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000

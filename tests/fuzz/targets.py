@@ -1,4 +1,4 @@
-"""The targets by name: what ``steer-by-wire fuzz`` and the suite run.
+"""The targets by name: what ``python -m tests.fuzz`` and the suite run.
 
 A target takes any bytes, returns nothing, and raises on a broken promise: BrokenPromiseError for
 what it has checked itself, any other exception for one that has escaped.
@@ -7,12 +7,12 @@ what it has checked itself, any other exception for one that has escaped.
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from .bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
-from .campaign_targets import fuzz_results, fuzz_specification
-from .command_lines import fuzz_command_line
-from .log_targets import fuzz_candump, fuzz_contract, fuzz_log
-from .node_targets import fuzz_authentication, fuzz_controller, fuzz_plant
-from .settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
+from tests.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
+from tests.fuzz.campaign_targets import fuzz_results, fuzz_specification
+from tests.fuzz.command_lines import fuzz_command_line
+from tests.fuzz.log_targets import fuzz_candump, fuzz_contract, fuzz_log
+from tests.fuzz.node_targets import fuzz_authentication, fuzz_controller, fuzz_plant
+from tests.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 
 _FUZZERS: tuple[Callable[[bytes], None], ...] = (
     *(fuzz_authentication, fuzz_broker, fuzz_bus_client, fuzz_candump, fuzz_command_line),

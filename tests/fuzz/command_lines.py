@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
-from .log_targets import faultless_log
-from .traffic import Choices, promise
+from tests.fuzz.log_targets import faultless_log
+from tests.fuzz.traffic import Choices, promise
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {
@@ -42,15 +42,13 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.design.__main__": (".worker_pool",),
     "tools.doctor.__main__": (".examine",),
     "tools.faults.program": (
-        ".execute", ".run_live_campaign", ".measure_residual", ".walk_all",
+        ".execute", ".run_live_campaign", ".measure_residual",
     ),
-    "tools.fuzz.__main__": ("._fuzz",),
     "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),
     "tools.doctor.measure": (".probe",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.faults.live.soak": (".run_live_soak",),
-    "tools.faults.live.vandals": (".measure",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
     "tools.study.stress_report": (),
     "tools.vcan.__main__": (".choose",),

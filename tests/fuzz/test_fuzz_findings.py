@@ -22,7 +22,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
 from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.tools.fuzz.__main__ import main as fuzz_main
+from tests.fuzz.__main__ import main as fuzz_main
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = (
@@ -169,7 +169,7 @@ def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
 def test_the_fuzzer_says_what_it_needs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("steer_by_wire.tools.fuzz.__main__.find_spec", lambda _name: None)
+    monkeypatch.setattr("tests.fuzz.__main__.find_spec", lambda _name: None)
     assert fuzz_main(["plant"]) == 2
     assert "pip install '.[fuzz]'" in capsys.readouterr().err
     saved = tmp_path / "input"

@@ -1,4 +1,4 @@
-"""Any bytes into whatever reads bytes: the targets of ``tools.fuzz``, with hypothesis.
+"""Any bytes into whatever reads bytes: the targets of ``tests.fuzz``, with hypothesis.
 
 Each target documents what it promises. The examples are the same in every run; atheris searches for
 new ones, and its findings are kept below.
@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.tools.fuzz.__main__ import NAMES
-from steer_by_wire.tools.fuzz.targets import TARGETS
+from tests.fuzz.__main__ import NAMES
+from tests.fuzz.targets import TARGETS
 
 EXAMPLES = {
     "authentication": 30,

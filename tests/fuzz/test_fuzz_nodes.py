@@ -10,13 +10,13 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel, encode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
-from steer_by_wire.tools.fuzz.node_targets import (
+from tests.fuzz.node_targets import (
     CONTROLLERS,
     PLANTS,
     controller_settings,
     plant_settings,
 )
-from steer_by_wire.tools.fuzz.traffic import BrokenPromiseError, Choices, Sender, promise
+from tests.fuzz.traffic import BrokenPromiseError, Choices, Sender, promise
 
 PERIOD_NS = 10 * NS_PER_MS
 OUR_MODULES = "steer_by_wire."

@@ -21,12 +21,12 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
-from ...controller.node.node import RECEIVED as CONTROLLER_RECEIVES
-from ...controller.node.node import SENT as CONTROLLER_SENDS
-from ...controller.node.node import ControllerNode
-from ...controller.settings import ControllerSettings, controller_preset
-from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import (
+from steer_by_wire.controller.node.node import RECEIVED as CONTROLLER_RECEIVES
+from steer_by_wire.controller.node.node import SENT as CONTROLLER_SENDS
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.dbc.codec.protection import COUNTERS
+from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
     ControllerStatus,
@@ -42,18 +42,18 @@ from ...dbc.messages import (
     decode,
     resolutions,
 )
-from ...dbc.secoc.authentication import Authentication
-from ...dbc.secoc.frame import CONTROLLER, PLANT, is_secured
-from ...dbc.secoc.node import AuthenticatedNode
-from ...plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
-from ...plant_emulator.node.messages import SENT as PLANT_SENDS
-from ...plant_emulator.node.node import PlantNode
-from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.motion_design import MotionParams, motion_params
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S, Node, ReportingNode
-from ...runtime.settings import load_settings
-from .traffic import DATA_IDS, Choices, Sender, promise, wake_ups
+from steer_by_wire.dbc.secoc.authentication import Authentication
+from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, is_secured
+from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
+from steer_by_wire.plant_emulator.node.messages import SENT as PLANT_SENDS
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_S, Node, ReportingNode
+from steer_by_wire.runtime.settings import load_settings
+from tests.fuzz.traffic import DATA_IDS, Choices, Sender, promise, wake_ups
 
 TICKS_MAX = 10
 """Ticks at one time after which a node must have moved its deadline."""

@@ -6,6 +6,10 @@ the two nodes, the fault stage and the bus, at many moments of the last tenth an
 The content of queues differs from moment to moment, so the peaks are compared. Neither clock nor
 allocator is read: the same settings give the same bytes, except for a few that the interpreter
 shares.
+
+    python -m tests.support.held_memory [SECONDS]
+
+measures a run, of ten minutes by default, which takes two to three.
 """
 
 import gc
@@ -14,15 +18,15 @@ from collections.abc import Sequence
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import NamedTuple
 
-from ....closed_loop.virtual_bus import QUIET_BUS
-from ....closed_loop.virtual_pair import make_virtual_pair
-from ....controller.settings import ControllerSettings
-from ....plant_emulator.faults.settings import FaultKind
-from ....plant_emulator.settings import PlantSettings
-from ....plant_emulator.vehicle.motion_design import MotionParams
-from ....runtime.bus_model.quiet_bus import QuietBus
-from ....runtime.node import NS_PER_S
-from ....runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.plant_emulator.faults.settings import FaultKind
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams
+from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 
 LONGER = 10
 """Length of the run in warm-ups."""
@@ -115,3 +119,15 @@ def held_bytes(roots: Sequence[object]) -> int:
         seen[id(held)] = held  # kept, so that no other gets its id
         waiting += gc.get_referents(held)
     return sum(map(sys.getsizeof, seen.values()))
+
+
+def main() -> int:
+    """Measure and print; returns 1 where memory grows."""
+    run_s = float(sys.argv[1]) if len(sys.argv) > 1 else 600.0
+    held = measure_memory(controller_preset("practical_pd_ddob"), run_s)
+    sys.stdout.write(f"{held}: {held.growth_bytes:.1f} bytes a control period\n")
+    return held.growth_bytes >= GROWTH_BYTES_MAX
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -22,12 +22,19 @@ from typing import Any
 
 import can
 
-from ...closed_loop.recordings.file_analysis import analyse_files
-from ...closed_loop.recordings.log_file import LogError
-from ...dbc.codec.codec import FILE, ContractError, EncodeError, MessageCodec, Rejection, codecs_of
-from ...dbc.codec.protection import protect
-from ...dbc.contract.dbc_file import layouts_of, parse_database
-from ...dbc.messages import (
+from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_file import LogError
+from steer_by_wire.dbc.codec.codec import (
+    FILE,
+    ContractError,
+    EncodeError,
+    MessageCodec,
+    Rejection,
+    codecs_of,
+)
+from steer_by_wire.dbc.codec.protection import protect
+from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database
+from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     LateralError,
     Message,
@@ -37,10 +44,10 @@ from ...dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from ...runtime.frame.message import message_of
-from ...runtime.recording.candump import format_entry, parse_entry
-from ..analyze.report import report_html
-from .traffic import Choices, Sender, promise
+from steer_by_wire.runtime.frame.message import message_of
+from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
+from steer_by_wire.tools.analyze.report import report_html
+from tests.fuzz.traffic import Choices, Sender, promise
 
 _PIECES = (b"9" * 12, b"-", b".", b"0", b"1", b"7", b'"', b"\n", b"e9", b"@0+", b"(0,0)", b"|")
 _PAYLOADS = 4

@@ -1,6 +1,6 @@
 """A client of the emulated bus that behaves badly, as fast as it can, until it is killed.
 
-python -m steer_by_wire.tools.faults.live.vandal KIND ADDRESS CHANNEL
+python -m tests.support.hostile_client KIND ADDRESS CHANNEL
 """
 
 import socket
@@ -10,14 +10,14 @@ from contextlib import suppress
 from itertools import count
 from typing import NoReturn
 
-from ....runtime.emulated_bus.protocol import (
+from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
     Hello,
     pack_filters,
     pack_frame,
 )
-from ....runtime.frame import Frame
+from steer_by_wire.runtime.frame import Frame
 
 PATIENCE_S = 5.0
 _BATCH = 100
@@ -25,27 +25,27 @@ _BATCH = 100
 
 def flood(connect: Callable[[], socket.socket]) -> None:
     """Send frames of low priority without end; receive all frames."""
-    vandal = connect()
-    vandal.sendall(pack_filters(CLASSIC_RECORD, []))
-    _send_without_end(vandal, pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))))
+    client = connect()
+    client.sendall(pack_filters(CLASSIC_RECORD, []))
+    _send_without_end(client, pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))))
 
 
 def stall(connect: Callable[[], socket.socket]) -> None:
     """Read nothing, until disconnected; then connect again."""
     while True:
-        vandal = connect()
-        while _is_open(vandal):
+        client = connect()
+        while _is_open(client):
             pass
-        vandal.close()
+        client.close()
 
 
 def garbage(connect: Callable[[], socket.socket]) -> None:
     """Send bytes without meaning; reconnect at once when disconnected."""
     for number in count():
         try:
-            with connect() as vandal:
-                vandal.sendall(bytes([4 + number % 252]) * CLASSIC_RECORD.size * 4)
-                while vandal.recv(1 << 12):
+            with connect() as client:
+                client.sendall(bytes([4 + number % 252]) * CLASSIC_RECORD.size * 4)
+                while client.recv(1 << 12):
                     pass
         except OSError:
             continue
@@ -61,8 +61,8 @@ def visits(connect: Callable[[], socket.socket]) -> None:
     batch = pack_frame(CLASSIC_RECORD, Frame(0x7F1, bytes(8))) * 60
     while True:
         try:
-            with connect() as vandal:
-                vandal.sendall(batch)
+            with connect() as client:
+                client.sendall(batch)
         except OSError:
             continue
 
@@ -82,25 +82,26 @@ def main() -> int:
         connection.recv(ANSWER.size)
         return connection
 
-    print("ready", flush=True)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
     KINDS[kind](connect)
     return 0
 
 
-def _send_without_end(vandal: socket.socket, record: bytes) -> NoReturn:
+def _send_without_end(client: socket.socket, record: bytes) -> NoReturn:
     batch = record * _BATCH
-    vandal.settimeout(None)
+    client.settimeout(None)
     while True:
-        vandal.sendall(batch)
+        client.sendall(batch)
         with suppress(BlockingIOError):
-            while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
+            while client.recv(1 << 16, socket.MSG_DONTWAIT):
                 pass
 
 
-def _is_open(vandal: socket.socket) -> bool:
+def _is_open(client: socket.socket) -> bool:
     """Send a frame now and then, to detect when the broker has closed the connection."""
     try:
-        vandal.sendall(pack_frame(CLASSIC_RECORD, Frame(0x7F2, b"")))
+        client.sendall(pack_frame(CLASSIC_RECORD, Frame(0x7F2, b"")))
     except TimeoutError:
         return True
     except OSError:

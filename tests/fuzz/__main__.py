@@ -1,8 +1,8 @@
 """Fuzz one target, guided by coverage.
 
-    steer-by-wire fuzz controller --seconds 300
-    steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
-    steer-by-wire fuzz plant --replay crash-0123abcd
+    python -m tests.fuzz controller --seconds 300
+    python -m tests.fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
+    python -m tests.fuzz plant --replay crash-0123abcd
 
 Needs atheris (pip install '.[fuzz]'), except for --replay. Exit status: 0 if nothing was found; 1
 if something was, with the input in the folder --out; 2 without atheris.
@@ -28,8 +28,8 @@ NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
     "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
-"""Names in ``tools.fuzz.targets``, which must not be imported before atheris instruments it."""
-NAME = "steer-by-wire fuzz"
+"""Names in ``tests.fuzz.targets``, which must not be imported before atheris instruments it."""
+NAME = "python -m tests.fuzz"
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""
 INPUT_BYTES_MAX = 4096
@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _replay(target: str, file: Path) -> int:
-    from steer_by_wire.tools.fuzz.targets import TARGETS
+    from tests.fuzz.targets import TARGETS
 
     try:
         with file.open("rb") as opened:
@@ -91,7 +91,7 @@ def _fuzz(options: argparse.Namespace) -> None:
     """Hand over to libFuzzer, which ends the process."""
     atheris: Any = importlib.import_module("atheris")  # it has no types
     with atheris.instrument_imports(include=["steer_by_wire"]):
-        targets = importlib.import_module("steer_by_wire.tools.fuzz.targets").TARGETS
+        targets = importlib.import_module("tests.fuzz.targets").TARGETS
     options.out.mkdir(parents=True, exist_ok=True)
     command = [
         sys.argv[0],
