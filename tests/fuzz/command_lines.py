@@ -33,7 +33,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.benchmark.__main__": ("._benchmark",),
-    "tools.benchmark_batch.__main__": ("._benchmark",),
+    "tools.benchmark_batch.__main__": ("._run",),
     "tools.benchmark_bus.__main__": (".compile_all",),
     "tools.run.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
     "tools.compare_laws.__main__": (".compare",),
