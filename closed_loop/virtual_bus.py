@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from ..runtime.bus_model.bus_model import BusModel
-from ..runtime.bus_model.bus_records import Delivery
+from ..runtime.bus_model.bus_model import BusModel, Delivery
 from ..runtime.bus_model.error_frames import error_frame
 from ..runtime.bus_model.errors import BusErrors
 from ..runtime.bus_model.quiet_bus import QuietBus

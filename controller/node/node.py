@@ -28,10 +28,9 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
-from ...runtime.node.view import View
 from ...runtime.record import new_record
 from ..interface.law import VehicleReading
 from ..interface.limits import limit_name, limit_step, ramp_step

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from ...dbc.messages import Freshness, Mode, MotionRequest
 from ...dbc.reception import second_sender_line
-from ...runtime.node.view import View
+from ...runtime.node import View
 from ..interface.validity import in_words
 from .received import Received
 from .safety import SafetyFacts

@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...runtime.frame import Frame
-from ...runtime.node import N, Wrapper
-from ...runtime.node.view import View
+from ...runtime.node import N, View, Wrapper
 from ..messages import CAN_IDS
 from .authentication import Authentication
 from .frame import Refused

@@ -11,8 +11,8 @@ from typing import Any
 
 from ...runtime.node import N
 from ...runtime.program.program import ExitStatus, say
+from ...runtime.program.report import causes_line
 from ...runtime.program.run_node import run_node
-from ...runtime.program.summary import causes_line
 from ...runtime.program.thresholds import Ending
 from ...runtime.recording.recording import fd_obstacle
 from ...runtime.settings import Settings, SettingsError

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ...runtime.program.summary import causes_line, durations_line
+from ...runtime.program.report import causes_line, durations_line
 
 
 def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -37,9 +37,8 @@ from ...dbc.messages import (
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
-from ...runtime.node.view import View
 from ..evaluation.plant_report import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from ...dbc.messages import LatencyConfig, Mode, SteeringCommand
 from ...dbc.reception import Reception, second_sender_line
-from ...runtime.node.view import View
+from ...runtime.node import View
 from ..evaluation.run_record import RunningFigures
 from ..network.network import Network
 from ..steering.guard import GuardMode

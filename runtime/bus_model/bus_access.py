@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 from ..frame.length import INTERMISSION_BITS
 from .bit_ticks import BitTicks
-from .bus_records import Waiting
 from .errors import BusErrors
+from .transmit_queue import Waiting
 
 _SUSPEND_BITS = 8
 _BUS_OFF_BITS = 128 * 11

@@ -20,19 +20,43 @@ It serves the emulated bus, by the real clock, and virtual time where ``quiet_bu
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
 from ..frame.length import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
-from ..record import new_record
 from .bit_ticks import bit_ticks
 from .bus_access import BusAccess, is_awaited
-from .bus_records import BusLoad, Delivery, Waiting
 from .disturbed_frame import Disturbed
 from .errors import BusErrors
 from .rest_bus import RestBus
-from .transmit_queue import TransmitQueue
+from .transmit_queue import TransmitQueue, Waiting
+
+
+class Delivery(NamedTuple):
+    """A frame that is complete on the wire.
+
+    ``end_ns``  time of its end of frame [ns]
+    ``sender``  who submitted it
+    """
+
+    end_ns: int
+    sender: int
+    frame: Frame
+
+
+class BusLoad(NamedTuple):
+    """Totals of the bus.
+
+    ``frames``   complete frames
+    ``busy_ns``  time they took, intermissions included [ns]
+    ``refused``  frames not taken because their transmit buffer was full
+    """
+
+    frames: int
+    busy_ns: int
+    refused: int
 
 
 class BusModel:
@@ -200,7 +224,7 @@ class BusModel:
             _, _, duration_ticks, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
             if traffic is None:
-                self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+                self._completed.append(Delivery(end_ns, sender, frame))
             else:
                 self._complete(end_ns, sender, frame)
             self._frames += 1
@@ -288,6 +312,6 @@ class BusModel:
     def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
         """Return a received frame to whom it concerns."""
         if self._traffic is None or sender >= 0:
-            self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+            self._completed.append(Delivery(end_ns, sender, frame))
         elif self._traffic.on_wire is not None:
             self._traffic.on_wire(end_ns, sender, frame)

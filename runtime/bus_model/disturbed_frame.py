@@ -1,4 +1,4 @@
-"""What becomes of a frame when one of its bits is wrong on the wire, for all nodes alike.
+"""What becomes of a frame when a bit is wrong, or the line is stuck, for all nodes alike.
 
 Source: ISO 11898-1:2015, error detection and signalling. The sender compares each bit that it
 sends with the bus, and signals an error from the next bit on: six dominant bits, or six recessive
@@ -17,17 +17,25 @@ delimiter, so that the frame takes r + 15 bits. Three exceptions:
 A receiver that reads a recessive res bit takes the frame for a later standard's: it neither signals
 nor counts an error, and takes part again after eleven recessive bits. Receivers that signal an
 error before others do see the others' flags after their own, and count 8 more.
+
+Stuck line: a dominant level that stays after the flags counts 8 for everybody each 8 bits. The
+sender goes into bus-off, receivers become error passive, and nothing can be sent until the line is
+recessive for 11 bits. On a recessive line each start of frame is a bit error to its sender, which
+goes into bus-off after 32 attempts. The bit errors within its flags, which bring that about sooner,
+are not counted.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 from ..frame import FD, Frame
-from ..frame.bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire
+from ..frame.bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire, stuffed_text
 from ..frame.length import INTERMISSION_BITS, FrameBits
 from ..frame.reception import WireError, receive
-from ..frame.stuffed_text import stuffed_text
 
+STUCK_DOMINANT, STUCK_RECESSIVE = "stuck dominant", "stuck recessive"
+_AGAIN_BITS = 8
+"""A dominant line counts again after so many bits."""
 FLAG_BITS, DELIMITER_BITS = 6, 8
 SILENT_BITS = 11 - INTERMISSION_BITS
 """After a later standard's format, before the intermission."""
@@ -133,6 +141,27 @@ def _disturb_classic(frame: Frame, index: int) -> Disturbed:
         # A fifth recessive bit makes the flag's first bit a stuff bit.
         found = min(index + 6, index + left + 1 + (ones == RUN_MAX))
     return _outcome(found, 0, field, is_lost=False, is_last=False)
+
+
+def disturb_stuck(frame: Frame, level: int, first: int, stuck_bits: int) -> Disturbed | None:
+    """Return what becomes of ``frame``; None if it has no bit of the other level there.
+
+    ``first``       the first bit at which the line is stuck; below 0, since before the frame
+    ``stuck_bits``  how long from then on
+    """
+    bits = frame_on_wire(frame)
+    wrong = next((i for i in range(max(first, 0), len(bits)) if bits[i].level != level), None)
+    if wrong is None or wrong >= first + stuck_bits:
+        return None
+    fast = sum(bit.is_fast for bit in bits[: wrong + 1])
+    until = max(first + stuck_bits, wrong + 1 + FLAG_BITS) if level == DOMINANT else wrong + 7
+    slow = until - fast + DELIMITER_BITS
+    cause = STUCK_DOMINANT if level == DOMINANT else STUCK_RECESSIVE
+    is_own = first >= 0 or level != DOMINANT
+    again = max(0, until - wrong - 1 - FLAG_BITS) // _AGAIN_BITS if level == DOMINANT else 0
+    field = bits[wrong].field
+    counted = Counted(sender=0 if is_own else ONE)
+    return Disturbed(FrameBits(slow, fast), False, is_own, cause, field, None, True, again, counted)
 
 
 def is_excused(bit: WireBit) -> bool:

@@ -1,6 +1,6 @@
 """Errors on the bus: noise destroys frames, their senders repeat them, and controllers count.
 
-    noise        when a bit is wrong (``bus_noise``)
+    noise        when a bit is wrong (``noise``)
     consequence  which frame that destroys and how long it takes (``disturbed_frame``)
     counters     of every node that has been on the bus (``fault_confinement``)
 
@@ -17,11 +17,10 @@ from ..frame import BITRATE_SWITCH, Frame
 from ..frame.bits import frame_on_wire
 from ..node import NEVER_NS
 from .bit_ticks import BitTicks
-from .disturbed_frame import FIRST, Disturbed, disturb
+from .disturbed_frame import FIRST, Disturbed, disturb, disturb_stuck
 from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters
 from .local_error import disturb_receiver, disturb_sender, unacknowledged
 from .noise import Noise, StuckLine
-from .stuck_line import disturb_stuck
 
 _GONE = -1 << 31
 """Stands for all nodes that have left."""

@@ -6,15 +6,26 @@ priority. With a FIFO, as SocketCAN has, it has a single one, of which the oldes
 
 from collections import deque
 from heapq import heapify, heappop, heappush
+from typing import NamedTuple
 
 from ..frame import Frame
-from ..record import new_record
-from .bus_records import Waiting
 from .rest_bus import Ready, RestBus
 
 
 class BusOverflowError(RuntimeError):
     """A sender's transmit buffer is full."""
+
+
+class Waiting(NamedTuple):
+    """A frame in the queue; sorts by arbitration, then by order of submission."""
+
+    arbitration: int
+    sequence: int
+    duration_ticks: int
+    sender: int
+    frame: Frame
+    submitted_ticks: int
+    buffer: tuple[int, int]
 
 
 class TransmitQueue:
@@ -49,8 +60,8 @@ class TransmitQueue:
             raise BusOverflowError(f"sender {sender} has {waiting} frames {of}waiting for the bus")
         self._waiting_of[buffer] = waiting + 1
         self._sequence += 1
-        entry = new_record(
-            Waiting, (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer)
+        entry = Waiting(
+            arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer
         )
         if waiting and self._is_fifo:
             self._behind.setdefault(sender, deque()).append(entry)
@@ -65,8 +76,10 @@ class TransmitQueue:
         self._sequence += 1
         buffer = (sender, rank)
         self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
-        entry = (arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
-        heappush(self.competing, new_record(Waiting, entry))
+        entry = Waiting(
+            arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer
+        )
+        heappush(self.competing, entry)
 
     def take(self, winner: Waiting) -> None:
         """Take out the frame that has won the bus; the next of its FIFO competes from now on."""

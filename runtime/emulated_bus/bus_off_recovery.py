@@ -9,7 +9,7 @@ that is full. One by errors is started again at once, and the bus model has its 
 Its client receives the error frames that SocketCAN would deliver (linux/can/error.h).
 """
 
-from ..bus_model.bus_records import BusLoad
+from ..bus_model.bus_model import BusLoad
 from ..node import NS_PER_S
 
 SEQUENCES, SEQUENCE_BITS = 128, 11

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 from struct import Struct
 from typing import NamedTuple
 
-from ..bus_model.bus_model import BusModel
-from ..bus_model.bus_records import BusLoad, Delivery
+from ..bus_model.bus_model import BusLoad, BusModel, Delivery
 from ..bus_model.error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.rest_bus import PeriodicMessage, RestBus

@@ -21,14 +21,15 @@ from ..bus_model.fault_confinement import ControllerState
 from ..frame import ERROR, Frame
 from ..frame.message import frame_of, message_of
 from ..node import NS_PER_S
-from .address import AddressError, connect, default_address
-from .joining import ANSWER_TIMEOUT_S, join
+from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
+    ANSWER,
     ERROR_STATE,
     FD_LENGTHS,
     FILTERS_MAX,
     OWN,
     REMOTE_LENGTH_SHIFT,
+    Answer,
     Buffer,
     BusOff,
     Filter,
@@ -39,11 +40,17 @@ from .protocol import (
     pack_filters,
     pack_frame,
     record_format,
+    unpack_answer,
     unpack_delivery,
 )
 
 DEFAULT_CHANNEL = "can0"
 
+ANSWER_TIMEOUT_S = 5.0
+"""A broker answers within a millisecond, unless it is stopped or is another program."""
+_SEND_BUFFER_BYTES = 4608
+"""Size of the socket's buffer: a dozen frames, as the transmit queue of a network interface. The
+default size would hold hundreds, which would be old when they are sent."""
 _DRAIN_TIMEOUT_S = 5.0
 """Time for the broker to read what was sent before ``shutdown``: far more than the frames in the
 socket's buffer take on the wire."""
@@ -255,6 +262,53 @@ class EmulatedBus(can.BusABC):
         except (OSError, AddressError):
             return []
         return [{"interface": "emulated", "channel": DEFAULT_CHANNEL}]
+
+
+def join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]:
+    """Connect and say hello; returns the non-blocking socket and the broker's answer.
+
+    Raises can.CanInitializationError.
+    """
+    try:
+        address = parse_address(address_text) if address_text else default_address()
+        raw = hello.pack()
+    except (AddressError, ProtocolError) as error:
+        raise can.CanInitializationError(str(error)) from error
+    option = f" --address {address}" if address_text else ""
+    try:
+        connection = connect(address, ANSWER_TIMEOUT_S)
+    except OSError as error:
+        raise can.CanInitializationError(
+            f"no emulated bus is listening at {address} ({error.strerror or error}); "
+            f"start one with: emulated-can-bus{option}"
+        ) from error
+    try:
+        # A full broker answers with the reason and closes before it reads anything.
+        with suppress(BrokenPipeError):
+            connection.sendall(raw)
+        answer = unpack_answer(_receive_exactly(connection, ANSWER.size))
+        if answer.reason:
+            raise ProtocolError(answer.reason)
+    except (OSError, ProtocolError) as error:
+        connection.close()
+        raise can.CanInitializationError(
+            f"the emulated bus at {address} cannot be joined: {error}"
+        ) from error
+    connection.setblocking(False)
+    if connection.family != socket.AF_INET:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+    return connection, answer
+
+
+def _receive_exactly(connection: socket.socket, size: int) -> bytes:
+    """Receive ``size`` bytes; raises OSError or ProtocolError."""
+    received = b""
+    while len(received) < size:
+        part = connection.recv(size - len(received))
+        if not part:
+            raise ProtocolError("it has closed the connection")
+        received += part
+    return received
 
 
 def _sent_frame(message: can.Message) -> Frame:

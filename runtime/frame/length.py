@@ -24,7 +24,6 @@ from functools import cache, lru_cache
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
-from ..record import new_record
 from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 INTERMISSION_BITS = 3
@@ -167,7 +166,7 @@ def frame_bits(frame: Frame) -> FrameBits:
     """
     can_id, data, flags = frame
     if not flags and len(data) == 8:
-        return new_record(FrameBits, (bits_of_eight_bytes(can_id, data), 0))
+        return FrameBits(bits_of_eight_bytes(can_id, data), 0)
     limit = 0x1FFFFFFF if flags & EXTENDED else _BASE_ID_MAX
     dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:

@@ -4,7 +4,7 @@ Not here: what a program needs beyond its node, such as options and signals (``p
 Begin at ``node.py``, whose names this package hands on.
 """
 
-from .node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US, N, Node, ReportingNode, Wrapper
+from .node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US, N, Node, ReportingNode, View, Wrapper
 
 __all__ = [
     "NEVER_NS",
@@ -14,5 +14,6 @@ __all__ = [
     "N",
     "Node",
     "ReportingNode",
+    "View",
     "Wrapper",
 ]

@@ -1,4 +1,4 @@
-"""What an executor runs: a node without clock, socket, thread or print.
+"""What an executor runs: a node without clock, socket, thread or print; and what it shows.
 
 Rules an executor keeps:
 
@@ -19,10 +19,9 @@ Rules a node keeps:
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from ..frame import Frame
-from .view import View
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
@@ -51,6 +50,19 @@ class Node(Protocol):
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due at ``now_ns``; return the frames to send."""
         ...
+
+
+class View(NamedTuple):
+    """A node at one time, in words for the user. To show more, a node adds a row.
+
+    ``states``  what holds now, by a name of its own; empty where there is nothing to report
+    ``counts``  what has happened, and how often since the start
+    ``now``     figures of the moment, for one line of a terminal
+    """
+
+    states: Mapping[str, str]
+    counts: Mapping[str, int]
+    now: str
 
 
 class ReportingNode(Node, Protocol):

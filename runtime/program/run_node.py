@@ -24,9 +24,8 @@ from ..settings import Settings
 from ..settings.plugin import PartError
 from .host import RealTimeRequest, StealClock, real_time
 from .program import ExitStatus, StopRequest, fail_status, say
-from .report import connection_report, host_report, run_report, write_json
+from .report import connection_report, host_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
-from .summary import summary_lines
 from .thresholds import Ending
 
 FINISHED = "finished"

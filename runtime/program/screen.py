@@ -3,20 +3,25 @@
 The loop of the node never waits for it. Between two ticks, ``Observer`` compares and formats, which
 takes some ten microseconds; a thread of its own writes. A terminal that is stopped or a pipe that
 nobody reads holds up that thread alone, and what does not fit in its queue is dropped.
+
+However fast a node changes, the lines stay few: a state has at most STATE_LINES at once and one
+every STATE_NS after that, a count one every COUNT_NS.
 """
 
 import os
 import shutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from queue import SimpleQueue
 from typing import TextIO
 
-from ..node import NS_PER_MS, NS_PER_S
-from ..node.view import Changes, View
+from ..node import NS_PER_MS, NS_PER_S, View
 
 LOOK_NS = 50 * NS_PER_MS
 STATUS_NS = NS_PER_S
+STATE_LINES = 4
+STATE_NS = 2 * NS_PER_S
+COUNT_NS = 5 * NS_PER_S
 QUEUED_MAX = 200
 _END_S = 0.5
 """How long the end of a run waits for what is not written yet."""
@@ -77,6 +82,38 @@ class Screen:
                 self._write(waiting)
             except OSError:  # nobody reads any more, or the disk is full
                 self.dropped += 1
+
+
+class Changes:
+    """Compares each view with those before, and remembers what was printed."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
+        self._free_ns: dict[str, int] = {}
+
+    def lines(self, view: View, now_ns: int) -> Iterator[str]:
+        """Return a line for each state and count that differs from what was printed of it."""
+        for name, text in view.states.items():
+            if text != self._states.get(name, "") and self._may(
+                name, now_ns, STATE_NS, STATE_LINES
+            ):
+                self._states[name] = text
+                if text:
+                    yield text
+        for name, count in view.counts.items():
+            rise = count - self._counts.get(name, 0)
+            if rise and self._may(name, now_ns, COUNT_NS, 1):
+                self._counts[name] = count
+                yield f"{name}: {rise}" if rise == count else f"{name}: {rise} more, {count} so far"
+
+    def _may(self, name: str, now_ns: int, every_ns: int, at_once: int) -> bool:
+        """Whether a line about ``name`` is due: ``at_once`` of them, then one each ``every_ns``."""
+        free_ns = max(self._free_ns.get(name, now_ns), now_ns)
+        if free_ns - now_ns > (at_once - 1) * every_ns:
+            return False
+        self._free_ns[name] = free_ns + every_ns
+        return True
 
 
 class Observer:

@@ -25,8 +25,7 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.node.view import View
+from steer_by_wire.runtime.node import NEVER_NS, View
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 
 MS = 1_000_000

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.bus_records import BusLoad, Delivery
+from steer_by_wire.runtime.bus_model.bus_model import BusLoad, BusModel, Delivery
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field

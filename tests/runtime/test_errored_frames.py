@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bus_records import Delivery
+from steer_by_wire.runtime.bus_model.bus_model import Delivery
 from steer_by_wire.runtime.frame import Frame
 from tests.support.errored_frames import SCENARIOS, Receipts, send
 

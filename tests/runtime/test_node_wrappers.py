@@ -12,8 +12,7 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, Wrapper
-from steer_by_wire.runtime.node.view import View
+from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrapper
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.observation import Bounds, Watch
 from steer_by_wire.tools.faults.campaign.specification import PLANT, NodeFaultKind

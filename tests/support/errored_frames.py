@@ -18,8 +18,7 @@ import sys
 from collections import Counter
 from typing import NamedTuple
 
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.bus_records import Delivery
+from steer_by_wire.runtime.bus_model.bus_model import BusModel, Delivery
 from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates

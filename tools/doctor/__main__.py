@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.command_line import DISTRIBUTION, command_parser
 from steer_by_wire.runtime.port.python_can import (
     BusError,
     add_bus_arguments,
@@ -28,7 +28,6 @@ from steer_by_wire.runtime.port.python_can import (
 )
 from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
 from steer_by_wire.runtime.program.program import ExitStatus, run_main
-from steer_by_wire.runtime.program.report import DISTRIBUTION
 from steer_by_wire.tools.vcan import xstate
 from steer_by_wire.tools.vcan.__main__ import backends
 from steer_by_wire.tools.vcan.request import Request, missing_programs

@@ -12,8 +12,8 @@ from ...plant_emulator.evaluation.summary import plant_summary
 from ...plant_emulator.evaluation.verdict_text import verdict_text
 from ...plant_emulator.faults.stage import FaultyNode
 from ...plant_emulator.node.node import PlantNode
+from ...runtime.program.report import durations_line
 from ...runtime.program.run_node import FINISHED
-from ...runtime.program.summary import durations_line
 from ...runtime.program.thresholds import of_part
 
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from ....dbc.messages import CAN_IDS, DATA_IDS
-from ....runtime.bus_model.bus_model import BusModel
-from ....runtime.bus_model.bus_records import Delivery
+from ....runtime.bus_model.bus_model import BusModel, Delivery
 from ....runtime.bus_model.transmit_queue import BusOverflowError
 from ....runtime.frame import Frame
 from ....runtime.node import NEVER_NS
