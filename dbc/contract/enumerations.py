@@ -28,6 +28,7 @@ class LawNumber(IntEnum):
     CUSTOM = 7
     """A law from another package."""
     PACKET = 8
+    PID = 9
 
 
 class SteeringStatusCode(IntEnum):

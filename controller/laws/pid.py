@@ -1,0 +1,93 @@
+"""Law ``pid``: u = -(K_p + K_d s/(s/N + 1)) y + I, the PD of [pd] with an integral. Not in paper.
+
+    I[k] = I[k-1] - K_i T y[k] + (T/T_t) (u_sent[k-1] - u[k-1])        T_t = K_p/K_i
+
+    y       lateral_error_m       preview lateral error                          [m]
+    u       steer_rad             command of the law, before limits              [rad]
+    u_sent  sent_steer_rad        command that was sent, after limits            [rad]
+    I       integral_rad          steer by the integral                          [rad]
+    T_t     tracking time: how fast the integral follows a command that a limit holds back
+
+The last term is the anti-windup by back-calculation of Åström and Hägglund, *Advanced PID Control*,
+2006, section 3.5. While no limit acts it is 0. It keeps the integral from growing behind a limit,
+and lets it begin at the held command after a hold.
+"""
+
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from pydantic import Field
+
+from ...dbc.messages import LawNumber
+from ...runtime.settings import Settings
+from ..filters.discretization import design_pd
+from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.sections import SectionState
+from ..interface.law import LawInput, LawOutput
+from ..interface.law_record import Law, last_command
+from .design import required
+
+if TYPE_CHECKING:
+    from .settings import LawSettings
+
+
+class PidSettings(Settings):
+    """[pid]: the integral beside the gains of [pd]."""
+
+    integral_gain_rad_m_s: Annotated[float, Field(gt=0.0, le=1e6)]  # K_i [rad/(m s)]
+
+
+class PidParams(NamedTuple):
+    """Parameters of pid.
+
+    ``integral_step_rad_m``  K_i T: what the integral gains in one period per error
+    ``tracking_step``        T/T_t
+    """
+
+    pd: PdParams
+    integral_step_rad_m: float
+    tracking_step: float
+
+
+class PidState(NamedTuple):
+    """State of the PD, the integral, and the command of the previous period before limits."""
+
+    pd: SectionState
+    integral_rad: float
+    steer_rad: float
+
+
+def pid_step(p: PidParams, x: PidState, observed: LawInput) -> tuple[PidState, LawOutput]:
+    """Advance one control period."""
+    error_m = observed.lateral_error_m
+    withheld_rad = observed.sent_steer_rad - x.steer_rad
+    integral_rad = x.integral_rad - p.integral_step_rad_m * error_m + p.tracking_step * withheld_rad
+    x_pd, demand_rad = pd_step(p.pd, x.pd, error_m)
+    steer_rad = demand_rad + integral_rad
+    return PidState(x_pd, integral_rad, steer_rad), LawOutput(steer_rad, 0.0, 0.0, error_m)
+
+
+def pid_at_rest(p: PidParams, lateral_error_m: float) -> PidState:
+    """Return the state after a constant lateral error [m] and no steering, the integral empty."""
+    return PidState(pd_at_rest(p.pd, lateral_error_m), 0.0, 0.0)
+
+
+def _design(settings: "LawSettings") -> PidParams:
+    pd, table, period_s = required(settings.pd), settings.table_of(PidSettings), settings.period_s
+    tracking_time_s = pd.proportional_gain_rad_m / table.integral_gain_rad_m_s
+    return PidParams(
+        design_pd(pd, period_s),
+        table.integral_gain_rad_m_s * period_s,
+        min(1.0, period_s / tracking_time_s),
+    )
+
+
+LAW = Law(
+    pid_step,
+    pid_at_rest,
+    _design,
+    LawNumber.PID,
+    settings=PidSettings,
+    needs=("pd",),
+    takes_derivative=True,
+    commands_read=last_command,
+)

@@ -1,0 +1,73 @@
+"""Law ``pid`` against its textbook form, an offset that it takes out, and a limit that holds it."""
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.filters.settings import PdSettings
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws.design import LawDesign, design_law
+from steer_by_wire.controller.laws.pid import PidSettings
+from steer_by_wire.controller.laws.settings import LawSettings
+
+PERIOD_S = 0.01
+K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0
+
+
+def pid() -> LawDesign:
+    pd = PdSettings(
+        proportional_gain_rad_m=K_P,
+        derivative_gain_rad_s_m=K_D,
+        derivative_filter_rad_s=N_RAD_S,
+    )
+    table = PidSettings(integral_gain_rad_m_s=K_I)
+    return design_law(LawSettings(law="pid", pd=pd, pid=table))
+
+
+def answers(errors_m: list[float], steer_rad_max: float = np.inf) -> list[float]:
+    """Return what the law sends, each command limited to an angle before it is sent."""
+    design, sent_rad, all_sent = pid(), 0.0, []
+    state = design.initial_state(0.0)
+    for error_m in errors_m:
+        state, output = design.step(design.params, state, LawInput(error_m, sent_rad))
+        sent_rad = min(max(output.steer_rad, -steer_rad_max), steer_rad_max)
+        all_sent.append(sent_rad)
+    return all_sent
+
+
+def test_without_limits_it_is_the_textbook_sum_of_three_terms() -> None:
+    errors_m = np.random.default_rng(3).standard_normal(300) * 0.1
+    integral = -K_I * PERIOD_S * np.cumsum(errors_m)
+    # The filtered derivative by the trapezoidal rule, from the differential equation.
+    derivative, filtered, before_m = [], 0.0, 0.0
+    a = N_RAD_S * PERIOD_S / 2.0
+    for error_m in errors_m:
+        filtered = ((1.0 - a) * filtered + N_RAD_S * (error_m - before_m)) / (1.0 + a)
+        derivative.append(filtered)
+        before_m = float(error_m)
+    wanted = -K_P * errors_m - K_D * np.array(derivative) + integral
+    assert answers(errors_m.tolist()) == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize("behind_the_limit_s", [1, 10, 100])
+def test_the_integral_does_not_wind_up_behind_a_limit(behind_the_limit_s: int) -> None:
+    """However long an error keeps the command at its limit, it leaves it as soon afterwards."""
+    held = [0.5] * round(behind_the_limit_s / PERIOD_S)
+    sent = answers(held + [-0.05] * 400, steer_rad_max=0.3)
+    assert sent[len(held) - 1] == -0.3
+    back = next(k for k, steer_rad in enumerate(sent[len(held) :]) if steer_rad > 0.0)
+    assert back * PERIOD_S < 1.0
+
+
+def test_behind_a_limit_the_demand_settles_at_the_limit_plus_the_proportional_part() -> None:
+    design, error_m, limit_rad = pid(), 0.5, 0.3
+    state, demand_rad = design.initial_state(error_m), 0.0
+    for _ in range(3000):
+        sent_rad = max(demand_rad, -limit_rad)
+        state, output = design.step(design.params, state, LawInput(error_m, sent_rad))
+        demand_rad = output.steer_rad
+    assert demand_rad == pytest.approx(-limit_rad - K_P * error_m, rel=1e-6)
+
+
+def test_its_gain_must_be_above_zero() -> None:
+    with pytest.raises(ValueError, match="integral_gain_rad_m_s"):
+        PidSettings(integral_gain_rad_m_s=0.0)
