@@ -19,8 +19,8 @@ def pid() -> LawDesign:
         derivative_gain_rad_s_m=K_D,
         derivative_filter_rad_s=N_RAD_S,
     )
-    table = PidSettings(integral_gain_rad_m_s=K_I)
-    return design_law(LawSettings(law="pid", pd=pd, pid=table))
+    tables = {"law": "pid", "pd": pd, "pid": PidSettings(integral_gain_rad_m_s=K_I)}
+    return design_law(LawSettings.model_validate(tables))
 
 
 def answers(errors_m: list[float], steer_rad_max: float = np.inf) -> list[float]:
