@@ -30,7 +30,7 @@ from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, sim
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.history.plan import VALUES
 from steer_by_wire.controller.interface.law_record import Schedule
-from steer_by_wire.controller.laws.design import loop_delay_params, vehicle_of
+from steer_by_wire.controller.laws.design import vehicle_of
 from steer_by_wire.controller.laws.packet import plan_times
 from steer_by_wire.controller.prediction.estimator import command_from
 from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles
@@ -61,7 +61,7 @@ def design(settings: ControllerSettings) -> Schedule:
     q = q[:4, :4] + np.diag([0.0, 0.0, 1e-2, 0.0]) * period_s  # what a bend is to this model
     weight = np.diag([0.0, 0.0, 0.0, settings.predictor.steer_per_error_rad_m**2])
     loop_delay, reserve_samples = (
-        loop_delay_params(settings),
+        settings.loop_delay,
         round(settings.packet.reserve_s / period_s),
     )
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...controller.interface.validity import share_of_demand
-from ...controller.settings import ControllerSettings, counters_of, limits_of
+from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
@@ -234,7 +234,7 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
     share = share_of_demand(table, speed_on_wire(plant.vehicle.speed_m_s))
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
-        limits=limits_of(controller),
+        limits=controller.steer_limits,
         ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
         lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
         lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
@@ -246,7 +246,7 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
 
 
 def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> int:
-    rule = counters_of(controller)
+    rule = controller.counters
     samples, start_ns = len(plan.sample_ns), plan.motion_start_ns
     arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns
     return int(arrivals.min(initial=NEVER_NS))

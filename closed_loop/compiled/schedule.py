@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.node.modes import Supervisor
-from ...controller.settings import ControllerSettings, counters_of, supervision_of
+from ...controller.node.modes import Supervisor, supervision_of
+from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
 from ...dbc.messages import LateralError, Message, Mode, PathAhead, SteeringStatus, VehicleState
 from ...dbc.reception import cycle_ns
@@ -80,7 +80,7 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
     samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
     end_ns = (samples - 1) * sensor_ns
-    rule = counters_of(controller)
+    rule = controller.counters
     arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, motion_start_ns)
     tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
     in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
@@ -116,7 +116,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     """Return the tick at which the controller stops waiting."""
     timeout_ns = supervision_of(controller).measurement_timeout_ns
     period_ns, samples = controller.period_ns, 1
-    rule = counters_of(controller)
+    rule = controller.counters
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
         # Frames after the start have another time of motion, but none of them is the first.
         start_ns = NEVER_NS if plant.start_on_first_command else 0

@@ -7,8 +7,7 @@ import numpy as np
 
 from ...controller.history.history import RING_SIZE, HistoryParams, Rings
 from ...controller.history.plan import ROW_LENGTH
-from ...controller.laws.design import loop_delay_params
-from ...controller.settings import ControllerSettings, age_limits_of, counters_of
+from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import SequenceRule
 from ...dbc.messages import (
     LateralError,
@@ -38,11 +37,11 @@ def plan_wire(
     """Return the wire of one run."""
     samples = len(plan.sample_ns)
     network = plant_network(plant)
-    received = _received(network, counters_of(controller), samples, plan.motion_start_ns)
+    received = _received(network, controller.counters, samples, plan.motion_start_ns)
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     return Wire(
-        HistoryParams(loop_delay_params(controller), age_limits_of(controller)),
+        HistoryParams(controller.loop_delay, controller.age_limits),
         empty_rings(keeps_plans=controller.law_record.plan is not None),
         *received,
         measured_heading_rad=np.empty(samples),

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...controller.settings import ControllerSettings, limits_of
+from ...controller.settings import ControllerSettings
 from ...plant_emulator.evaluation import verdict
 from ...plant_emulator.evaluation.error_windows import (
     WINDOW_SHARE_MAX,
@@ -213,7 +213,7 @@ def rules_of(
     rules: VerdictRules, plant: PlantSettings, controller: ControllerSettings
 ) -> FigureRules:
     """Return the rules for the figures of a run of these settings."""
-    limits = limits_of(controller)
+    limits = controller.steer_limits
     return FigureRules(
         plant.sensor_period_ns / NS_PER_S,
         controller.period_ns / NS_PER_S,

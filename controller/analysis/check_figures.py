@@ -28,7 +28,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..interface.law_record import LookingBack
-from ..laws.design import LawDesign, design_law, loop_delay_params, vehicle_of
+from ..laws.design import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
@@ -81,7 +81,7 @@ def _stable_delays_of(
         loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
         return stable_delays(loop, limit_ns)
     periods = law.state_period_ns, law.request_periods
-    around = PredictorLoop(design, loop_delay_params(settings), Rig(vehicle), *periods, answers)
+    around = PredictorLoop(design, settings.loop_delay, Rig(vehicle), *periods, answers)
     return stable_constant_delays(around, limit_ns)
 
 
@@ -125,7 +125,10 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 def _looking_back(
     settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
 ) -> Figures:
-    loop_delay, rig = loop_delay_params(settings), Rig(vehicle_of(settings).vehicle)
+    loop_delay, rig = (
+        settings.loop_delay,
+        Rig(vehicle_of(settings).vehicle),
+    )
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
     if law.fallback is not None and settings.model is not None:
         name, when = law.fallback

@@ -1,7 +1,7 @@
-"""Tables of settings that several control laws share; a law's own table is in its module.
+"""Tables [pd], [dob], [cdob] and [nominal_model], which several control laws share.
 
-They hold continuous-time values; ``controller.laws.design`` turns them into discrete filters at the
-configured rate.
+They hold continuous-time values; ``controller.filters.discretization`` turns them into discrete
+filters at the configured rate.
 """
 
 from typing import Annotated, Literal, Self
@@ -91,58 +91,6 @@ class VehicleModelSettings(Settings):
     def _refuse_a_model_without_stable_inverse(self) -> Self:
         _ = self.model
         return self
-
-
-class LinkSettings(Settings):
-    """[link]: the period of the plant's sensors, and the measurement of the delay."""
-
-    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
-    """Period of the plant's LATERAL_ERROR; the default is the DBC's cycle time."""
-    delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
-    """Time constant for averaging the delays measured by echoes."""
-
-    @property
-    def sensor_period_s(self) -> float:
-        """The sensors' period [s]."""
-        return self.sensor_period_ms * 1e-3
-
-
-class EstimatorSettings(Settings):
-    """[estimator]: noise that the Kalman filter assumes, and speeds for which it is designed.
-
-    Noise densities are standard deviations after one second; those of measurements are per sample.
-    """
-
-    lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
-    heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
-    side_slip_noise_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.001
-    yaw_rate_noise_rad_s_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.01
-    curvature_walk_1_m_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.02
-    steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
-    actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
-    """Lag of the wheel behind the command, if known."""
-    speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
-    speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
-
-    @model_validator(mode="after")
-    def _refuse_an_empty_range_of_speeds(self) -> Self:
-        if self.speed_m_s_max <= self.speed_m_s_min:
-            raise ValueError(
-                f"speed_m_s_max = {self.speed_m_s_max:g} must be above"
-                f" speed_m_s_min = {self.speed_m_s_min:g}"
-            )
-        return self
-
-
-FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
-"""The point of the vehicle that a law holds on the path."""
-
-
-class FeedForwardSettings(Settings):
-    """[feed_forward]: adds to any law the steady-state steer of the curve given by the map."""
-
-    gain: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
-    """Share of the nominal vehicle's steady-state steer."""
 
 
 NominalModelSettings = Annotated[

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS, SteeringStatusCode
 from ..interface.law import History, LoopDelay
-from .freshness import AgeLimits
+from ..supervision import AgeLimits
 from .loop_delay import NO_DELAY, DelayState, LoopDelayParams, delay_of, delay_step, unwrapped
 from .plan import copy_row, hold
 from .sensor_rate import NO_RATE, RateState, rate_step

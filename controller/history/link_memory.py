@@ -6,7 +6,7 @@ from typing import Any
 from ...dbc.messages import LateralError, PathAhead, SteeringStatus
 from ...runtime.node import NS_PER_S
 from ..interface.law import LoopDelay
-from .freshness import AgeLimits
+from ..supervision import AgeLimits
 from .history import (
     NO_COMMANDS,
     NO_ECHOES,

@@ -18,10 +18,29 @@ taken at any time in it. The mean is at first that of all echoes; then it forget
 constant, to follow a network that changes.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import Settings
 
 _OFFSET_STEP_NS_MAX = 1_000_000_000
 """An offset this far from the mean is not a latency: a sender has restarted."""
+
+
+class LinkSettings(Settings):
+    """[link]: the period of the plant's sensors, and the measurement of the delay."""
+
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    """Period of the plant's LATERAL_ERROR; the default is the DBC's cycle time."""
+    delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
+    """Time constant for averaging the delays measured by echoes."""
+
+    @property
+    def sensor_period_s(self) -> float:
+        """The sensors' period [s]."""
+        return self.sensor_period_ms * 1e-3
 
 
 class LoopDelayParams(NamedTuple):
@@ -30,6 +49,15 @@ class LoopDelayParams(NamedTuple):
     period_ns: int
     sensor_period_ns: int
     averaging_samples: float
+
+
+def loop_delay_params(table: LinkSettings, rate_hz: float) -> LoopDelayParams:
+    """Return the parameters of the measurement."""
+    return LoopDelayParams(
+        round(NS_PER_S / rate_hz),
+        round(table.sensor_period_ms * NS_PER_MS),
+        max(1.0, table.delay_averaging_s / table.sensor_period_s),
+    )
 
 
 class DelayState(NamedTuple):

@@ -1,4 +1,4 @@
-"""Limits on angle and rate that every steering command passes before it is sent, under any law.
+"""[limits]: bounds on angle and rate that every command passes before it is sent, under any law.
 
     lo = max(−steer_rad_max, last − step_rad_max)
     hi = min(+steer_rad_max, last + step_rad_max)      step_rad_max = rate limit · period
@@ -8,7 +8,27 @@ failure and falls back to HOLDING. The step functions are plain arithmetic on fl
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from ...dbc.messages import SteeringCommand
+from ...dbc.messages import limits as signal_limits
+from ...runtime.node import NS_PER_S
+from ...runtime.settings import Settings
+
+
+class LimitSettings(Settings):
+    """Limits on every command, under any law.
+
+    ``steer_rad_max``         to either side, within the range of the command's signal [rad]
+    ``steer_rate_rad_s_max``  [rad/s]
+    """
+
+    steer_rad_max: Annotated[
+        float, Field(gt=0.0, le=signal_limits(SteeringCommand)["steer_rad"].maximum)
+    ] = 0.6
+    steer_rate_rad_s_max: Annotated[float, Field(gt=0.0, le=1000.0)] = 2.0
 
 
 class SteerLimits(NamedTuple):
@@ -20,6 +40,12 @@ class SteerLimits(NamedTuple):
 
     steer_rad_max: float
     step_rad_max: float
+
+
+def steer_limits_of(table: LimitSettings, period_ns: int) -> SteerLimits:
+    """Return the bounds of one command."""
+    step_rad_max = table.steer_rate_rad_s_max * period_ns / NS_PER_S
+    return SteerLimits(table.steer_rad_max, step_rad_max)
 
 
 def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -> float:

@@ -45,7 +45,7 @@ from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput, LoopDelay
 from ..interface.law_record import Law, LookingBack
-from .design import FADE_RAD_S, loop_delay_params, steady_steer, vehicle_of
+from .design import FADE_RAD_S, steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def design_delayed_set_point(settings: "LawSettings") -> DelayedSetPointParams:
     return DelayedSetPointParams(
         design_pd(settings.pd, period_s),
         steady_steer(vehicle_of(settings)),
-        loop_delay_params(settings),
+        settings.loop_delay,
         table.proportional_gain,
         table.integral_gain_1_s * period_s,
         -1.0 if table.delay_s is None else table.delay_s / period_s,

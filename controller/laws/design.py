@@ -5,11 +5,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ...dbc.messages import LawNumber
-from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
-from ..history.loop_delay import LoopDelayParams
 from ..interface.law_record import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..prediction.gains import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
@@ -174,7 +172,7 @@ def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesig
     gains_of_pd = required(settings.pd)
     pd, loop_delay, params_at = (
         design_pd(gains_of_pd, period_s),
-        loop_delay_params(settings),
+        settings.loop_delay,
         law.params_at,
     )
 
@@ -222,16 +220,6 @@ def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadyStee
     wheelbase_m = l_f + l_r
     understeer_s2_m = vehicle.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
     return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
-
-
-def loop_delay_params(settings: "LawSettings") -> LoopDelayParams:
-    """Return the parameters of the delay measurement."""
-    table = settings.link
-    return LoopDelayParams(
-        round(NS_PER_S / settings.rate_hz),
-        round(table.sensor_period_ms * NS_PER_MS),
-        max(1.0, table.delay_averaging_s / table.sensor_period_s),
-    )
 
 
 def vehicle_of(settings: "LawSettings") -> VehicleModelSettings:

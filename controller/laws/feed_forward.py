@@ -20,12 +20,22 @@ the whole command from the history, because it predicts the effect of all comman
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
 
 from ...runtime.record import new_record
+from ...runtime.settings import Settings
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput, VehicleReading
 from ..interface.law_record import LawStep
+
+
+class FeedForwardSettings(Settings):
+    """[feed_forward]: adds to any law the steady-state steer of the curve given by the map."""
+
+    gain: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
+    """Share of the nominal vehicle's steady-state steer."""
 
 
 class SteadySteer(NamedTuple):

@@ -24,12 +24,15 @@ followed point (``controller.prediction.gains``). Only the law it falls back to 
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from ..filters.settings import FollowedPoint, VehicleModelSettings
+from ..filters.settings import VehicleModelSettings
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput, VehicleReading
 from ..interface.law_record import LawPlan, LawStep
+
+FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
+"""The point of the vehicle that a law holds on the path."""
 
 
 class SetPoint(NamedTuple):

@@ -45,7 +45,7 @@ from ..prediction.measured_vehicle import (
     nothing_measured,
 )
 from ..prediction.prediction import horizon_samples, predict, steer_for
-from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, loop_delay_params, vehicle_of
+from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, vehicle_of
 from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
@@ -193,7 +193,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     }
     gains_at = together(schedules.values())
     places = [list(schedules).index(choice) for choice in choices]
-    loop_delay = loop_delay_params(settings)
+    loop_delay = settings.loop_delay
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
     horizon_samples_max = table.horizon_s_max / sensor_period_s

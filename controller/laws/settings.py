@@ -25,18 +25,18 @@ from ...runtime.settings.mistakes import Schema, schema_of
 from ..filters.settings import (
     CdobSettings,
     DobSettings,
-    EstimatorSettings,
-    FeedForwardSettings,
-    FollowedPoint,
-    LinkSettings,
     NominalModelSettings,
     PdSettings,
     VehicleModelSettings,
 )
 from ..filters.transfer_function import TransferFunction
+from ..history.loop_delay import LinkSettings, LoopDelayParams, loop_delay_params
 from ..interface.law_record import Law
 from ..interface.validity import ValiditySettings
+from ..prediction.gains import EstimatorSettings
 from . import LAWS
+from .feed_forward import FeedForwardSettings
+from .followed_point import FollowedPoint
 from .plugin import NoLawError, find_plugin_law, place_of
 
 _Table = TypeVar("_Table", bound=Settings)
@@ -131,6 +131,11 @@ class LawSettings(_TablesOfLaws):
     def period_s(self) -> float:
         """The control period [s]."""
         return 1.0 / self.rate_hz
+
+    @property
+    def loop_delay(self) -> LoopDelayParams:
+        """The parameters of the measurement of the delay."""
+        return loop_delay_params(self.link, self.rate_hz)
 
     @property
     def model(self) -> TransferFunction | None:

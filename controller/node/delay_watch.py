@@ -20,9 +20,8 @@ from typing import Any
 
 from ...dbc.messages import DelayStatus, EchoState, EstimateState, limits
 from ...runtime.node import NS_PER_S
-from ..delay_estimation.delay_settings import delay_estimation_of
-from ..delay_estimation.estimation import DelayEstimationParams, DelayEstimator
-from ..settings import ControllerSettings, age_limits_of
+from ..delay_estimation.estimation import DelayEstimationParams, DelayEstimator, delay_estimation_of
+from ..settings import ControllerSettings
 from .received import Received
 
 _LIMITS = limits(DelayStatus)
@@ -143,5 +142,5 @@ def delay_watch_of(settings: ControllerSettings) -> DelayWatch:
     averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
     return DelayWatch(
         delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),
-        EchoDelay(settings.period_ns, averaging_ns, age_limits_of(settings).steering_status_ns),
+        EchoDelay(settings.period_ns, averaging_ns, settings.age_limits.steering_status_ns),
     )

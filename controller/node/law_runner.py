@@ -14,8 +14,8 @@ from ..history.link_memory import BusHistory
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
 from ..interface.limits import ramp_step
 from ..interface.validity import share_of_demand
-from ..laws.design import design_law, loop_delay_params
-from ..settings import ControllerSettings, age_limits_of
+from ..laws.design import design_law
+from ..settings import ControllerSettings
 from .received import Received
 
 FAILURES_MAX = 1
@@ -37,8 +37,8 @@ class LawRunner:
         self.design = design_law(settings)
         self.memory = (
             BusHistory(
-                loop_delay_params(settings),
-                age_limits_of(settings),
+                settings.loop_delay,
+                settings.age_limits,
                 keeps_plans=self.design.plan is not None,
             )
             if self.design.looks_back

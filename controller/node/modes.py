@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from ...dbc.messages import Mode
+from ...runtime.node import NS_PER_MS
+from ..settings import ControllerSettings
 
 
 class Supervision(NamedTuple):
@@ -31,6 +33,16 @@ class Supervision(NamedTuple):
     measurement_timeout_ns: int
     hold_ns: int
     recovery_frames: int
+
+
+def supervision_of(settings: ControllerSettings) -> Supervision:
+    """Return the parameters of the mode table."""
+    table = settings.supervision
+    return Supervision(
+        measurement_timeout_ns=settings.age_limits.lateral_error_ns,
+        hold_ns=round(table.hold_ms * NS_PER_MS),
+        recovery_frames=table.recovery_frames,
+    )
 
 
 class ModeState(NamedTuple):

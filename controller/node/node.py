@@ -35,12 +35,12 @@ from ...runtime.record import new_record
 from ..interface.law import VehicleReading
 from ..interface.limits import limit_name, limit_step, ramp_step
 from ..interface.validity import NOT_FORWARD_M_S
-from ..settings import ControllerSettings, limits_of, supervision_of
+from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
-from .modes import Supervisor
+from .modes import Supervisor, supervision_of
 from .received import RECEIVED, SENT, Received
 from .run_figures import RunFigures
 from .safety import SafetyFacts
@@ -76,7 +76,7 @@ class ControllerNode:
         self._period_s = settings.period_ns / NS_PER_S
         self._rate_hz = NS_PER_S / settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
-        self._limits = limits_of(settings)
+        self._limits = settings.steer_limits
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self.deadline_ns = start_ns

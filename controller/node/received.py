@@ -18,9 +18,9 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...dbc.reception import Reception
-from ..history.freshness import freshness
 from ..interface.law import NO_VEHICLE, VehicleReading
-from ..settings import ControllerSettings, age_limits_of, counters_of
+from ..settings import ControllerSettings
+from ..supervision import freshness
 
 SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """The messages without which the controller falls back."""
@@ -45,9 +45,9 @@ class Received:
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
-        self.reception = Reception(RECEIVED, counters_of(settings), SENT)
+        self.reception = Reception(RECEIVED, settings.counters, SENT)
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
-        self._limits = age_limits_of(settings)
+        self._limits = settings.age_limits
         self._vehicle_limit_ns = self._limits.vehicle_state_ns
         self.lateral_error_m = 0.0
         self.vehicle = NO_VEHICLE

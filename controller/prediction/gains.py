@@ -22,13 +22,14 @@ from steer to lateral acceleration goes with V², and nothing is known of the lo
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from math import log
-from typing import NamedTuple
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from ...runtime.record import new_record
-from ...runtime.settings import SettingsError
-from ..filters.settings import EstimatorSettings, VehicleModelSettings
+from ...runtime.settings import Settings, SettingsError
+from ..filters.settings import VehicleModelSettings
 from .estimator import VehicleGains
 from .held_input import held_over
 from .matrices import UnsolvableError, feedback_gain, filter_gain
@@ -41,6 +42,33 @@ SPEED_M_S_MAX = 82.0
 _MEASURED = (Y, PSI)
 _FREE = (BETA, R, PSI, Y)
 _FILTERED = (BETA, R, PSI, Y, RHO, D)
+
+
+class EstimatorSettings(Settings):
+    """[estimator]: noise that the Kalman filter assumes, and speeds for which it is designed.
+
+    Noise densities are standard deviations after one second; those of measurements are per sample.
+    """
+
+    lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
+    heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
+    side_slip_noise_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.001
+    yaw_rate_noise_rad_s_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.01
+    curvature_walk_1_m_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.02
+    steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
+    actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """Lag of the wheel behind the command, if known."""
+    speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
+    speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
+
+    @model_validator(mode="after")
+    def _refuse_an_empty_range_of_speeds(self) -> Self:
+        if self.speed_m_s_max <= self.speed_m_s_min:
+            raise ValueError(
+                f"speed_m_s_max = {self.speed_m_s_max:g} must be above"
+                f" speed_m_s_min = {self.speed_m_s_min:g}"
+            )
+        return self
 
 
 class SampledVehicle(NamedTuple):

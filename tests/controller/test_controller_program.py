@@ -10,8 +10,9 @@ import pytest
 
 from steer_by_wire.controller.analysis import check, check_figures
 from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.node.modes import supervision_of
 from steer_by_wire.controller.program import check_main, main
-from steer_by_wire.controller.settings import PRESETS, ControllerSettings, limits_of, supervision_of
+from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
@@ -86,7 +87,7 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
         "limits.steer_rate_rad_s_max=0.5",
         "supervision.measurement_timeout_ms=12.5",
     )
-    assert limits_of(settings).step_rad_max == pytest.approx(0.0025)
+    assert settings.steer_limits.step_rad_max == pytest.approx(0.0025)
     assert supervision_of(settings).measurement_timeout_ns == 12_500_000
 
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.history.freshness import NO_LIMIT_NS, AgeLimits
 from steer_by_wire.controller.interface.law import LawOutput
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.safety import INTERVAL_NS
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.supervision import NO_LIMIT_NS, AgeLimits
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -186,7 +186,7 @@ def test_a_law_that_fails_again_is_reported_as_a_fault(monkeypatch: pytest.Monke
 
 def test_age_limits_follow_from_the_fault_tolerant_time_or_are_given() -> None:
     def of(**supervision: object) -> AgeLimits:
-        return age_limits_of(controller_settings(supervision=supervision))
+        return controller_settings(supervision=supervision).age_limits
 
     assert of() == AgeLimits(135 * MS_NS, 135 * MS_NS, 135 * MS_NS)
     given = of(steering_status_timeout_ms=40.0, vehicle_state_timeout_ms=60.0)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from steer_by_wire.controller.delay_estimation.delay_settings import (
+from steer_by_wire.controller.delay_estimation.estimation import (
     DelayEstimationSettings,
     delay_estimation_of,
 )

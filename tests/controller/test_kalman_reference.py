@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
@@ -18,6 +18,7 @@ from steer_by_wire.controller.prediction.estimator import (
     model_step,
 )
 from steer_by_wire.controller.prediction.gains import (
+    EstimatorSettings,
     design_schedule,
     noise_covariances,
     sampled_vehicles,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
@@ -20,6 +20,7 @@ from steer_by_wire.controller.prediction.estimator import (
     start_estimate,
 )
 from steer_by_wire.controller.prediction.gains import (
+    EstimatorSettings,
     Feedback,
     design_schedule,
     sampled_vehicles,

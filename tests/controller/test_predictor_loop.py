@@ -19,7 +19,7 @@ from steer_by_wire.controller.analysis.predictor_loop import (
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.laws.design import design_law, loop_delay_params
+from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from tests.support.straight_runs import PUSH, decay_1_s, run_straight
 
@@ -39,7 +39,12 @@ def loop_of(
 ) -> PredictorLoop:
     settings, rig = controller(*overrides), Rig(vehicle, lag_s, uplink_ns)
     answers = answers_of(overrides)
-    return PredictorLoop(design_law(settings), loop_delay_params(settings), rig, answers=answers)
+    return PredictorLoop(
+        design_law(settings),
+        settings.loop_delay,
+        rig,
+        answers=answers,
+    )
 
 
 @cache
@@ -114,7 +119,7 @@ def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
     settings, vehicle = controller(), paper_box().nominal
     design, model = design_law(settings), steer_to_lateral_error(vehicle)
     classical = SampledLoop(design, model, settings.period_ns)
-    loop = PredictorLoop(design, loop_delay_params(settings), Rig(vehicle))
+    loop = PredictorLoop(design, settings.loop_delay, Rig(vehicle))
     for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
         expected = classical.closed_loop_poles(delay_ns)
         found = loop.closed_loop_poles(delay_ns)
@@ -153,7 +158,11 @@ def test_periods_of_their_own_are_one_period_together(
 def test_periods_without_a_common_multiple_are_refused() -> None:
     settings = controller(*PREDICTOR, "rate_hz=99")
     with pytest.raises(ValueError, match="no common multiple"):
-        PredictorLoop(design_law(settings), loop_delay_params(settings), Rig(paper_box().nominal))
+        PredictorLoop(
+            design_law(settings),
+            settings.loop_delay,
+            Rig(paper_box().nominal),
+        )
 
 
 def test_a_loop_that_grows_has_no_noise_gain() -> None:

@@ -12,7 +12,7 @@ from steer_by_wire.controller.laws import predictor as predictor_module
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import horizon_samples
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
@@ -110,7 +110,7 @@ def test_without_echoes_the_law_is_pd_ddob_and_neither_change_is_a_jump() -> Non
     _, hears = run(plant(*network), settings)
     predicts = np.array([s.law_output.network_disturbance_rad == 0.0 for s in deaf.samples])
     times_s = np.array([s.time_ns for s in deaf.samples]) * 1e-9
-    timeout_s = 1e-9 * age_limits_of(settings).steering_status_ns
+    timeout_s = 1e-9 * settings.age_limits.steering_status_ns
     assert predicts[(times_s > 1.0) & (times_s < 6.0 + timeout_s - 0.05)].all()
     settles_s = 1.0  # the filter has started anew, and is not believed at once
     assert not predicts[(times_s > 6.0 + timeout_s + 0.05) & (times_s < 10.0 + settles_s)].any()

@@ -9,9 +9,7 @@ from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.controller.node.received import RECEIVED as CONTROLLER_RECEIVES
 from steer_by_wire.controller.node.received import SUPERVISED
 from steer_by_wire.controller.settings import (
-    age_limits_of,
     controller_preset,
-    counters_of,
 )
 from steer_by_wire.dbc.codec.protection import protect
 from steer_by_wire.dbc.contract.dbc_file import load_database
@@ -152,7 +150,7 @@ def test_no_message_follows_its_last_sooner_than_its_sender_can_send_it() -> Non
 def test_a_receiver_times_out_when_our_nodes_do() -> None:
     assert DATABASE.dbc is not None
     guard = design_guard(PlantSettings().safety, PlantSettings().vehicle, PlantSettings().actuator)
-    limits = age_limits_of(CONTROLLER)
+    limits = CONTROLLER.age_limits
     expected_ns = {
         ("PLANT", CAN_IDS[SteeringCommand]): guard.silence_ns,
         ("PLANT", CAN_IDS[SteeringPlan]): guard.silence_ns,
@@ -190,7 +188,7 @@ def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
         if message_type in DATA_IDS:
             assert found["E2EDataLength"] == 8 * definition.length
             is_received = message_type in CONTROLLER_RECEIVES
-            rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
+            rule = CONTROLLER.counters if is_received else PlantSettings().counters
             period_ns = cycle_ns(message_type)
             assert found["E2EMaxDeltaCounter"] == rule.step_max(period_ns, rule.resync_ns)
         else:

@@ -16,8 +16,14 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.filters.settings import EstimatorSettings, VehicleModelSettings
-from steer_by_wire.controller.prediction.gains import PSI, Y, noise_covariances, sampled_vehicles
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.controller.prediction.gains import (
+    PSI,
+    EstimatorSettings,
+    Y,
+    noise_covariances,
+    sampled_vehicles,
+)
 
 Matrix = NDArray[np.float64]
 

@@ -23,9 +23,9 @@ from steer_by_wire.controller.filters.settings import (
     VehicleModelSettings,
 )
 from steer_by_wire.controller.interface.law import LawInput
-from steer_by_wire.controller.interface.limits import limit_step
+from steer_by_wire.controller.interface.limits import LimitSettings, limit_step
 from steer_by_wire.controller.laws.design import design_law
-from steer_by_wire.controller.settings import ControllerSettings, LimitSettings, limits_of
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency import Distribution
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
@@ -159,7 +159,7 @@ def plant_settings(latency: Latency, corner: Corner) -> PlantSettings:
 
 def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
     """RMS of the loop without nodes, frames and quantisation."""
-    design, limits = design_law(controller), limits_of(controller)
+    design, limits = design_law(controller), controller.steer_limits
     motion = Motion(motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance))
     line: LatencyLine[float] = LatencyLine(
         plant.latency.downlink,

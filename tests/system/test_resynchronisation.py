@@ -3,7 +3,7 @@
 import pytest
 
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings, resync_ns_of
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.codec.protection import SequenceResult
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.steering.settings import SafetySettings
@@ -36,14 +36,14 @@ def test_the_silence_counts_from_the_newest_accepted_frame_and_the_run_is_not_lo
 
 
 def test_the_times_follow_from_the_fault_tolerant_time() -> None:
-    assert resync_ns_of(controller_settings(supervision={})) == 145 * MS_NS + 1
+    assert controller_settings(supervision={}).counters.resync_ns == 145 * MS_NS + 1
     assert plant_resync_ns_of(SafetySettings()) == 140 * MS_NS + 1
     short = controller_settings(supervision={"fault_tolerant_time_ms": 100.0})
-    assert resync_ns_of(short) == 95 * MS_NS + 1
+    assert short.counters.resync_ns == 95 * MS_NS + 1
     assert plant_resync_ns_of(SafetySettings(ftti_ms=100.0)) == 90 * MS_NS + 1
     assert plant_resync_ns_of(SafetySettings(ftti_ms="off")) == 0
     unlimited = controller_settings(supervision={"vehicle_state_timeout_ms": "off"})
-    assert resync_ns_of(unlimited) == 145 * MS_NS + 1
+    assert unlimited.counters.resync_ns == 145 * MS_NS + 1
 
 
 def test_a_setting_of_zero_or_more_is_wanted() -> None:

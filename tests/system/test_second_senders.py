@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair
-from steer_by_wire.controller.settings import controller_preset, counters_of
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec.protection import SequenceRule
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -32,7 +32,7 @@ from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")
 PLANT = PlantSettings(duration_s=6.0)
-COMMANDS, MEASUREMENTS = PLANT.counters, counters_of(CONTROLLER)
+COMMANDS, MEASUREMENTS = PLANT.counters, CONTROLLER.counters
 WARM_UP, ATTACK = 100, 60
 TRUE, FALSE = 0.1, 0.5
 """What the true and the false sender send."""

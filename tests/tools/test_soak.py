@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.processes import children_of
-from steer_by_wire.controller.settings import controller_preset, supervision_of
+from steer_by_wire.controller.node.modes import supervision_of
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel

@@ -20,8 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from ...controller.filters.settings import EstimatorSettings, VehicleModelSettings
-from ...controller.prediction.gains import PSI, Y, noise_covariances, sampled_vehicles
+from ...controller.filters.settings import VehicleModelSettings
+from ...controller.prediction.gains import (
+    PSI,
+    EstimatorSettings,
+    Y,
+    noise_covariances,
+    sampled_vehicles,
+)
 from ...runtime.array_types import FloatArray
 
 VEHICLE_STATES = (

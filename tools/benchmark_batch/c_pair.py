@@ -12,7 +12,7 @@ from ...closed_loop.compiled.motion import compiled_motion
 from ...closed_loop.compiled.schedule import Plan
 from ...controller.analysis.linear_system import floats_of
 from ...controller.laws.design import design_law
-from ...controller.settings import ControllerSettings, limits_of
+from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
@@ -87,7 +87,7 @@ class CPair:
     ) -> None:
         """Prepare a run of pd_ddob whose sensors never pause, from a vehicle at rest."""
         motion = compiled_motion(plant)
-        steer = limits_of(controller)
+        steer = controller.steer_limits
         resolution_m = resolutions(LateralError)["lateral_error_m"]
         self._function = library.run_pair
         self._run = _Run(

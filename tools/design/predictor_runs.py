@@ -16,7 +16,7 @@ from ...closed_loop.compiled.schedule import Plan, plan_run
 from ...controller.analysis.looking_back import Rig
 from ...controller.analysis.predictor_loop import PredictorLoop, linear
 from ...controller.filters.nominal_model import NominalVehicle
-from ...controller.laws.design import design_law, loop_delay_params
+from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency import Distribution
 from ...plant_emulator.network.settings import LatencySettings
@@ -133,7 +133,10 @@ def steer_noise_rad(task: Task, settings: ControllerSettings, without: Sequence[
 
 def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequence[int]) -> float:
     """Return the largest peak sensitivity over all vehicles; infinite where one is not stable."""
-    design, loop_delay = design_law(linear(settings)), loop_delay_params(settings)
+    design, loop_delay = (
+        design_law(linear(settings)),
+        settings.loop_delay,
+    )
     loops = [PredictorLoop(design, loop_delay, Rig(vehicle)) for vehicle in task.vehicles]
     return max(
         loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf

@@ -23,7 +23,7 @@ from ...controller.filters.settings import VehicleModelSettings
 from ...controller.interface.law import LawInput
 from ...controller.interface.limits import limit_step
 from ...controller.laws.design import design_law
-from ...controller.settings import ControllerSettings, controller_preset, limits_of
+from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.path.settings import StraightSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion import Motion
@@ -54,7 +54,7 @@ def reference_step(
 
     ``delay_s``  of the command, rounded to whole control periods
     """
-    design, limits = design_law(controller), limits_of(controller)
+    design, limits = design_law(controller), controller.steer_limits
     motion = Motion(
         motion_params(plant.vehicle, plant.actuator, StraightSettings(), plant.disturbance)
     )

@@ -32,7 +32,7 @@ from ...controller.filters.nominal_model import paper_eq19
 from ...controller.filters.pd import pd_at_rest, pd_step
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.interface.limits import limit_step
-from ...controller.settings import ControllerSettings, controller_preset, limits_of
+from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import Law
@@ -59,7 +59,7 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
 
     ``delay_s``  rounded to whole control periods
     """
-    period_s, limits, model = controller.period_s, limits_of(controller), paper_eq19()
+    period_s, limits, model = controller.period_s, controller.steer_limits, paper_eq19()
     pd = design_pd(controller.pd, period_s)
     dob = None if controller.dob is None else design_dob(controller.dob, model, period_s)
     cdob = None if controller.cdob is None else design_cdob(controller.cdob, model, period_s)

@@ -19,7 +19,6 @@ from ...closed_loop.studies.result_reader import (
     case_of,
     read_overrides,
 )
-from ...controller.settings import limits_of
 from ...plant_emulator.evaluation.verdict import Verdict
 
 COUNT = 10
@@ -94,5 +93,5 @@ def _again(study: StudyRecord, rows: Rows, row: int, overrides: dict[str, Any]) 
         controller=controller,
         verdict=VERDICTS[int(rows.verdict[row])],
         run=run_batch(pair.plant, pair.controller),
-        steer_rad_max=limits_of(pair.controller).steer_rad_max,
+        steer_rad_max=pair.controller.steer_limits.steer_rad_max,
     )

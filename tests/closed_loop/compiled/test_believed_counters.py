@@ -5,7 +5,7 @@ import pytest
 from steer_by_wire.closed_loop.compiled.law_input import Uplink
 from steer_by_wire.closed_loop.compiled.schedule import arrivals_of
 from steer_by_wire.closed_loop.compiled.steps import register_steps
-from steer_by_wire.controller.settings import controller_preset, counters_of
+from steer_by_wire.controller.settings import controller_preset
 from tests.support.compiled_runs import plant_settings
 
 SAMPLES = 6000
@@ -29,7 +29,7 @@ def test_where_the_newest_wins_all_that_arrives_is_believed(
     register_steps()
     line = {"model": model, "mean_s": mean_s, "spread_s": spread_s, "loss": loss}
     plant = plant_settings([f"latency.uplink.{key}={value}" for key, value in line.items()])
-    rule = counters_of(controller_preset("practical_pd_ddob"))
+    rule = controller_preset("practical_pd_ddob").counters
     accepted = [
         arrivals_of(message, plant, one, SAMPLES, 0).arrival_ns.tolist()
         for message in Uplink

@@ -16,7 +16,7 @@ from steer_by_wire.controller.interface.law import LawInput, VehicleReading
 from steer_by_wire.controller.laws.design import FADE_RAD_S, design_law
 from steer_by_wire.controller.node.control_sample import ControlSample
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, VehicleState
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -66,7 +66,7 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:
             is_active[segment.first_tick : segment.last_tick] = True
-    limits_ns = age_limits_of(controller)
+    limits_ns = controller.age_limits
     is_stale = age_ns(wire, Uplink.VEHICLE_STATE, plan) > limits_ns.vehicle_state_ns
     is_late = age_ns(wire, Uplink.STEERING_STATUS, plan) > limits_ns.steering_status_ns
     # The run is meaningful: while the law steers, either message goes stale, and with short limits

@@ -17,7 +17,7 @@ import numpy as np
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.network import Frames, passages
 from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
-from steer_by_wire.controller.settings import ControllerSettings, limits_of
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.random_streams import Channel
 from steer_by_wire.plant_emulator.network.settings import Order
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -112,7 +112,7 @@ def on_grid(plant: PlantSettings, controller: ControllerSettings, plan: Plan) ->
 
 
 def _is_limited(run: BatchRun, controller: ControllerSettings) -> bool:
-    limits = limits_of(controller)
+    limits = controller.steer_limits
     steps_rad = np.abs(np.diff(run.sent_rad, prepend=0.0))
     return bool(
         np.any(np.abs(run.sent_rad) >= _AT_LIMIT * limits.steer_rad_max)

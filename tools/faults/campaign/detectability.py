@@ -18,10 +18,10 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ....controller.history.freshness import NO_LIMIT_NS
 from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from ....controller.node.node import STATUS_PERIOD_NS
-from ....controller.settings import ControllerSettings, age_limits_of, counters_of
+from ....controller.settings import ControllerSettings
+from ....controller.supervision import NO_LIMIT_NS
 from ....dbc.codec.protection import COUNTERS, SequenceRule
 from ....dbc.messages import MESSAGE_TYPES
 from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE, bits_of
@@ -127,14 +127,14 @@ class Expectation(NamedTuple):
 def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
     """Return what the mechanisms of a pair can detect."""
     guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
-    ages = (age for age in age_limits_of(controller) if age != NO_LIMIT_NS)
+    ages = (age for age in controller.age_limits if age != NO_LIMIT_NS)
     return Sight(
         max(guard.silence_ns, *ages) / NS_PER_S,
         min(row.reach_rad for row in guard.limiter.rows),
         controller.period_ns / NS_PER_S,
         plant.sensor_period_ns / NS_PER_S,
         plant.counters,
-        counters_of(controller),
+        controller.counters,
         plant.latency.downlink.spread_s > 0.0,
     )
 

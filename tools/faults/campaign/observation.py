@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from ....controller.settings import ControllerSettings, limits_of
+from ....controller.settings import ControllerSettings
 from ....dbc import messages
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.plan_buffer import PLAN_VALUES
@@ -42,7 +42,7 @@ class Bounds(NamedTuple):
 
 def bounds_of(plant: PlantSettings, controller: ControllerSettings) -> Bounds:
     """Return the bounds that the settings promise, with a step of the wire's resolution."""
-    limits = limits_of(controller)
+    limits = controller.steer_limits
     angle = plant.safety.angle_rad_max
     return Bounds(
         limits.steer_rad_max + _RESOLUTION_RAD,

@@ -23,7 +23,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from ....controller.settings import ControllerSettings, limits_of
+from ....controller.settings import ControllerSettings
 from ....dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStatusCode, resolutions
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
@@ -97,7 +97,7 @@ def way_of(
     control_period_s = controller.period_ns / NS_PER_S
     sensor_period_s = plant.sensor_period_ns / NS_PER_S
     table = controller.supervision
-    step_rad = limits_of(controller).step_rad_max
+    step_rad = controller.steer_limits.step_rad_max
     played_rad = step_rad * sensor_period_s / control_period_s
     latency_s = 1e-3 * (point.downlink_ms + point.uplink_ms + 2.0 * SIGMAS * point.jitter_ms)
     return Way(
