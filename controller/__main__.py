@@ -1,16 +1,16 @@
-"""Starts the program ``steering-controller``: ``controller.program``."""
+"""Starts the program ``steer-by-wire controller``: ``controller.program``."""
 
 import sys
 from collections.abc import Sequence
 
 from steer_by_wire.runtime.command_line import start_program
 
-NAME = "steering-controller"
+NAME = "steer-by-wire controller"
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program under the name ``name``; returns its exit status."""
-    return start_program("steer_by_wire.controller.program", arguments, name)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return start_program("steer_by_wire.controller.program", arguments, NAME)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Program ``steering-controller``: the controller on a CAN bus, at a fixed rate, in real time.
+"""Program ``steer-by-wire controller``: the controller on a CAN bus, at a fixed rate, in real time.
 
-steering-controller --preset practical_pd_ddob -i socketcan -c vcan0
-steering-controller --preset practical_pd_ddob --rate-hz 200 --check
+steer-by-wire controller --preset practical_pd_ddob -i socketcan -c vcan0
+steer-by-wire controller --preset practical_pd_ddob --rate-hz 200 --check
 """
 
 import argparse
@@ -32,19 +32,19 @@ from .node.quantities import QUANTITIES, verdict_text
 from .node.summary import controller_summary
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle, sparse_measurements
 
-NAME = "steering-controller"
+NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program under the name ``name``; returns its exit status."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
     parser = make_parser(
-        name,
+        NAME,
         "Holds a vehicle on its path at a fixed rate, over a CAN bus.",
-        f"{name} --preset practical_pd_ddob",
+        f"{NAME} --preset practical_pd_ddob",
         PRESETS,
     )
     _add_law_arguments(parser)
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     parser.set_defaults(json=False)
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
-    return run_main(name, partial(_run, name, parser.parse_args(arguments)))
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def check_main(arguments: Sequence[str] | None = None) -> int:
@@ -94,24 +94,24 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
 
 
-def _run(name: str, options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     if options.check:
         if options.fail_if:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
-        return _check(name, options)
-    asked = _settings(name, options)
+        return _check(NAME, options)
+    asked = _settings(NAME, options)
     settings = on_bus(asked, takes_fd=bool(getattr(options, "fd", False) or options.key_file))
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
-        say(name, f"single commands, law {settings.law}: {why}", sys.stderr)
+        say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)
     return run_secured_node(
-        name,
+        NAME,
         options,
         settings,
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         (*RECEIVED, *SENT),
-        partial(conclude, name, settings),
+        partial(conclude, settings),
         ENDING,
     )
 
@@ -143,21 +143,21 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
     )
 
 
-def conclude(name: str, settings: ControllerSettings, node: ControllerNode) -> None:
+def conclude(settings: ControllerSettings, node: ControllerNode) -> None:
     """Summarise the run, and report settings that contradict the measurements."""
     report = node.report()
     for heading, text in controller_summary(report):
-        say(name, f"{heading} {text}")
+        say(NAME, f"{heading} {text}")
     age_s = report["sample_age"]["mean_s"]
     # Of as many measurements as ticks, the newest is never older than a period; of few, it is half
     # a sensor period old on average.
     is_rare = age_s * settings.rate_hz > 1.5
     if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
-        say(name, warning, sys.stderr)
+        say(NAME, warning, sys.stderr)
     seen = report["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(
-            name,
+            NAME,
             f"the plant's sensor period was about {1e3 * seen['measured_s']:.3g} ms, but "
             f"link.sensor_period_ms = {1e3 * seen['setting_s']:g}: the law did without the delay",
             sys.stderr,

@@ -7,7 +7,7 @@ It answers every LATERAL_ERROR with a STEERING_COMMAND: PD with a filtered deriv
 
 ::
 
-    plant-emulator -i socketcan -c vcan0 --set duration_s=20
+    steer-by-wire plant -i socketcan -c vcan0 --set duration_s=20
     python examples/foreign_controller.py dbc/steer_by_wire.dbc -i socketcan -c vcan0
 """
 

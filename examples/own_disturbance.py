@@ -4,7 +4,7 @@
 ::
 
     python examples/own_disturbance.py
-    PYTHONPATH=examples plant-emulator --set disturbance.model=own_disturbance:GUSTS
+    PYTHONPATH=examples steer-by-wire plant --set disturbance.model=own_disturbance:GUSTS
 """
 
 from collections.abc import Iterator

@@ -6,7 +6,8 @@ The slow one takes a share of the frames.
 ::
 
     python examples/own_latency_model.py
-    PYTHONPATH=examples plant-emulator --set latency.downlink.model=own_latency_model:TWO_ROUTES
+    PYTHONPATH=examples steer-by-wire plant \\
+        --set latency.downlink.model=own_latency_model:TWO_ROUTES
 """
 
 from pathlib import Path

@@ -10,7 +10,7 @@ In virtual time, beside plain PD:
 ::
 
     python examples/own_law.py
-    PYTHONPATH=examples steering-controller --law own_law:LAW --check
+    PYTHONPATH=examples steer-by-wire controller --law own_law:LAW --check
 """
 
 from pathlib import Path

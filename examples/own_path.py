@@ -4,7 +4,7 @@
 ::
 
     python examples/own_path.py
-    PYTHONPATH=examples plant-emulator --set path.kind=own --set path.model=own_path:SLALOM
+    PYTHONPATH=examples steer-by-wire plant --set path.kind=own --set path.model=own_path:SLALOM
 """
 
 from pathlib import Path

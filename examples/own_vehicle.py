@@ -6,7 +6,7 @@ Beside the linear ones of the rig.
 ::
 
     python examples/own_vehicle.py
-    PYTHONPATH=examples plant-emulator --set vehicle.model=own_vehicle:SATURATING
+    PYTHONPATH=examples steer-by-wire plant --set vehicle.model=own_vehicle:SATURATING
 """
 
 from math import tanh

@@ -1,16 +1,16 @@
-"""Starts the program ``plant-emulator``: ``plant_emulator.program``."""
+"""Starts the program ``steer-by-wire plant``: ``plant_emulator.program``."""
 
 import sys
 from collections.abc import Sequence
 
 from steer_by_wire.runtime.command_line import start_program
 
-NAME = "plant-emulator"
+NAME = "steer-by-wire plant"
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program under the name ``name``; returns its exit status."""
-    return start_program("steer_by_wire.plant_emulator.program", arguments, name)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return start_program("steer_by_wire.plant_emulator.program", arguments, NAME)
 
 
 if __name__ == "__main__":

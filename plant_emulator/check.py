@@ -1,4 +1,4 @@
-"""What ``plant-emulator --check`` prints: the settings in effect, and what the rig would do.
+"""What ``steer-by-wire plant --check`` prints: the settings in effect, and what the rig would do.
 
 The text as a whole is a settings file again: all but the settings are TOML comments.
 """

@@ -1,6 +1,6 @@
-"""Program ``plant-emulator``: the rig on a CAN bus, in real time.
+"""Program ``steer-by-wire plant``: the rig on a CAN bus, in real time.
 
-plant-emulator --preset paper_nominal -i socketcan -c vcan0 --set latency.downlink.mean_s=0.08
+steer-by-wire plant --preset paper_nominal -i socketcan -c vcan0 --set latency.downlink.mean_s=0.08
 """
 
 import argparse
@@ -25,16 +25,16 @@ from .node.node import PlantNode
 from .settings import PRESETS, PlantSettings, shared_vehicle
 from .vehicle.motion_design import motion_params
 
-NAME = "plant-emulator"
+NAME = "steer-by-wire plant"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program under the name ``name``; returns its exit status."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
     parser = make_parser(
-        name,
+        NAME,
         "Emulates vehicle, path, actuator and network latency on a CAN bus.",
-        f"{name} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
+        f"{NAME} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
         PRESETS,
     )
     parser.add_argument(
@@ -52,10 +52,10 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
-    return run_main(name, partial(_run, name, parser.parse_args(arguments)))
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
-def _run(name: str, options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(
         PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle)
@@ -67,7 +67,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
     # Without a trace, samples would only take memory.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(
-        name,
+        NAME,
         options,
         settings,
         PLANT,
@@ -75,17 +75,15 @@ def _run(name: str, options: argparse.Namespace) -> int:
             PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
         ),
         (*RECEIVED, *SENT),
-        lambda node: _conclude(name, options, node),
+        partial(_conclude, options),
         ENDING,
     )
 
 
-def _conclude(
-    name: str, options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]
-) -> None:
+def _conclude(options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]) -> None:
     """Write the trace, and print how well the path was held."""
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
     for heading, text in plant_summary(node.report()):
-        say(name, f"{heading} {text}")
+        say(NAME, f"{heading} {text}")

@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
@@ -37,14 +38,34 @@ def command_parser(
     ``example``    commands that work as printed, one a line
     ``arguments``  what the usage shows after the name
     """
-    return argparse.ArgumentParser(
-        prog=name,
-        usage=f"%(prog)s {arguments}",
-        description=(doc or "").partition("\n")[0],
-        epilog="\n  ".join(["example:", *example.splitlines()]),
-        formatter_class=_OneScreen,
-        allow_abbrev=False,
+    return argparse.ArgumentParser(prog=name, **_look(doc, example, arguments))
+
+
+def add_subcommand(
+    parsers: "argparse._SubParsersAction[argparse.ArgumentParser]",
+    name: str,
+    doc: str | None,
+    example: str,
+    arguments: str = "[options]",
+) -> argparse.ArgumentParser:
+    """Add the parser of a subcommand and return it; the arguments are as for command_parser."""
+    return parsers.add_parser(
+        name, help=_first_line(doc).rstrip("."), **_look(doc, example, arguments)
     )
+
+
+def _look(doc: str | None, example: str, arguments: str) -> dict[str, Any]:
+    return {
+        "usage": f"%(prog)s {arguments}",
+        "description": _first_line(doc),
+        "epilog": "\n  ".join(["example:", *example.splitlines()]),
+        "formatter_class": _OneScreen,
+        "allow_abbrev": False,
+    }
+
+
+def _first_line(doc: str | None) -> str:
+    return (doc or "").partition("\n")[0]
 
 
 def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = "") -> None:
@@ -102,13 +123,13 @@ seconds = number(0.0, DURATION_S_MAX, "s", excludes_low=True)
 
 
 def start_program(module: str, arguments: Sequence[str] | None, name: str) -> int:
-    """Import a program and run its ``main(arguments, name)``; returns its exit status.
+    """Import a program and run its ``main(arguments)``; returns its exit status.
 
     The import takes half a second, in which neither Ctrl-C nor a missing library or a damaged DBC
     may cause a traceback.
     """
     try:
-        status: int = importlib.import_module(module).main(arguments, name)
+        status: int = importlib.import_module(module).main(arguments)
         return status
     except KeyboardInterrupt:
         return INTERRUPTED_STATUS

@@ -26,13 +26,11 @@ class Program(NamedTuple):
 
     ``module``       in this package
     ``summary``      one line for the list
-    ``takes_name``   whether it has more than one name, and takes the one in use
     ``main``         its function, which takes the arguments and returns an exit status
     """
 
     module: str
     summary: str
-    takes_name: bool = False
     main: str = "main"
 
 
@@ -45,37 +43,34 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         "Run the loop": {
             "demo": _tool("demo", "four laws side by side as latency grows, with pictures"),
             "run": _tool("run", "plant and controller in virtual time, without waiting"),
-            "plant": Program("plant_emulator.__main__", "the plant on a CAN bus", True),
-            "controller": Program("controller.__main__", "the controller on a CAN bus", True),
-            "bus": Program("tools.bus.__main__", "an emulated CAN bus", True),
+            "plant": Program("plant_emulator.__main__", "the plant on a CAN bus"),
+            "controller": Program("controller.__main__", "the controller on a CAN bus"),
+            "bus": _tool("bus", "an emulated CAN bus"),
+        },
+        "Watch it": {
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
-            "bits": _tool("can", "a frame bit by bit, and recordings as waveforms", "bits"),
+            "can": _tool("can", "frames bit by bit; bounds on the delay of each message"),
         },
-        "Design and compare": {
+        "Design and test": {
             "check": Program(
                 "controller.program",
                 "poles, stable delays, tolerated jitter of a controller",
-                main="check_main",
+                "check_main",
             ),
             "design": _tool("design", "gains for your vehicle and any delay up to a limit"),
             "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
-            "paper": _tool("paper", "the paper's figures and tables, reproduced"),
             "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
-            "response-times": _tool(
-                "can", "bounds on each message's delay on a CAN bus", "response_times"
-            ),
-        },
-        "Stress and faults": {
-            "stress": _tool("study", "thousands of runs over latency, jitter and vehicles"),
             "bus-study": _tool("bus_study", "the loop over bus load, bit errors and clocks"),
+            "stress": _tool("study", "thousands of runs over latency, jitter and vehicles"),
             "stress-report": _tool("study", "rewrite the report of a study", "stress_report"),
+            "paper": _tool("paper", "the paper's figures and tables, reproduced"),
             "faults": _tool("faults", "a thousand faulty runs, what detected each; inject, soak"),
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
-            "with-vcan": Program("tools.vcan.__main__", "run a command with a real vcan0", True),
+            "with-vcan": _tool("vcan", "run a command with a real vcan0"),
             "probe": _tool("doctor", "which rate this machine can keep", "measure"),
             "benchmark": _tool("benchmark", "the time of a control step and a run here"),
             "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
@@ -86,6 +81,17 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
 PROGRAMS: Mapping[str, Program] = MappingProxyType(
     {name: program for group in GROUPS.values() for name, program in group.items()}
 )
+
+FORMER: Mapping[str, str] = MappingProxyType(
+    {
+        "bits": f"{NAME} can bits",
+        "fuzz": "python -m tests.fuzz (in a checkout)",
+        "inject": f"{NAME} faults inject",
+        "response-times": f"{NAME} can response-times",
+        "soak": f"{NAME} faults soak",
+    }
+)
+"""Names of the release before, and what is started instead."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -107,6 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
             return start(name, further)
+        case [name, *_] if name in FORMER:
+            print(f"{name} is now: {FORMER[name]}", file=sys.stderr)
+            return STATUS_USAGE
     return _refuse(NAME, f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
 
 
@@ -115,7 +124,7 @@ def start(name: str, words: Sequence[str]) -> int:
     program, called = PROGRAMS[name], f"{NAME} {name}"
     try:
         run = getattr(importlib.import_module(f"{__package__}.{program.module}"), program.main)
-        status: int = run(words, called) if program.takes_name else run(words)
+        status: int = run(words)
     except ModuleNotFoundError as error:
         if (error.name or __package__).partition(".")[0] == __package__:
             raise

@@ -1,4 +1,4 @@
-"""What ``steering-controller --check`` prints: the settings in effect, and what the loop tolerates.
+"""What ``steer-by-wire check`` prints: the settings in effect, and what the loop tolerates.
 
 The text as a whole is a settings file again: all but the settings are TOML comments.
 """

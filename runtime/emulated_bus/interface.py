@@ -280,7 +280,7 @@ def join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]
     except OSError as error:
         raise can.CanInitializationError(
             f"no emulated bus is listening at {address} ({error.strerror or error}); "
-            f"start one with: emulated-can-bus{option}"
+            f"start one with: steer-by-wire bus{option}"
         ) from error
     try:
         # A full broker answers with the reason and closes before it reads anything.

@@ -1,4 +1,4 @@
-"""The program ``steering-controller``: its settings, ``--check`` and the errors it explains."""
+"""The program ``steer-by-wire controller``: its settings, ``--check`` and errors."""
 
 import json
 import subprocess
@@ -212,7 +212,7 @@ def test_check_ends_with_status_0_and_a_bad_setting_with_2() -> None:
     good = subprocess.run(command, capture_output=True, text=True, check=False)
     assert good.returncode == 0
     lines = good.stderr.splitlines()
-    assert lines[0] == "steering-controller: computing poles and margins ..."
+    assert lines[0] == "steer-by-wire controller: computing poles and margins ..."
     assert all(line.endswith(" ...") for line in lines)
     bad = subprocess.run([*command, "--rate-hz", "5"], capture_output=True, text=True, check=False)
     assert (bad.returncode, bad.stdout) == (2, "")

@@ -152,7 +152,7 @@ def test_measurements_too_rare_for_an_unfiltered_derivative_are_warned_of(
     plant = PlantNode(plant_settings([f"sensor_period_ms={period_ms}"], 1.0), 0)
     node = ControllerNode(settings, 0)
     run_virtual_nodes(plant, node, None, None, lambda: False)
-    program.conclude("steering-controller", settings, node)
+    program.conclude(settings, node)
     warned = capsys.readouterr().err
     assert ("make this another law" in warned) is is_warned
     assert not is_warned or "for a control period of 1 ms" in warned
@@ -161,13 +161,11 @@ def test_measurements_too_rare_for_an_unfiltered_derivative_are_warned_of(
 def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     for period, lines in (("20", 1), ("10", 0)):
         _, controller = driven([f"sensor_period_ms={period}"])
-        program.conclude(
-            "steering-controller", controller_preset("practical_predictor"), controller
-        )
+        program.conclude(controller_preset("practical_predictor"), controller)
         reported = capsys.readouterr().err.splitlines()
         assert len(reported) == lines
     _, controller = driven(["sensor_period_ms=20"])
-    program.conclude("steering-controller", controller_preset("practical_predictor"), controller)
+    program.conclude(controller_preset("practical_predictor"), controller)
     assert (
         "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
     )

@@ -2,10 +2,6 @@
 
 import argparse
 import importlib.resources
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -145,25 +141,6 @@ def test_a_port_of_thousands_of_digits_is_no_port() -> None:
 def test_a_name_that_no_file_can_have_is_reported_by_the_option() -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="too long"):
         output_file("9" * 5000)
-
-
-@pytest.mark.parametrize(
-    ("raised", "status", "reported"),
-    [
-        ("KeyboardInterrupt", -signal.SIGINT, ""),
-        ("ImportError('no rich')", 1, "error: no rich (installed with pip install '.[tools]'?)\n"),
-    ],
-)
-def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
-    raised: str, status: int, reported: str
-) -> None:
-    if os.name != "posix":
-        pytest.skip("statuses of signals are for Unix")
-    code = f"import sys; sys.argv[0] = '-m'; import steer_by_wire.tools; raise {raised}"
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert (result.returncode, result.stderr) == (status, reported)
 
 
 def test_the_fuzzer_says_what_it_needs(

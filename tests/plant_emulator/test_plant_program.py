@@ -1,4 +1,4 @@
-"""The program ``plant-emulator`` as its users meet it: errors, a run, its report and trace."""
+"""The program ``steer-by-wire plant`` as its users meet it: errors, a run, its report and trace."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
-NOTICE = f"plant-emulator: {NOBODY}\n"
+NOTICE = f"steer-by-wire plant: {NOBODY}\n"
 """What every run on classic CAN prints on standard error, once."""
 
 
@@ -116,7 +116,7 @@ def test_wrong_settings_are_one_line_and_status_2(
     assert main(arguments) == 2
     captured = capsys.readouterr()
     (line,) = captured.err.splitlines()
-    assert line.startswith("plant-emulator: error: ")
+    assert line.startswith("steer-by-wire plant: error: ")
     assert [part for part in parts if part not in line] == []
     assert captured.out == ""
 
@@ -128,13 +128,13 @@ def test_a_command_line_that_is_none_is_status_2(capsys: Capture, arguments: lis
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2
-    assert "plant-emulator: error: " in capsys.readouterr().err.splitlines()[-1]
+    assert "steer-by-wire plant: error: " in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_a_bus_that_is_not_there_is_one_line_and_status_3(capsys: Capture, tmp_path: Path) -> None:
     assert main(on_bus(str(tmp_path / "nobody"))) == 3
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("plant-emulator: error: ")
+    assert line.startswith("steer-by-wire plant: error: ")
     assert "nobody" in line
 
 
@@ -143,7 +143,7 @@ def test_a_bus_that_is_not_there_is_one_line_and_status_3(capsys: Capture, tmp_p
 
 def checked_report(file: Path) -> Any:
     report = json.loads(file.read_text(encoding="utf-8"))
-    assert report["program"] == "plant-emulator"
+    assert report["program"] == "steer-by-wire plant"
     assert report["node"]["seed"] == report["settings"]["seed"]
     assert set(report["node"]["downlink"]) >= {"pushed", "released", "lost", "latency", "injected"}
     return report
@@ -232,5 +232,5 @@ def test_a_bus_that_fails_ends_a_run_with_its_report_and_status_3(tmp_path: Path
             assert program.returncode == ExitStatus.BUS
     notice, line = err.splitlines(keepends=True)
     assert notice == NOTICE
-    assert line.startswith("plant-emulator: error: ")
+    assert line.startswith("steer-by-wire plant: error: ")
     assert checked_report(report_file)["ended_by"] in line

@@ -132,8 +132,8 @@ def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
     [
         (["-i", "socketcan", "-c", "vcan7"], {}, "no network interface vcan7"),
         (["-i", "socketcan"], {}, "no channel was given"),
-        (["-i", "emulated"], {}, "start one with: emulated-can-bus"),
-        ([], {}, "no network interface vcan0.*start one with: emulated-can-bus"),
+        (["-i", "emulated"], {}, "start one with: steer-by-wire bus"),
+        ([], {}, "no network interface vcan0.*start one with: steer-by-wire bus"),
         ([], {"CAN_INTERFACE": "nonesuch"}, "nonesuch"),
         ([], {"CAN_CONFIG": "{not json"}, "configuration cannot be read"),
     ],

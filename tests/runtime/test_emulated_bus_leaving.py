@@ -135,7 +135,7 @@ def test_each_disconnection_is_one_line_with_its_reason_and_is_counted(bench: Be
 
 
 def test_a_name_cannot_forge_a_line(bench: Bench) -> None:
-    client = bench.join("can0\nemulated-can-bus: all is well")
+    client = bench.join("can0\nsteer-by-wire bus: all is well")
     client.sendall(bytes(CLASSIC_RECORD.size))
     bench.step()
     (line,) = bench.lines

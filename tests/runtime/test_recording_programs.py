@@ -121,7 +121,7 @@ def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder
         finally:
             program.kill()
     assert program.returncode == ExitStatus.INTERRUPTED
-    assert said.splitlines()[-1] == "steering-controller: error: interrupted"
+    assert said.splitlines()[-1] == "steer-by-wire controller: error: interrupted"
     assert not Path(f"/proc/{recorder}").exists()
 
 

@@ -22,9 +22,6 @@ PAGES = {
 }
 """The text of each page, by its place."""
 PROGRAMS = {
-    "plant-emulator": ("plant",),
-    "steering-controller": ("controller",),
-    "emulated-can-bus": ("bus",),
     "with-vcan": ("with-vcan",),
     "tools/with_vcan": ("with-vcan",),
     "steer-by-wire": (),

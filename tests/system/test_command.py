@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire import command
-from steer_by_wire.command import PROGRAMS, main
+from steer_by_wire.command import FORMER, PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
 from tests.support.running_program import PATIENCE_S
 from tests.support.unrendered import unrendered as unrendered
@@ -23,14 +23,6 @@ SCREEN_LINES = 40
 LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
-FORMER = (
-    "analyze", "benchmark", "benchmark_batch", "benchmark_bus", "compare_laws",
-    "delay_estimation_study", "demo", "design", "doctor", "faults", "monitor", "paper",
-    "run", "study",
-)  # fmt: skip
-"""``python -m tools.NAME`` starts them, as before there was one command."""
-LATER = {"bus", "bus_study", "cockpit", "vcan"}
-"""Programs that never had another name."""
 CHEAP = ("run", "analyze", "stress")
 """Whose examples are run as they are printed: they take a second or so."""
 
@@ -52,9 +44,10 @@ def help_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
 
 def examples(text: str) -> list[list[str]]:
-    """Return the commands at the end of a program's help."""
+    """Return the commands at the end of a program's help, from the name of the program on."""
     _, _, after = text.partition("\nexample:\n")
-    return [shlex.split(line) for line in after.splitlines()]
+    commands = [shlex.split(line) for line in after.splitlines()]
+    return [words[words[0] == command.NAME :] for words in commands]
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -67,7 +60,7 @@ def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
     assert len(lines) <= (LONG_LINES if name in LONG else SCREEN_LINES)
     assert max(map(len, lines)) <= 100
     commands = examples(text)
-    assert commands[-1][:2] == ["steer-by-wire", name]
+    assert commands[-1][0] == name
     parse_args = argparse.ArgumentParser.parse_args
 
     def only_parse(parser: argparse.ArgumentParser, words: list[str]) -> None:
@@ -75,9 +68,9 @@ def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
         raise SystemExit(0)
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", only_parse)
-    for _, program, *words in commands:
+    for words in commands:
         with pytest.raises(SystemExit) as end:
-            main([program, *words])
+            main(words)
         assert end.value.code == 0
 
 
@@ -87,8 +80,8 @@ def test_an_example_works_as_it_is_printed(
     name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for _, program, *words in examples(help_of(name)):
-        assert main([program, *words]) == 0
+    for words in examples(help_of(name)):
+        assert main(words) == 0
 
 
 def test_the_command_lists_every_program_on_one_screen(capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,6 +90,18 @@ def test_the_command_lists_every_program_on_one_screen(capsys: pytest.CaptureFix
     assert all(re.search(rf"^  {name} ", text, re.MULTILINE) for name in PROGRAMS)
     assert len(text.splitlines()) <= SCREEN_LINES
     assert max(map(len, text.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("name", FORMER)
+def test_a_former_name_answers_in_one_line_with_what_replaces_it(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([name, "--any-option"]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err) == ("", f"{name} is now: {FORMER[name]}\n")
+    assert name not in PROGRAMS
+    first, program, *_ = FORMER[name].split()
+    assert first != "steer-by-wire" or program in PROGRAMS
 
 
 def test_help_of_a_name_is_its_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -217,28 +222,3 @@ def test_the_script_for_a_shell_names_the_command(
 ) -> None:
     assert main(["--completion", shell]) == 0
     assert "steer-by-wire" in capsys.readouterr().out
-
-
-def test_the_names_so_far_still_start_their_programs_from_a_checkout() -> None:
-    code = """
-import runpy, sys
-for name in sys.argv[1:]:
-    sys.argv[1:] = ["--help"]
-    try:
-        runpy.run_module(name, run_name="__main__", alter_sys=True)
-    except SystemExit as end:
-        assert not end.code, name
-    print("started", name)
-"""
-    modules = ["controller", "plant_emulator", "steer_by_wire", *(f"tools.{n}" for n in FORMER)]
-    result = subprocess.run(
-        [sys.executable, "-c", code, *modules],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE_S,
-    )
-    assert result.stderr == ""
-    assert re.findall(r"^started (.*)$", result.stdout, re.MULTILINE) == modules
-    assert {path.parent.name for path in ROOT.glob("tools/*/__main__.py")} == {*FORMER} | LATER

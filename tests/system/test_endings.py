@@ -33,7 +33,7 @@ def test_a_plant_that_nobody_commanded_says_so(tmp_path: Path, capsys: Capture) 
     assert plant_main([*alone, "--fail-if", "rms_m > 0.02"]) == ExitStatus.CONDITION
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == (
-        "plant-emulator: verdict: no start: no command ever reached the plant"
+        "steer-by-wire plant: verdict: no start: no command ever reached the plant"
     )
     assert "failed: rms_m > 0.02: rms_m has no value in this run" in printed.err
     assert json.loads(file.read_text(encoding="utf-8"))["node"]["verdict"] == "no start"
@@ -44,7 +44,7 @@ def test_a_controller_that_measures_nothing_says_so(capsys: Capture) -> None:
     alone = ["--preset", "practical_pd", "-c", "no_plant", *ALONE]
     assert controller_main([*alone, "--fail-if", "verdict != in control"]) == ExitStatus.CONDITION
     assert last_line(capsys) == (
-        "steering-controller: verdict: no start: no measurement ever arrived"
+        "steer-by-wire controller: verdict: no start: no measurement ever arrived"
     )
 
 

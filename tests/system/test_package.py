@@ -199,11 +199,18 @@ def test_a_changed_step_of_an_installed_copy_is_compiled_anew(
     assert before != after
 
 
-@pytest.mark.parametrize("program", ["steering-controller", "plant-emulator", "emulated-can-bus"])
-def test_every_program_reports_its_options(program: str) -> None:
-    path = Path(sys.executable).with_name(program)
+@pytest.mark.parametrize(
+    ("alias", "name"),
+    [
+        ("steering-controller", "controller"),
+        ("plant-emulator", "plant"),
+        ("emulated-can-bus", "bus"),
+    ],
+)
+def test_an_alias_starts_the_program_under_its_one_name(alias: str, name: str) -> None:
+    path = Path(sys.executable).with_name(alias)
     result = subprocess.run([path, "--help"], capture_output=True, text=True, check=True)
-    assert result.stdout.startswith(f"usage: {program}")
+    assert result.stdout.startswith(f"usage: steer-by-wire {name}")
 
 
 def test_the_lock_pins_everything_and_names_no_registry() -> None:

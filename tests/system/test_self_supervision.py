@@ -319,7 +319,7 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     status = program.main([*options, *arguments, "--report", str(report)])
     assert status == ExitStatus.SAFE_STATE
     reported = capsys.readouterr()
-    assert f"plant-emulator: error: safe state: {NOT_FINITE_VEHICLE}\n" in reported.err
+    assert f"steer-by-wire plant: error: safe state: {NOT_FINITE_VEHICLE}\n" in reported.err
     written = json.loads(report.read_text())
     assert written["ended_by"] == f"safe state: {NOT_FINITE_VEHICLE}"
     assert written["node"]["failure"] == NOT_FINITE_VEHICLE

@@ -50,7 +50,7 @@ def test_without_a_broker_the_error_names_the_command_that_starts_one(directory:
     address = str(directory / "socket")
     with pytest.raises(can.CanInitializationError) as caught:
         can.Bus(interface="emulated", address=address)
-    assert str(caught.value).endswith(f"start one with: emulated-can-bus --address {address}")
+    assert str(caught.value).endswith(f"start one with: steer-by-wire bus --address {address}")
 
 
 def test_the_socket_of_a_killed_broker_is_taken_over(stack: ExitStack, directory: Path) -> None:
@@ -71,7 +71,9 @@ def test_a_second_broker_leaves_the_first_alone(stack: ExitStack, directory: Pat
     second = start_broker(stack, "--address", address)
     _, errors = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
-    assert errors == f"emulated-can-bus: error: an emulated bus is already listening at {address}\n"
+    assert (
+        errors == f"steer-by-wire bus: error: an emulated bus is already listening at {address}\n"
+    )
     client(stack, address).send(message(1))
 
 
@@ -103,7 +105,7 @@ def test_what_cannot_happen_on_the_bus_is_refused_in_one_line(
     Path("clock.toml").write_text("[clock]\nplant = { ppm = 10.0 }\n", encoding="utf-8")
     assert main(options) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("emulated-can-bus: error: ")
+    assert line.startswith("steer-by-wire bus: error: ")
     assert complaint in line
 
 
@@ -318,10 +320,10 @@ def test_a_broker_does_not_wait_for_somebody_to_read_what_it_print_lines(
     with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         # It would wait for ever if it waited.
-        assert not _print_line("emulated-can-bus", "a line that nobody has room for")
+        assert not _print_line("a line that nobody has room for")
         reader.read(1 << 20)
-        assert _print_line("emulated-can-bus", "a line")
-        assert reader.read(100) == b"emulated-can-bus: a line\n"
+        assert _print_line("a line")
+        assert reader.read(100) == b"steer-by-wire bus: a line\n"
 
 
 def test_ctrl_c_before_it_listens_is_no_orderly_end(monkeypatch: pytest.MonkeyPatch) -> None:

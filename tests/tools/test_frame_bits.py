@@ -1,14 +1,14 @@
-"""The program ``steer-by-wire bits``."""
+"""The program ``steer-by-wire can bits``."""
 
 from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.can.bits import main
+from steer_by_wire.tools.can.__main__ import main
 
 
 def test_a_frame_is_shown_field_by_field(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["100#00"]) == 0
+    assert main(["bits", "100#00"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["SOF", "0"]
     assert lines[1].split() == ["ID", "00100000[1]000"]
@@ -18,7 +18,7 @@ def test_a_frame_is_shown_field_by_field(capsys: pytest.CaptureFixture[str]) -> 
 def test_a_recording_becomes_a_waveform(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, vcd = tmp_path / "candump.log", tmp_path / "bus.vcd"
     log.write_text("(0000000000.010000) can 100#00\n(0000000000.010001) can 110#00\n")
-    assert main([str(log), "--vcd", str(vcd)]) == 0
+    assert main(["bits", str(log), "--vcd", str(vcd)]) == 0
     assert ": 1 frames" in capsys.readouterr().err
     assert vcd.read_text().startswith("$timescale 1 ns $end")
 
@@ -37,6 +37,6 @@ def test_a_recording_becomes_a_waveform(tmp_path: Path, capsys: pytest.CaptureFi
 def test_a_mistake_is_one_line(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(words) == 2
+    assert main(["bits", *words]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line

@@ -1,12 +1,13 @@
-"""The program ``steer-by-wire response-times``."""
+"""The program ``steer-by-wire can response-times``."""
 
 import json
 from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.can.response_times import main
+from steer_by_wire.tools.can.__main__ import main
 
+RESPONSE_TIMES = "response-times"
 OURS = str(Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc")
 
 BUSY = """VERSION ""
@@ -34,7 +35,7 @@ def test_every_message_has_its_bound_beside_the_simulation(
 ) -> None:
     file = tmp_path / "out.json"
     words = [OURS, "--bitrate", "125000", "--preset", "paper_pd", "--json", str(file)]
-    assert main(words) == 0
+    assert main([RESPONSE_TIMES, *words]) == 0
     printed = capsys.readouterr()
     assert "LATENCY_CONFIG" in printed.err
     assert "STEERING_COMMAND" in printed.out
@@ -51,7 +52,7 @@ def test_faster_traffic_above_the_steering_breaks_the_published_gains_at_some_lo
     busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
     busy.write_text(BUSY)
     words = [OURS, str(busy), "--period", "FAST=5", "--period", "SLOW=5", "--json", str(file)]
-    assert main([*words, "--preset", "paper_pd"]) == 0
+    assert main([RESPONSE_TIMES, *words, "--preset", "paper_pd"]) == 0
     (tolerance,) = json.loads(file.read_text())["steering"]["tolerances"]
     assert 0.5 < tolerance["load_max"] < 1.0
 
@@ -60,7 +61,7 @@ def test_jitter_may_release_more_than_a_thousand_frames_at_once(tmp_path: Path) 
     busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
     busy.write_text(BUSY)
     words = [str(busy), "--period", "FAST=1", "--jitter-ms", "2000", "--json", str(file)]
-    assert main(words) == 0
+    assert main([RESPONSE_TIMES, *words]) == 0
     (message,) = json.loads(file.read_text())["messages"]
     assert message["bound_ns"] == 2_000_000_000 + message["frame_ns"]
 
@@ -68,7 +69,7 @@ def test_jitter_may_release_more_than_a_thousand_frames_at_once(tmp_path: Path) 
 def test_a_set_without_the_steering_has_bounds_alone(tmp_path: Path) -> None:
     busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
     busy.write_text(BUSY)
-    assert main([str(busy), "--period", "FAST=1", "--json", str(file)]) == 0
+    assert main([RESPONSE_TIMES, str(busy), "--period", "FAST=1", "--json", str(file)]) == 0
     record = json.loads(file.read_text())
     assert record["steering"] is None
     assert [message["name"] for message in record["messages"]] == ["FAST"]
@@ -79,7 +80,7 @@ def test_long_j1939_messages_count_by_their_segments(
 ) -> None:
     long, file = tmp_path / "long.dbc", tmp_path / "out.json"
     long.write_text(LONG)
-    assert main([str(long), OURS, "--json", str(file), "--preset", "paper_pd"]) == 0
+    assert main([RESPONSE_TIMES, str(long), OURS, "--json", str(file), "--preset", "paper_pd"]) == 0
     assert "carried by TP.CM and TP.DT: DM1, CI\n" in capsys.readouterr().err
     record = json.loads(file.read_text())
     *ours, data, announcement = record["messages"]
@@ -100,7 +101,7 @@ def test_an_overloaded_bus_has_no_bound_and_is_not_simulated(
     busy = tmp_path / "busy.dbc"
     busy.write_text(BUSY)
     words = [str(busy), "--period", "FAST=0.2", "--period", "SLOW=10", "--bitrate", "500000"]
-    assert main(words) == 0
+    assert main([RESPONSE_TIMES, *words]) == 0
     assert "no bound" in capsys.readouterr().out
 
 
@@ -118,11 +119,11 @@ def test_an_overloaded_bus_has_no_bound_and_is_not_simulated(
 def test_a_mistake_is_one_line(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(words) == 2
+    assert main([RESPONSE_TIMES, *words]) == 2
     printed = capsys.readouterr()
     assert not printed.out
     lines = printed.err.splitlines()
     last = lines[-1]
-    assert all(line.startswith("steer-by-wire response-times: ") for line in lines)
-    assert last.startswith("steer-by-wire response-times: error: ")
+    assert all(line.startswith("steer-by-wire can response-times: ") for line in lines)
+    assert last.startswith("steer-by-wire can response-times: error: ")
     assert said in last

@@ -1,4 +1,4 @@
-"""The program ``emulated-can-bus``: runs a broker until SIGINT, SIGTERM or SIGHUP.
+"""The program ``steer-by-wire bus``: runs a broker until SIGINT, SIGTERM or SIGHUP.
 
 Prints a line to standard output when clients can connect, and to standard error a line for every
 client that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly
@@ -14,7 +14,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 
 from ...runtime.command_line import command_parser, whole_number
 from ...runtime.emulated_bus.address import (
@@ -35,16 +34,16 @@ from ...runtime.program.host import RealTimeRequest, real_time
 from ...runtime.program.option_types import bit_rate, data_bit_rate, output_file, priority
 from ...runtime.settings import SettingsError
 
-NAME = "emulated-can-bus"
+NAME = "steer-by-wire bus"
 _WRONG_SETTINGS = 2
 _CANNOT_LISTEN = 3
 _CANNOT_WRITE = 4
 _INTERRUPTED = 130
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program under the name ``name``; returns its exit status."""
-    options = _parse(arguments, name)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    options = _parse(arguments)
     # All end the program through its finally clauses. SIGINT is set too, because a shell ignores it
     # for background programs. SIGHUP stays ignored below nohup.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -56,16 +55,16 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         address = parse_address(options.address) if options.address else default_address()
         group = None if options.group is None else group_number(options.group)
         with listening(address, group) as listener:
-            _serve(name, listener, address, options, conditions)
+            _serve(listener, address, options, conditions)
     except SettingsError as error:
         for mistake in error.mistakes:
-            print(f"{name}: error: {mistake}", file=sys.stderr)
+            print(f"{NAME}: error: {mistake}", file=sys.stderr)
         return _WRONG_SETTINGS
     except AddressError as error:
-        print(f"{name}: error: {error}", file=sys.stderr)
+        print(f"{NAME}: error: {error}", file=sys.stderr)
         return _CANNOT_LISTEN
     except OSError as error:
-        print(f"{name}: error: {options.report}: {error.strerror}", file=sys.stderr)
+        print(f"{NAME}: error: {options.report}: {error.strerror}", file=sys.stderr)
         return _CANNOT_WRITE
     except KeyboardInterrupt:  # before or after it has listened
         return _INTERRUPTED
@@ -88,7 +87,6 @@ def _conditions(options: argparse.Namespace) -> ChannelConditions:
 
 
 def _serve(
-    name: str,
     listener: socket.socket,
     address: Address,
     options: argparse.Namespace,
@@ -101,7 +99,7 @@ def _serve(
     rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(partial(_print_line, name), options.verbose)
+    journal = Journal(_print_line, options.verbose)
     broker = Broker(
         listener,
         bitrate_bit_s,
@@ -112,11 +110,11 @@ def _serve(
         conditions=conditions,
     )
     start_ns = time.monotonic_ns()
-    print(f"{name}: listening at {address}, {rates}", flush=True)
+    print(f"{NAME}: listening at {address}, {rates}", flush=True)
     with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
         broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _print_line(name, summary_line(report))
+    _print_line(summary_line(report))
     if options.report is not None:
         # Not at the top: it imports python-can, which the broker does not need.
         from ...runtime.program.report import write_json
@@ -124,7 +122,7 @@ def _serve(
         write_json(options.report, report)
 
 
-def _print_line(name: str, line: str) -> bool:
+def _print_line(line: str) -> bool:
     """Print a line to standard error if that does not block; returns whether it was printed.
 
     A pipe that nobody reads becomes full and must not stop the bus. A writable pipe has room for
@@ -133,15 +131,15 @@ def _print_line(name: str, line: str) -> bool:
     try:
         if not select.select((), [sys.stderr], (), 0.0)[1]:
             return False
-        print(f"{name}: {line}", file=sys.stderr, flush=True)
+        print(f"{NAME}: {line}", file=sys.stderr, flush=True)
     except (OSError, ValueError):
         return False
     return True
 
 
-def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(
-        name, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", name
+        NAME, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", NAME
     )
     parser.add_argument(
         "--address",

@@ -1,1 +1,4 @@
-"""Show frames bit by bit, and write them as waveforms."""
+"""``steer-by-wire can``: frames bit by bit, and bounds on the response times of messages.
+
+The bits themselves are in ``runtime/frame/bits.py``. Begin with ``__main__.py``.
+"""

@@ -1,7 +1,7 @@
-"""A CAN frame bit by bit as it is on the wire, and recordings as waveforms.
+"""Shows a frame bit by bit as it is on the wire, or turns a recording into a waveform.
 
-    steer-by-wire bits 100#0123456789ABCDEF
-    steer-by-wire bits RECORDING --vcd bus.vcd
+    steer-by-wire can bits 100#0123456789ABCDEF
+    steer-by-wire can bits RECORDING --vcd bus.vcd
 
 A frame is written as for cansend: 123#DEADBEEF, 00000123#, 123#R, and 123##1DEADBEEF for CAN FD,
 where the digit is 1 with bit rate switch. The waveform opens in GTKWave, PulseView and sigrok-cli.
@@ -9,41 +9,32 @@ where the digit is 1 with bit rate switch. The waveform opens in GTKWave, PulseV
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.runtime.command_line import command_parser
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate, output_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import ExitStatus, say
 from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
 
-NAME = "steer-by-wire bits"
+NAME = "steer-by-wire can bits"
+EXAMPLE = f"{NAME} 100#0123456789ABCDEF --vcd frame.vcd"
+USAGE = "FRAME|RECORDING [options]"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Show a frame, or write a waveform; returns the exit status."""
-    example = f"{NAME} 100#0123456789ABCDEF --vcd frame.vcd"
-    parser = command_parser(NAME, __doc__, example, "FRAME|RECORDING [options]")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
     parser.add_argument("frame", metavar="FRAME|RECORDING", help="as cansend takes it, or a file")
     parser.add_argument("--vcd", type=output_file, metavar="FILE", help="write the waveform")
-    parser.add_argument(
-        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
-        help="of CAN FD's data phase (default: %(default)s)",
-    )  # fmt: skip
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Show a frame, or write a waveform; returns the exit status."""
     frame = None if Path(options.frame).is_file() else _frame(options.frame)
     if frame is None and options.vcd is None:
         raise SettingsError(f"{options.frame}: a recording becomes a waveform: give --vcd FILE")
@@ -99,7 +90,3 @@ def _text(frame: Frame, rates: BitRates) -> str:
     stuffed = sum(bit.is_stuff for bit in bits)
     lines += [f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"]
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

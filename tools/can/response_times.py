@@ -1,6 +1,6 @@
 """Bounds the response time of each message on a CAN bus, beside the worst case simulated.
 
-    steer-by-wire response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
+    steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 
 Several files share one bus. Messages without a cycle time are left out and named, unless
 ``--period NAME=MS`` gives one. Where the set has this project's steering messages, the delay that
@@ -10,17 +10,12 @@ the bus adds to them stands beside what each law tolerates. Exit status 0 whatev
 import argparse
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table
-
-from steer_by_wire.closed_loop.reports.terminal import plain_table
-from steer_by_wire.runtime.command_line import command_parser, number, whole_number
-from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate, output_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.command_line import number, whole_number
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import ExitStatus, say
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.can.message_set import (
     RANDOM_NS,
@@ -37,22 +32,17 @@ from steer_by_wire.tools.can.steering import (
     steering_of,
 )
 
-NAME = "steer-by-wire response-times"
+if TYPE_CHECKING:
+    from rich.table import Table
+
+NAME = "steer-by-wire can response-times"
+EXAMPLE = f"{NAME} dbc/steer_by_wire.dbc --bitrate 125000"
+USAGE = "FILE... [options]"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Analyse a message set and print it; returns the exit status."""
-    parser = command_parser(
-        NAME, __doc__, f"{NAME} dbc/steer_by_wire.dbc --bitrate 125000", "FILE... [options]"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="DBC, KCD, SYM, ARXML")
-    parser.add_argument(
-        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
-        help="of CAN FD's data phase (default: %(default)s)",
-    )  # fmt: skip
     parser.add_argument(
         "--jitter-ms", type=number(0.0, 60_000.0, "ms"), default=0.0, metavar="MS",
         help="how late each release can be (default: %(default)g)",
@@ -82,10 +72,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of the random phases (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Analyse a message set and print it; returns the exit status."""
+    # Not at the top, nor in response_table: ``can bits`` does without rich.
+    from rich.console import Console
+
     errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
     bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
     messages, segmented, left_out = read_messages(options.files, options.period, bus)
@@ -108,8 +101,10 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
+def response_table(responses: Sequence[Response], bus: BusSettings) -> "Table":
     """Return one row a message, highest priority first."""
+    from steer_by_wire.closed_loop.reports.terminal import plain_table
+
     title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
     numbers = ("bytes", "period", "frame", "bound", "worst case", "random", "deadline")
     table = plain_table(("message", "identifier"), numbers, title)
@@ -195,7 +190,3 @@ def _verdict(response: Response) -> str:
 
 def _ms(time_ns: int | None) -> str:
     return "-" if time_ns is None else f"{time_ns / 1e6:.3f}"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -218,7 +218,7 @@ def _choice() -> Finding:
         check_openable(choice)
     except BusError as error:
         return Finding("bus", False, str(error), "give -i and -c, or mend the configuration")
-    advice = "start emulated-can-bus" if choice.interface == "emulated" else ""
+    advice = "start steer-by-wire bus" if choice.interface == "emulated" else ""
     return Finding("bus", True, f"{choice.name} ({choice.reason})", advice)
 
 

@@ -100,8 +100,8 @@ def commands(files: PairFiles) -> list[str]:
         return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
     return [
         f"{run} --ideal-wire",
-        f"plant-emulator {plant} --interface socketcan --channel vcan0 & "
-        f"steering-controller {controller} --interface socketcan --channel vcan0",
+        f"steer-by-wire plant {plant} --interface socketcan --channel vcan0 & "
+        f"steer-by-wire controller {controller} --interface socketcan --channel vcan0",
     ]
 
 

@@ -72,37 +72,37 @@ def _advice() -> str:
     return "on this processor it takes a kernel with vcan, the host's or that of a virtual machine"
 
 
-def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the command under the name ``name``; returns its exit status."""
-    options = _parse(arguments, name)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit status."""
+    options = _parse(arguments)
     if options.write_single_file is not None:
-        return _write_single_file(name, options.write_single_file)
+        return _write_single_file(options.write_single_file)
     request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
     try:
         backend = choose(options.backend, request)
         if options.which:
             print(backend.name)
             return 0
-        return _run(name, backend, request, options.timeout)
+        return _run(backend, request, options.timeout)
     except BackendError as error:
-        print(f"{name}: error: {error}", file=sys.stderr)
+        print(f"{NAME}: error: {error}", file=sys.stderr)
         return UNAVAILABLE_STATUS
     except KeyboardInterrupt:
         return 130
 
 
-def _write_single_file(name: str, path: Path) -> int:
+def _write_single_file(path: Path) -> int:
     from steer_by_wire.tools.vcan.single_file import write_single_file
 
     try:
         write_single_file(path)
     except OSError as error:
-        print(f"{name}: error: {path}: {error.strerror}", file=sys.stderr)
+        print(f"{NAME}: error: {path}: {error.strerror}", file=sys.stderr)
         return UNWRITABLE_STATUS
     return 0
 
 
-def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
+def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
     from steer_by_wire.tools.vcan.supervision import TIMEOUT_STATUS, block_signals
 
     # Otherwise one of our pipes could get the number of a closed standard stream.
@@ -111,13 +111,13 @@ def _run(name: str, backend: Backend, request: Request, timeout_s: float | None)
     block_signals()
     status = backend.run(request, timeout_s)
     if status == TIMEOUT_STATUS and timeout_s is not None:
-        print(f"{name}: error: ended after {timeout_s:g} s", file=sys.stderr)
+        print(f"{NAME}: error: ended after {timeout_s:g} s", file=sys.stderr)
     return status
 
 
-def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(
-        name, __doc__, f"{name} ip -details link show vcan0", "[options] COMMAND..."
+        NAME, __doc__, f"{NAME} ip -details link show vcan0", "[options] COMMAND..."
     )
     parser.add_argument(
         "--backend",
