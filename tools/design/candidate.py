@@ -26,6 +26,7 @@ from ...controller.filters.settings import (
 )
 from ...controller.interface.validity import ValiditySettings
 from ...controller.laws.design import LawDesign, design_law
+from ...controller.laws.pid import PidSettings
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from .specification import Specification
@@ -41,6 +42,7 @@ _BELOW_NYQUIST = 0.8
 
 KEYS = {
     "pd": ("k_p", "k_d", "derivative_filter"),
+    "pid": ("k_p", "k_d", "derivative_filter", "k_i"),
     "pd_dob": ("k_p", "k_d", "derivative_filter", "dob"),
     "pd_cdob": ("k_p", "k_d", "derivative_filter", "cdob", "washout"),
     "pd_ddob": ("k_p", "k_d", "derivative_filter", "dob", "cdob", "washout"),
@@ -51,6 +53,7 @@ SETTINGS_KEYS = {
     "k_p": "pd.proportional_gain_rad_m",
     "k_d": "pd.derivative_gain_rad_s_m",
     "derivative_filter": "pd.derivative_filter_rad_s",
+    "k_i": "pid.integral_gain_rad_m_s",
     "dob": "dob.q_cutoff_rad_s",
     "cdob": "cdob.q_cutoff_rad_s",
     "washout": "cdob.washout_rad_s",
@@ -118,6 +121,7 @@ def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int,
         "k_p": (0.02 / gain, 20.0 / gain),
         "k_d": (0.005 / gain, 10.0 / gain),
         "derivative_filter": (min(0.5, 0.1 * fast), fast),
+        "k_i": (0.005 / gain, 10.0 / gain),
         "dob": (0.05, min(30.0, fast)),
         "cdob": (0.1, min(60.0, fast)),
         "washout": (0.05, min(30.0, fast)),
@@ -129,7 +133,7 @@ def controller_settings(
     spec: Specification, vehicle: VehicleFile, law: str, values: dict[str, float]
 ) -> ControllerSettings:
     """Return the settings of a law with these parameters."""
-    dob, cdob = values.get("dob"), values.get("cdob")
+    dob, cdob, k_i = values.get("dob"), values.get("cdob"), values.get("k_i")
     return ControllerSettings(
         law=law,
         rate_hz=spec.rate_hz,
@@ -138,6 +142,7 @@ def controller_settings(
             derivative_gain_rad_s_m=values["k_d"],
             derivative_filter_rad_s=values["derivative_filter"],
         ),
+        pid=None if k_i is None else PidSettings(integral_gain_rad_m_s=k_i),
         dob=None if dob is None else DobSettings(q_cutoff_rad_s=dob, q_kind=spec.dob_q_kind),
         cdob=None
         if cdob is None
@@ -162,7 +167,7 @@ def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSetting
 
 def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
     """Return the law, and its PD without any observer."""
-    alone = settings.model_copy(update={"law": "pd", "dob": None, "cdob": None})
+    alone = settings.model_copy(update={"law": "pd", "pid": None, "dob": None, "cdob": None})
     return design_law(settings), design_law(alone)
 
 

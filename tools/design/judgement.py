@@ -15,8 +15,10 @@ import numpy as np
 
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
+from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.design import LawDesign
+from ...controller.laws.design import LawDesign, steady_steer
+from ...controller.laws.feed_forward import steer_per_curvature
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.shapes import build_path
 from ...runtime.array_types import FloatArray
@@ -54,8 +56,29 @@ def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
     return np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
 
 
-def _curvature_met(path: Path, speed_m_s: float, interval_s: float, ticks: int) -> FloatArray:
-    count = (ticks - 1) * _SAMPLES_PER_TICK + 1
+def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return the steer of [feed_forward] at the ticks, shape (paths, corners, ticks) [rad].
+
+    The nominal vehicle's steady steer for the curvature at the preview point, at a corner's speed.
+    """
+    steady = steady_steer(VehicleModelSettings(**vehicle.vehicle.model_dump()))
+    interval_s = spec.period_ns / NS_PER_S
+    return np.array(
+        [
+            [
+                steer_per_curvature(steady, corner.speed_m_s)
+                * _curvature_met(build_path(path), corner.speed_m_s, interval_s, spec.ticks, 1)
+                for corner in vehicle.box.vertices()
+            ]
+            for path in spec.course.paths
+        ]
+    )
+
+
+def _curvature_met(
+    path: Path, speed_m_s: float, interval_s: float, ticks: int, per_tick: int = _SAMPLES_PER_TICK
+) -> FloatArray:
+    count = (ticks - 1) * per_tick + 1
     return np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
 
 
@@ -124,9 +147,20 @@ class Study(NamedTuple):
 
 
 def make_study(
-    spec: Specification, vehicle: VehicleFile, *, fine: bool, without: frozenset[str] = frozenset()
+    spec: Specification,
+    vehicle: VehicleFile,
+    *,
+    fine: bool,
+    without: frozenset[str] = frozenset(),
+    takes_map: bool = False,
+    first_tick: int = 1,
 ) -> Study:
-    """Return a study; ``without`` names demands to leave out."""
+    """Return a study.
+
+    ``without``     names of demands to leave out
+    ``takes_map``   whether the law's steer is added to that for the map's curvature
+    ``first_tick``  the first one whose error counts
+    """
     models = vehicle.models
     period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
     settling_1_s = spec.d_stability.settling_1_s
@@ -146,7 +180,14 @@ def make_study(
         spec,
         vehicle,
         models,
-        tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, period_ns),
+        tracking_grid(
+            models,
+            unsteered_runs_m(spec, vehicle),
+            delays_ns,
+            period_ns,
+            first_tick,
+            curve_steer_runs_rad(spec, vehicle) if takes_map else None,
+        ),
         frequency_grid(models, delays_ns, period_ns, points),
         {name: grid for name, grid in stability.items() if name not in without},
         without,

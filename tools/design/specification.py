@@ -167,6 +167,7 @@ class RmsTable(Settings):
     """`[rms_m_max]`: the largest RMS of the lateral error a law may have; none if left out [m]."""
 
     pd: PositiveFloat | None = None
+    pid: PositiveFloat | None = None
     pd_dob: PositiveFloat | None = None
     pd_cdob: PositiveFloat | None = None
     pd_ddob: PositiveFloat | None = None
@@ -262,7 +263,7 @@ class Specification(Settings):
             raise ValueError("laws must name at least one law")
         if len(set(self.laws)) < len(self.laws):
             raise ValueError("laws names a law twice")
-        unknown = set(self.laws) - {*PAPER_LAWS, "predictor"}
+        unknown = set(self.laws) - {*PAPER_LAWS, "pid", "predictor"}
         if unknown:
             names = ", ".join(sorted(unknown))
             raise ValueError(f"laws: {names} cannot be designed here")

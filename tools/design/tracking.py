@@ -16,11 +16,14 @@ comes later than M ticks wraps around to the beginning, multiplied by R^-M, and 
 multiplied by R^k: R is a compromise between the two. y_ρ may stop at the end of the run, because
 the loop is causal; M leaves the loop some time to settle after that.
 
+A steer that is added to the law's without feedback, such as that for the map's curvature, passes
+the same plant: Y_ρ + P U_added takes the place of Y_ρ.
+
 Limits, quantisation and jitter are left out; everything else is exact.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +46,8 @@ class TrackingGrid(NamedTuple):
 
     ``plants``     P, shape (corners, delays, Z)
     ``unsteered``  Y_ρ, shape (paths, corners, Z)
+    ``added``      steer that is added to the law's, of the same shape; 0 for none
+    ``first_tick``  the first one that counts in the RMS
     """
 
     period_ns: int
@@ -52,12 +57,14 @@ class TrackingGrid(NamedTuple):
     z: ComplexArray
     plants: ComplexArray
     unsteered: ComplexArray
+    added: ComplexArray
+    first_tick: int
 
 
 class Tracking(NamedTuple):
     """The results of a law on the paths of a grid; each of shape (paths, corners, delays).
 
-    ``rms_m``            of the lateral error over the ticks 1 to last [m]
+    ``rms_m``            of the lateral error over the ticks that count [m]
     ``steer_rad``        largest |steer| [rad]
     ``steer_rate_rad_s``  largest change of the command from tick to tick, per second [rad/s]
     """
@@ -87,11 +94,15 @@ def tracking_grid(
     unsteered_m: FloatArray,
     delays_ns: Sequence[int],
     period_ns: int,
+    first_tick: int = 1,
+    added_rad: FloatArray | None = None,
 ) -> TrackingGrid:
     """Return the part of the computation that is the same for every law.
 
     ``models``       plants from steer to lateral error, one for each corner
     ``unsteered_m``  y_ρ at the ticks from 0 on, shape (paths, corners, ticks)
+    ``first_tick``   the first one that counts in the RMS
+    ``added_rad``    steer that is added to the law's at the ticks, of the same shape; None: none
     """
     ticks = unsteered_m.shape[-1]
     transform = int(next_fast_len(math.ceil(_ROOM * ticks), real=True))
@@ -100,8 +111,10 @@ def tracking_grid(
     z = np.exp(log_radius + 2j * math.pi * points / transform)
     growth = np.exp(log_radius * np.arange(ticks))
     plants = np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
+    unsteered = rfft(unsteered_m / growth, transform)
+    added = np.zeros_like(unsteered) if added_rad is None else rfft(added_rad / growth, transform)
     return TrackingGrid(
-        period_ns, ticks, transform, growth, z, plants, rfft(unsteered_m / growth, transform)
+        period_ns, ticks, transform, growth, z, plants, unsteered, added, first_tick
     )
 
 
@@ -111,32 +124,41 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
     The result is meaningless where the loop is unstable.
     """
     law = law_response(design, grid.z)
-    sensitivity = 1.0 / (1.0 - grid.plants * law)
-    by_path = [_track_path(grid, law, path[:, None] * sensitivity) for path in grid.unsteered]
+    by_path = [
+        _track_path(grid, error, law * error + added[:, None])
+        for error, added in zip(_errors(grid, law), grid.added, strict=True)
+    ]
     return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
 
 
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
-    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
-    return np.stack([_rms(_in_time(grid, p[:, None] * sensitivity)) for p in grid.unsteered])
+    errors = _errors(grid, law_response(design, grid.z))
+    return np.stack([_rms(grid, _in_time(grid, error)) for error in errors])
 
 
 def lateral_error_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the lateral error at every tick, shape (paths, corners, delays, ticks) [m]."""
-    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
-    return np.stack([_in_time(grid, path[:, None] * sensitivity) for path in grid.unsteered])
+    errors = _errors(grid, law_response(design, grid.z))
+    return np.stack([_in_time(grid, error) for error in errors])
+
+
+def _errors(grid: TrackingGrid, law: ComplexArray) -> Iterator[ComplexArray]:
+    """Yield the error on the circle for path after path, shape (corners, delays, Z)."""
+    sensitivity = 1.0 / (1.0 - grid.plants * law)
+    for unsteered, added in zip(grid.unsteered, grid.added, strict=True):
+        yield (unsteered[:, None] + grid.plants * added[:, None]) * sensitivity
 
 
 def _track_path(
-    grid: TrackingGrid, law: ComplexArray, error: ComplexArray
+    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return RMS error, peak steer and peak rate from the error on the circle."""
-    steer_rad = _in_time(grid, error * law)
+    """Return RMS error, peak steer and peak rate from error and steer on the circle."""
+    steer_rad = _in_time(grid, steer)
     steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
     rate_hz = NS_PER_S / grid.period_ns
     return (
-        _rms(_in_time(grid, error)),
+        _rms(grid, _in_time(grid, error)),
         np.abs(steer_rad).max(axis=-1),
         steps_rad.max(axis=-1) * rate_hz,
     )
@@ -148,8 +170,8 @@ def _in_time(grid: TrackingGrid, on_circle: ComplexArray) -> FloatArray:
     return np.asarray(damped * grid.growth, dtype=np.float64)
 
 
-def _rms(samples: FloatArray) -> FloatArray:
-    later = samples[..., 1:]
+def _rms(grid: TrackingGrid, samples: FloatArray) -> FloatArray:
+    later = samples[..., grid.first_tick :]
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", later, later) / later.shape[-1]))
 
 
