@@ -10,7 +10,7 @@ are computed by boundary crossing (``closed_loop.parameter_space.gain_regions``)
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,23 +133,28 @@ def controller_settings(
     spec: Specification, vehicle: VehicleFile, law: str, values: dict[str, float]
 ) -> ControllerSettings:
     """Return the settings of a law with these parameters."""
-    dob, cdob, k_i = values.get("dob"), values.get("cdob"), values.get("k_i")
-    return ControllerSettings(
-        law=law,
-        rate_hz=spec.rate_hz,
-        pd=PdSettings(
+    tables: dict[str, Any] = {
+        "pd": PdSettings(
             proportional_gain_rad_m=values["k_p"],
             derivative_gain_rad_s_m=values["k_d"],
             derivative_filter_rad_s=values["derivative_filter"],
-        ),
-        pid=None if k_i is None else PidSettings(integral_gain_rad_m_s=k_i),
-        dob=None if dob is None else DobSettings(q_cutoff_rad_s=dob, q_kind=spec.dob_q_kind),
-        cdob=None
-        if cdob is None
-        else CdobSettings(q_cutoff_rad_s=cdob, washout_rad_s=values["washout"]),
+        )
+    }
+    if "k_i" in values:
+        tables["pid"] = PidSettings(integral_gain_rad_m_s=values["k_i"])
+    if "dob" in values:
+        tables["dob"] = DobSettings(q_cutoff_rad_s=values["dob"], q_kind=spec.dob_q_kind)
+    if "cdob" in values:
+        tables["cdob"] = CdobSettings(
+            q_cutoff_rad_s=values["cdob"], washout_rad_s=values["washout"]
+        )
+    return ControllerSettings(
+        law=law,
+        rate_hz=spec.rate_hz,
         nominal_model=VehicleModelSettings(**vehicle.vehicle.model_dump()),
         limits=spec.limits,
         validity=validity(vehicle, spec.delay.ms_max),
+        **tables,
     )
 
 
