@@ -19,20 +19,20 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
-# many small functions on tuples of floats run no slower; the predictor's takes half the time. It
-# must be set before numba is imported.
-os.environ.setdefault("NUMBA_OPT", "1")
-
 import numba
 from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
 
 from ...runtime.program.host import no_collections
 
 if sys.platform != "win32":
     import fcntl
 
+_config: Any = numba.config
+_OPTIMISATION = _config.OPT if "NUMBA_OPT" in os.environ else type(_config.OPT)(1)
+"""LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
+many small functions on tuples of floats run no slower; the predictor's takes half the time."""
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
 _FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
 """Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
@@ -97,21 +97,40 @@ def compiled_anew(made: Any) -> Any:
 
     For steps from files whose content is not part of the folder's name.
     """
-    return numba.jit(**made.targetoptions)(made.py_func)
+    anew: Any = numba.jit(**made.targetoptions)(made.py_func)
+    anew.compile = _optimised(anew.compile)
+    return anew
 
 
 def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     folder = _cache_folder()
     if folder is not None and "fastmath" in options:  # The cache would confuse the two kinds.
         folder /= "fastmath"
-    config: Any = numba.config  # read by the next line but one
-    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
+    # Read by the next line.
+    _config.CACHE_DIR, _config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
     made: Any = numba.jit(cache=folder is not None, **options)(function)
-    config.CACHE_LOCATOR_CLASSES = ""
+    _config.CACHE_LOCATOR_CLASSES = ""
+    made.compile = _optimised(made.compile)
     if folder is not None and sys.platform != "win32":
         name = f"{function.__module__}.{function.__qualname__}"
         made.compile = _in_one_process(made.compile, name, folder)
     return made
+
+
+def _optimised(compile_one: Callable[..., Any]) -> Callable[..., Any]:
+    """Let ``compile_one`` optimise at our level, and leave the level of others as it is."""
+
+    def compile_at_our_level(arguments: Any) -> Any:
+        with global_compiler_lock:
+            _ = cpu_target.target_context  # made once a process, at the level of others
+            others = _config.OPT
+            _config.OPT = _OPTIMISATION
+            try:
+                return compile_one(arguments)
+            finally:
+                _config.OPT = others
+
+    return compile_at_our_level
 
 
 def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) -> Callable[..., Any]:
@@ -138,7 +157,7 @@ def sources() -> list[Path]:
 @cache
 def _cache_folder() -> Path | None:
     """Return the folder for code compiled from the present sources."""
-    made_by = f"{sys.version} {numba.__version__} {os.environ['NUMBA_OPT']}"
+    made_by = f"{sys.version} {numba.__version__} {_OPTIMISATION}"
     digest = hashlib.sha256(made_by.encode())
     for source in sources():
         digest.update(source.read_bytes())

@@ -54,9 +54,7 @@ DESCRIPTORS_MAX = 16
 AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "OMP_", "LD_", "MPL")
 """Variables of the environment that an interpreter and libraries only read when they start.
 
-numba's are not among them: it is imported by the program. To import
-``steer_by_wire.closed_loop.compiled`` sets one, after which nothing would be forked any more in a
-process that has collected all tests.
+numba's are not among them: it is imported by the program.
 """
 _USUAL = subprocess.Popen._execute_child  # type: ignore[attr-defined]
 _PIPES = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
