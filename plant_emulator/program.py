@@ -14,16 +14,14 @@ from ..runtime.program.node_options import load_program_settings, make_parser
 from ..runtime.program.option_types import output_file
 from ..runtime.program.program import ExitStatus, run_main, say
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
-from .check import check_text
-from .evaluation.quantities import QUANTITIES
+from .check_option import check_text
+from .evaluation.fail_if_quantities import QUANTITIES
+from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
-from .evaluation.summary import plant_summary
-from .evaluation.verdict_text import verdict_text
 from .faults.stage import FaultyNode, with_faults
-from .node.messages import RECEIVED, SENT
-from .node.node import PlantNode
+from .node.node import RECEIVED, SENT, PlantNode
 from .settings import PRESETS, PlantSettings, shared_vehicle
-from .vehicle.motion_design import motion_params
+from .vehicle.motion_parameters import motion_params
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))

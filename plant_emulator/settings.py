@@ -16,7 +16,7 @@ from ..runtime.settings import (
     read_preset,
     read_table,
 )
-from .evaluation.verdict import VerdictRules
+from .evaluation.run_verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, FaultSettings
 from .network.settings import BothLatencySettings
 from .path.settings import EllipseSettings, PathSettings

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         VehicleModel,
         VehicleState,
     )
-    from .plant_emulator.vehicle.vehicle import VehicleParams
+    from .plant_emulator.vehicle.single_track_model import VehicleParams
     from .runtime.settings import Settings, SettingsError
 
 _NAMES = {
@@ -44,7 +44,7 @@ _NAMES = {
         *("DisturbanceModel", "DisturbanceStep"),
         *("VehicleInput", "VehicleModel", "VehicleState"),
     ),
-    "plant_emulator.vehicle.vehicle": ("VehicleParams",),
+    "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "closed_loop.run_tables": ("ControllerTable", "PlantTable", "Track"),
     "runtime.settings": ("Settings", "SettingsError"),

@@ -17,7 +17,7 @@ from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
-from ...plant_emulator.vehicle.motion_design import MotionParams
+from ...plant_emulator.vehicle.motion_parameters import MotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError

@@ -36,10 +36,10 @@ from ...controller.interface.law import NO_HISTORY, LoopDelay, VehicleReading
 from ...controller.interface.limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS
-from ...plant_emulator.steering.guard import GuardState
+from ...plant_emulator.steering.control_unit import status_of
+from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
-from ...plant_emulator.steering.unit import status_of
-from ...plant_emulator.vehicle.propagation import LinearState
+from ...plant_emulator.vehicle.exact_propagation import LinearState
 from ...runtime.array_types import FloatArray, IntArray
 from .compilation import compiled_inline, compiled_inside
 from .memory import write

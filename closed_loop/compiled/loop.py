@@ -23,8 +23,13 @@ import numpy as np
 
 from ...controller.interface.limits import limit_step, ramp_step
 from ...dbc.messages import Mode
-from ...plant_emulator.steering.guard import guard_command, guard_timer, guard_wheel, start_guard
-from ...plant_emulator.vehicle.motion_steps import advance_motion, command_motion, start_motion
+from ...plant_emulator.steering.hold_and_fallback import (
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
+from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
 from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .law_input import (

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.interface.limits import SteerLimits
-from ...plant_emulator.steering.guard import GuardParams, GuardState
-from ...plant_emulator.vehicle.motion_steps import MotionState
+from ...plant_emulator.steering.hold_and_fallback import GuardParams, GuardState
+from ...plant_emulator.vehicle.motion_events import MotionState
 from ...runtime.array_types import FloatArray, IntArray
 from .law_input import Known
 

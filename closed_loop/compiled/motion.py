@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ...plant_emulator.path.deviation import deviation_behind_m
+from ...plant_emulator.path.cg_deviation import deviation_behind_m
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
-from ...plant_emulator.vehicle.motion_design import MotionParams, design_motion_arrays
+from ...plant_emulator.vehicle.motion_parameters import MotionParams, design_motion_arrays
 from ...plant_emulator.vehicle.settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -63,7 +63,7 @@ def _road(settings: PathSettings) -> Path:
 def cg_deviations_m(
     path: Any, arc_length_m: Any, heading_error_rad: Any, lateral_error_m: Any, preview_m: float
 ) -> Any:
-    """Return ``plant_emulator.path.deviation.cg_deviation_m`` of every sample, shape (samples,)."""
+    """Return ``path.cg_deviation.cg_deviation_m`` of every sample, shape (samples,)."""
     deviations_m = np.empty(len(arc_length_m))
     for sample in range(len(arc_length_m)):
         piece, along_m = _located(path, arc_length_m[sample])

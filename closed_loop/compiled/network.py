@@ -15,10 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...plant_emulator.network.latency import RESOLUTION_S, Distribution, uniform_of_score
-from ...plant_emulator.network.latency_profile import profile_at, read_trace
+from ...plant_emulator.network.latency_distributions import (
+    RESOLUTION_S,
+    Distribution,
+    uniform_of_score,
+)
+from ...plant_emulator.network.latency_over_time import profile_at, read_trace
 from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert_elliott, loss_step
-from ...plant_emulator.network.random_streams import Channel, first_uniforms
+from ...plant_emulator.network.random_streams import Stream, first_uniforms
 from ...plant_emulator.network.settings import LatencySettings, Order
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
@@ -57,7 +61,7 @@ class _Network(NamedTuple):
 
 
 def passages(
-    settings: LatencySettings, seed: int, channel: Channel, duplicates: Channel, frames: Frames
+    settings: LatencySettings, seed: int, channel: Stream, duplicates: Stream, frames: Frames
 ) -> Passages:
     """Pass frames through a line whose streams are ``channel`` and ``duplicates`` of ``seed``."""
     count = len(frames.came_ns)

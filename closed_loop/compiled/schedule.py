@@ -16,8 +16,8 @@ from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
 from ...dbc.messages import LateralError, Message, Mode, PathAhead, SteeringStatus, VehicleState
 from ...dbc.reception import cycle_ns
-from ...plant_emulator.network.random_streams import Channel, first_uniforms
-from ...plant_emulator.node.sampling import samples_per_vehicle_state
+from ...plant_emulator.network.random_streams import Stream, first_uniforms
+from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NEVER_NS
@@ -88,7 +88,7 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
         tick_ns, np.maximum(tick_ns - motion_start_ns, 0), np.ones(len(tick_ns), dtype=np.bool_)
     )
     down = passages(
-        plant.latency.downlink, plant.seed, Channel.DOWNLINK, Channel.DOWNLINK_DUPLICATES, commands
+        plant.latency.downlink, plant.seed, Stream.DOWNLINK, Stream.DOWNLINK_DUPLICATES, commands
     )
     through = down.due_ns <= end_ns
     sample_ns = np.arange(samples) * sensor_ns
@@ -144,9 +144,7 @@ def arrivals_of(
     came_ns = sample * plant.sensor_period_ns
     is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
     frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
-    up = passages(
-        plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
-    )
+    up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
     period_ns = cycle_ns(_MESSAGES[message])
     believed = _believed(rule, period_ns, number, up.due_ns)
@@ -201,6 +199,6 @@ def sensor_noise(plant: PlantSettings, samples: int, columns: slice) -> list[Flo
     deviations = [noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s][columns]
     if not any(deviations):
         return [np.zeros(samples) for _ in deviations]
-    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
+    uniforms = first_uniforms(plant.seed, Stream.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
     scores = map(normal_scores, uniforms[columns])
     return [deviation * each for deviation, each in zip(deviations, scores, strict=True)]

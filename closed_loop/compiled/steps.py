@@ -43,11 +43,16 @@ from ...controller.laws.plugin import numbers_or_none
 from ...controller.prediction.estimator import VehicleGains, row_of
 from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step
-from ...plant_emulator.path.deviation import deviation_behind_m
-from ...plant_emulator.steering.guard import guard_command, guard_timer, guard_wheel, start_guard
+from ...plant_emulator.path.cg_deviation import deviation_behind_m
+from ...plant_emulator.steering.control_unit import status_of
+from ...plant_emulator.steering.hold_and_fallback import (
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
-from ...plant_emulator.steering.unit import status_of
-from ...plant_emulator.vehicle.motion_steps import advance_motion, command_motion, start_motion
+from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
 from ...runtime.record import new_record
 from ...runtime.settings import SettingsError
 from .memory import at, layout_of, read

@@ -18,10 +18,10 @@ from ...dbc.messages import (
     limits,
     resolutions,
 )
-from ...plant_emulator.node.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
-from ...plant_emulator.node.sampling import samples_per_vehicle_state
+from ...plant_emulator.sensors.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
+from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.motion_design import MotionParams
+from ...plant_emulator.vehicle.motion_parameters import MotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from .law_input import Uplink, Wire, on_wire

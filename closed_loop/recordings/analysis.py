@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from ...dbc import messages
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage

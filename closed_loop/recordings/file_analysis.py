@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from .analysis import LogAnalysis
 from .bus_listener import Export
 from .held_path import PREVIEW_M

@@ -20,9 +20,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...dbc import messages
-from ...plant_emulator.evaluation.plant_report import motion_report
+from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.node import NS_PER_S
 
 SAMPLES_MAX = 30_000

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...dbc.contract.enumerations import Mode
 from ...dbc.messages import Decoded, LateralError, Rejection, SteeringCommand, SteeringPlan, decode
-from ...plant_emulator.evaluation.verdict import Verdict
-from ...plant_emulator.evaluation.verdict_text import verdict_text
+from ...plant_emulator.evaluation.report_in_words import verdict_text
+from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
-from ...plant_emulator.network.latency import Distribution
-from ...plant_emulator.network.random_streams import Channel
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd
+from ...plant_emulator.network.latency_distributions import Distribution
+from ...plant_emulator.network.random_streams import Stream
 from ...plant_emulator.network.settings import LatencySettings, Order
-from ...plant_emulator.node.sampling import samples_per_vehicle_state
+from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
@@ -69,13 +69,13 @@ def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
         np.zeros(len(plan.sample_ns) + 1, dtype=np.int64),
     )
     if _may_lose(latency.downlink):
-        lost = _lost(latency.downlink, plant.seed, Channel.DOWNLINK, plan.tick_ns, plan)
+        lost = _lost(latency.downlink, plant.seed, Stream.DOWNLINK, plan.tick_ns, plan)
         losses.commands[1:] = np.cumsum(lost)
     if _may_lose(latency.uplink):
         messages = np.full(len(plan.sample_ns), 2)
         messages[:: samples_per_vehicle_state(plant.sensor_period_ns)] = 3
         came_ns = np.repeat(plan.sample_ns, messages)
-        lost = _lost(latency.uplink, plant.seed, Channel.UPLINK, came_ns, plan)
+        lost = _lost(latency.uplink, plant.seed, Stream.UPLINK, came_ns, plan)
         losses.measurements[1:] = np.cumsum(lost)[np.cumsum(messages) - 1]
     return losses
 
@@ -85,7 +85,7 @@ def _may_lose(line: LatencySettings) -> bool:
 
 
 def _lost(
-    line: LatencySettings, seed: int, channel: Channel, came_ns: IntArray, plan: Plan
+    line: LatencySettings, seed: int, channel: Stream, came_ns: IntArray, plan: Plan
 ) -> BoolArray:
     bare = line.model_copy(
         update={

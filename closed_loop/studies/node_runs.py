@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 
 from ...dbc.messages import LateralError, limits
-from ...plant_emulator.evaluation.verdict import RunEnd, VerdictRules
+from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings

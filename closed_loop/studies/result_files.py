@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ...plant_emulator.evaluation.verdict import RUN_ENDS
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
 from ...runtime.settings import SettingsError

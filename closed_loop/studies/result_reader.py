@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...plant_emulator.evaluation.verdict import Verdict
+from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .factors import Design

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from ...controller.laws import LAWS
 from ...controller.laws.plugin import place_of
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import SettingsError
 from .base_settings import Tables, bus_tables, controller_tables, plant_tables
 from .factors import Design, Factor, make_design, make_factors

@@ -4,7 +4,7 @@
     [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
                 that set several keys at once
     [sampling]  grid, latin_hypercube or sobol; seed and replicates
-    [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.verdict``)
+    [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.run_verdict``)
 
 It is read and checked here like any settings file. What a factor sets is checked against the
 settings of plant and controller in ``closed_loop.studies.scenario``.
@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import Settings, load_settings
 
 LEVELS_MAX = 10_000

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation import verdict
+from ...plant_emulator.evaluation import run_verdict
 from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX, WindowFigures
-from ...plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
@@ -54,4 +54,4 @@ def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[V
     ``ends``     shape (runs,), places in ``RUN_ENDS``
     ``figures``  shape (runs, figures), in the order of ``Figures``
     """
-    return verdict.verdicts(rules, ends, figures[:, _PEAK], figures[:, _WINDOWS])
+    return run_verdict.verdicts(rules, ends, figures[:, _PEAK], figures[:, _WINDOWS])

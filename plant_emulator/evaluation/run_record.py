@@ -10,11 +10,11 @@ from typing import NamedTuple
 from ...dbc.messages import SteeringCommand
 from ...runtime.node import NS_PER_S
 from ...runtime.record import new_record
-from ..path.deviation import cg_deviation_m
+from ..path.cg_deviation import cg_deviation_m
 from ..path.path import Path, pose
-from ..vehicle.motion import Motion
-from ..vehicle.propagation import LinearState
-from .verdict import VerdictRules, samples_judged
+from ..vehicle.exact_propagation import LinearState
+from ..vehicle.moving_vehicle import Motion
+from .run_verdict import VerdictRules, samples_judged
 
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""

@@ -16,7 +16,7 @@ from typing import Any
 from ...dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
-from ..network.random_streams import Channel, uniforms
+from ..network.random_streams import Stream, uniforms
 from .effects import EFFECTS, FaultMemory, overtake
 from .settings import FaultDirection, FaultKind, FaultSettings, message_types_of
 
@@ -40,7 +40,7 @@ class FaultStage:
         self._effect = EFFECTS[settings.kind]
         self._ids = frozenset(CAN_IDS[message_type] for message_type in message_types_of(settings))
         stream = place if settings.stream is None else settings.stream
-        self._memory = FaultMemory(uniforms(seed, Channel.FAULTS, stream))
+        self._memory = FaultMemory(uniforms(seed, Stream.FAULTS, stream))
         self._records = settings.kind is FaultKind.REPLAY
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)

@@ -3,7 +3,7 @@
 For every frame two uniforms are drawn, in this order, whether they are needed or not:
 
     1. lost or not   (``plant_emulator.network.loss``)
-    2. latency       (``plant_emulator.network.latency``)
+    2. latency       (``plant_emulator.network.latency_distributions``)
 
 so that runs with the same seed meet the same network, and a distribution with a heavier tail makes
 every frame later. Duplicates draw from a stream of their own.
@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from itertools import islice
 
 from ...runtime.node import NS_PER_S
-from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
-from .latency_profile import profile_at, read_trace
+from .latency_distributions import QUANTILES, Distribution, correlated_score, uniform_of_score
+from .latency_over_time import profile_at, read_trace
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from .settings import LatencySettings
 

@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from ...runtime.node import NEVER_NS
 from ...runtime.node.statistics import DurationStatistics
-from .latency import Distribution
+from .latency_distributions import Distribution
 from .latency_draw import LatencyDraw
 from .settings import LatencySettings, Order
 

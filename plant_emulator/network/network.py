@@ -4,9 +4,9 @@ import math
 
 from ...dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
-from .latency import Distribution
+from .latency_distributions import Distribution
 from .latency_line import LatencyLine
-from .random_streams import Channel, uniforms
+from .random_streams import Stream, uniforms
 from .settings import BothLatencySettings
 
 
@@ -20,13 +20,13 @@ class Network:
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
         self.downlink: LatencyLine[SteeringCommand | SteeringPlan] = LatencyLine(
             latency.downlink,
-            uniforms(seed, Channel.DOWNLINK),
-            uniforms(seed, Channel.DOWNLINK_DUPLICATES),
+            uniforms(seed, Stream.DOWNLINK),
+            uniforms(seed, Stream.DOWNLINK_DUPLICATES),
         )
         self.uplink: LatencyLine[Frame] = LatencyLine(
             latency.uplink,
-            uniforms(seed, Channel.UPLINK),
-            uniforms(seed, Channel.UPLINK_DUPLICATES),
+            uniforms(seed, Stream.UPLINK),
+            uniforms(seed, Stream.UPLINK_DUPLICATES),
         )
         self.measured_latency_s = math.nan
         self.configured: LatencyConfig | None = None

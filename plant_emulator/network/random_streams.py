@@ -18,7 +18,7 @@ SMALLEST = 2.0**-54
 """Replaces an exact 0, whose quantile is infinite for unbounded distributions."""
 
 
-class Channel(IntEnum):
+class Stream(IntEnum):
     """Purpose of a stream. Its values are part of the meaning of a seed: never renumber them."""
 
     DOWNLINK = 0
@@ -29,7 +29,7 @@ class Channel(IntEnum):
     FAULTS = 5
 
 
-def uniforms(seed: int, channel: Channel, member: int | None = None) -> Iterator[float]:
+def uniforms(seed: int, channel: Stream, member: int | None = None) -> Iterator[float]:
     """Return the endless stream of uniforms in (0, 1) of one channel, or of one of its members."""
     generator = _generator(seed, channel, *([] if member is None else [member]))
     return chain.from_iterable(
@@ -37,11 +37,11 @@ def uniforms(seed: int, channel: Channel, member: int | None = None) -> Iterator
     )
 
 
-def first_uniforms(seed: int, channel: Channel, count: int) -> NDArray[np.float64]:
+def first_uniforms(seed: int, channel: Stream, count: int) -> NDArray[np.float64]:
     """Return the first ``count`` numbers of the same stream, shape (count,)."""
     return np.maximum(_generator(seed, channel).random(count), SMALLEST)
 
 
-def _generator(seed: int, channel: Channel, *member: int) -> np.random.Generator:
+def _generator(seed: int, channel: Stream, *member: int) -> np.random.Generator:
     # By name, because numpy may change the generator of `default_rng`.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel, *member])))

@@ -23,8 +23,8 @@ from ...runtime.settings.plugin import (
     find_part,
     plugin_table,
 )
-from .latency import QUANTILES, Distribution, Quantile
-from .latency_profile import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
+from .latency_distributions import QUANTILES, Distribution, Quantile
+from .latency_over_time import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -4,7 +4,7 @@
 each at its exact time and not at that of the tick, in this order at one instant:
 
 1. commands leave the downlink for the steering's control unit, which sets the wheel's target
-2. the control unit reacts to missing commands (``plant_emulator.steering.guard``)
+2. the control unit reacts to missing commands (``plant_emulator.steering.hold_and_fallback``)
 3. a plan of commands gives the one for this sample (``plant_emulator.steering.plan_buffer``), the
    sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
@@ -18,8 +18,8 @@ The vehicle stands at the start of its path until the first valid command arrive
 its latency. So two programs started one after the other drive the same run as two nodes in virtual
 time.
 
-A fault that the plant detects in itself (``plant_emulator.node.self_supervision``) ends the run:
-the steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
+A fault that the plant detects in itself (``node.self_detected_faults``) ends the run: the steering
+enters its SAFE_STATE, reports it, and after its fallback the node has finished.
 """
 
 import math
@@ -30,33 +30,53 @@ from ...dbc.codec.protection import SequenceResult
 from ...dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
+    GroundTruth,
     LatencyConfig,
+    LateralError,
+    Message,
+    PathAhead,
+    PlantStatus,
     Rejection,
     SafetyState,
     SteeringCommand,
+    SteeringPlan,
+    SteeringStatus,
+    VehicleState,
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
-from ..evaluation.plant_report import line_report, motion_report, reception_report
+from ..evaluation.report_in_json import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
 from ..path.path import Path
+from ..sensors.sampling import Sampling
 from ..settings import PlantSettings
+from ..steering.control_unit import SteeringUnit
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
-from ..steering.unit import SteeringUnit
-from ..vehicle.motion_design import MotionParams, motion_params
-from ..vehicle.plugin import make_motion
-from ..vehicle.propagation import DELTA
-from .live_disturbances import Disturbing
-from .messages import RECEIVED, SENT, STEERING, PlantMessages
-from .sampling import Sampling
-from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
-from .status_timing import StatusTiming
-from .view import plant_view
+from ..vehicle.exact_propagation import DELTA
+from ..vehicle.motion_parameters import MotionParams, motion_params
+from ..vehicle.plugin_equations import make_motion
+from .disturbances_set_by_tools import LiveDisturbances
+from .live_view import plant_view
+from .plant_status import PlantStatusFrames, PlantStatusTiming
+from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
 
+STEERING = (SteeringCommand, SteeringPlan)
+"""Commands: a plan and a command take each other's place."""
+RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConfig)
+"""What the plant receives."""
+SENT: tuple[type[Message], ...] = (
+    LateralError,
+    SteeringStatus,
+    VehicleState,
+    PathAhead,
+    PlantStatus,
+    GroundTruth,
+)
+"""What the plant alone sends."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEERING}
 
@@ -90,13 +110,13 @@ class PlantNode:
             else params
         )
         self._motion = make_motion(settings.vehicle, params)
-        self._disturbing = Disturbing(settings, params)
+        self._live_disturbances = LiveDisturbances(settings, params)
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
-        self._own = SelfSupervision(settings.overruns)
+        self._own_fault = SelfDetectedFault(settings.overruns)
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        self._status_timing = StatusTiming(start_ns)
+        self._status_timing = PlantStatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings.latency, settings.seed)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
@@ -105,8 +125,16 @@ class PlantNode:
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         self._sends_truth = settings.ground_truth
-        self._messages = PlantMessages()
-        self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
+        self._status_frames = PlantStatusFrames()
+        self._sampling = Sampling(
+            self._motion,
+            settings.sensor_noise,
+            settings.path_ahead,
+            settings.seed,
+            start_ns,
+            settings.sensor_period_ns,
+            self._network.uplink,
+        )
         self._record = RunRecord(
             self._motion,
             settings.duration_s,
@@ -142,7 +170,7 @@ class PlantNode:
         elif isinstance(received, LatencyConfig):
             self._network.reconfigure(received)
         elif isinstance(received, DisturbanceConfig):
-            self._disturbing.ask(received)
+            self._live_disturbances.ask(received)
             self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_TYPES:
             self._unit.on_rejection()
@@ -172,9 +200,9 @@ class PlantNode:
             if measured_ns < due_ns:
                 due_ns = measured_ns
             if due_ns > now_ns:
-                if self._disturbing.is_asked:
+                if self._live_disturbances.is_asked:
                     self._advance(now_ns)
-                    self._motion.disturb(self._disturbing.params())
+                    self._motion.disturb(self._live_disturbances.params())
                 self.deadline_ns = due_ns
                 return frames
             if command_ns == due_ns:
@@ -185,7 +213,7 @@ class PlantNode:
                 sensor_timer.advance(now_ns)
                 self._sense(due_ns)
                 if self._sends_truth and self._motion.is_finite:
-                    frames.append(self._messages.ground_truth(motion_cg_m(self._motion)))
+                    frames.append(self._sampling.frames.ground_truth(motion_cg_m(self._motion)))
                 if uplink.next_due_ns == due_ns:
                     frames += self._network.measured(due_ns)
             elif measured_ns == due_ns:
@@ -202,7 +230,7 @@ class PlantNode:
         """Return what a user should see now."""
         return plant_view(
             self._unit,
-            self._own.failure,
+            self._own_fault.failure,
             self._reception,
             self._network,
             self._command,
@@ -221,14 +249,14 @@ class PlantNode:
         record = self._record
         return {
             "seed": self._seed,
-            "failure": self._own.failure,
+            "failure": self._own_fault.failure,
             **motion_report(record.figures, self._motion.time_ns, record.rules, record.period_s),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
             **reception_report(self._reception),
             "skipped_samples": self._sensor_timer.skipped,
-            "not_available": self._messages.not_available,
-            "clamped": self._messages.clamped,
+            "not_available": self._sampling.frames.not_available,
+            "clamped": self._sampling.frames.clamped + self._status_frames.clamped,
             "safety": self._unit.report(),
         }
 
@@ -249,8 +277,8 @@ class PlantNode:
 
     def _fail(self, failure: str, due_ns: int) -> None:
         """Process a fault of the plant: the steering goes to its safe state."""
-        self._own.on_fault(failure, due_ns)
-        self._unit.on_own_fault(self._own.failure, self._motion_ns(due_ns))
+        self._own_fault.on_fault(failure, due_ns)
+        self._unit.on_own_fault(self._own_fault.failure, self._motion_ns(due_ns))
 
     def _apply(self, due_ns: int) -> None:
         """Apply the commands that are due."""
@@ -280,11 +308,11 @@ class PlantNode:
     def _sense(self, time_ns: int) -> None:
         """Sample the vehicle and put the messages into the uplink."""
         motion_ns = self._advance(time_ns)
-        self._own.on_sample(self._sensor_timer, time_ns)
-        if self._own.failure:
-            self._fail(self._own.failure, time_ns)
+        self._own_fault.on_sample(self._sensor_timer, time_ns)
+        if self._own_fault.failure:
+            self._fail(self._own_fault.failure, time_ns)
         if self._plans.plan is not None:
-            played = self._plans.play(self._messages.next_sample)
+            played = self._plans.play(self._sampling.frames.next_sample)
             if played is not None:
                 command, latency_s, is_new = played
                 self._follow(command, latency_s, time_ns, is_new=is_new)
@@ -296,14 +324,14 @@ class PlantNode:
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.take(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
-        if time_ns >= self._own.reported_ns and self._unit.has_fallen_back:
+        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back:
             self.finished = True
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
-        self._sampling.send(motion, applied, code, time_ns, motion_ns)
+        self._sampling.send(applied, code, time_ns, motion_ns)
 
     def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
         """Return PLANT_STATUS."""
         refused = self._reception.refused + self._unauthenticated
         second_sender = self._reception.second_sender(now_ns)
-        return self._messages.plant_status(self._network, refused, safety, second_sender)
+        return self._status_frames.frame(self._network, refused, safety, second_sender)

@@ -1,7 +1,7 @@
 """The paths of the rig: straight, circle, ellipse, single and double lane change.
 
 ellipse: SAE 2018-01-1086, Fig. 14, from the end of the major axis (where it bends most), to the
-left. Its curvature is interpolated as described in `plant_emulator.path.curve`.
+left. Its curvature is interpolated as described in `plant_emulator.path.curve_to_path`.
 
 lane changes: clothoids with the curvatures 0, κ, 0, −κ, 0 at equal distances, so that the heading
 returns to its old value. The double one has the proportions of ISO 3888-1: 30 m to the other lane,
@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from .circular import cos_and_sin
-from .curve import CurvePoints, path_along
+from .curve_to_path import CurvePoints, path_along
 from .path import Path, Pose, along_clothoid
+from .portable_trigonometry import cos_and_sin
 from .settings import (
     CircleSettings,
     DoubleLaneChangeSettings,

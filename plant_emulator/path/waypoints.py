@@ -1,4 +1,4 @@
-"""A path through the points of a file: a cubic spline, sampled as in `plant_emulator.path.curve`.
+"""A path through the points of a file: a cubic spline, sampled as in `path.curve_to_path`.
 
 The file is CSV with the header ``x_m,y_m`` and one point per line; empty lines and lines that start
 with ``#`` are skipped. The spline's curvature is continuous and the path meets every point.
@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError, read_text
-from .curve import CurvePoints, path_along
+from .curve_to_path import CurvePoints, path_along
 from .path import Path
 
 HEADER = ["x_m", "y_m"]

@@ -9,8 +9,8 @@ from pydantic import Field, Tag
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
-from .guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
-from .limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
+from .command_limits import LimiterParams, acceleration_gain_m_s2, limit_rows
+from .hold_and_fallback import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"
 _N = TypeVar("_N")

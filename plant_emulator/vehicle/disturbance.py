@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ...runtime.node import NS_PER_S
 from .settings import DisturbanceSettings
-from .vehicle import VehicleParams, on_friction, state_matrices
+from .single_track_model import VehicleParams, on_friction, state_matrices
 
 
 class DisturbanceInterval(NamedTuple):

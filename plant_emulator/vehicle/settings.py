@@ -22,11 +22,11 @@ from ...runtime.settings.plugin import (
     plugin_place,
     plugin_table,
 )
-from .vehicle import VehicleParams
+from .single_track_model import VehicleParams
 
 
 class VehicleState(NamedTuple):
-    """State of (1), see ``plant_emulator.vehicle.vehicle``; also its rates, per second."""
+    """State of (1) in ``vehicle.single_track_model``; also its rates, per second."""
 
     side_slip_rad: float
     yaw_rate_rad_s: float

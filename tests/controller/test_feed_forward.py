@@ -9,7 +9,7 @@ from steer_by_wire.controller.interface.law import LawInput, VehicleReading
 from steer_by_wire.controller.laws.design import design_law, steady_steer
 from steer_by_wire.controller.laws.feed_forward import curve_steer
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
 from tests.support.own_vehicle import transition
 

@@ -19,7 +19,7 @@ from steer_by_wire.controller.prediction.estimator import estimator_at_rest
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.baseline_runs import vehicle_of
 from tests.support.compiled_runs import plant_settings as rig

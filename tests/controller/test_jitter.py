@@ -25,7 +25,10 @@ from steer_by_wire.controller.filters.transfer_function import Factor, TransferF
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.network.latency import gamma_quantile, uniform_quantile
+from steer_by_wire.plant_emulator.network.latency_distributions import (
+    gamma_quantile,
+    uniform_quantile,
+)
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.wide_stretches import MODEL, PLANT

@@ -21,7 +21,7 @@ from steer_by_wire.controller.prediction.lag_filter import (
     lag_to,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -27,13 +27,15 @@ from steer_by_wire.controller.prediction.gains import (
     together,
 )
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
-from steer_by_wire.plant_emulator.vehicle.propagation import augmented_matrix as emulator_matrix
-from steer_by_wire.plant_emulator.vehicle.propagation import (
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
+    augmented_matrix as emulator_matrix,
+)
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     propagate,
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from tests.support.predictor_law import SENT, controller, history
 
 MS = 1_000_000

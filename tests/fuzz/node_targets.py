@@ -45,11 +45,11 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, is_secured
 from steer_by_wire.dbc.secoc.node import AuthenticatedNode
-from steer_by_wire.plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
-from steer_by_wire.plant_emulator.node.messages import SENT as PLANT_SENDS
+from steer_by_wire.plant_emulator.node.node import RECEIVED as PLANT_RECEIVES
+from steer_by_wire.plant_emulator.node.node import SENT as PLANT_SENDS
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams, motion_params
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams, motion_params
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S, Node, ReportingNode
 from steer_by_wire.runtime.settings import load_settings

@@ -18,7 +18,7 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import LateralError, Message, Mode, SteeringCommand, encode
-from steer_by_wire.plant_emulator.network.latency_profile import read_trace
+from steer_by_wire.plant_emulator.network.latency_over_time import read_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS

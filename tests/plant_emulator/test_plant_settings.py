@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings

@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from steer_by_wire.plant_emulator.steering import guard as steering_guard
-from steer_by_wire.plant_emulator.steering.limiter import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering import hold_and_fallback
+from steer_by_wire.plant_emulator.steering.command_limits import LimiterParams, limit_rows
 
-tested = steering_guard
+tested = hold_and_fallback
 MS_NS = 1_000_000
 INF = math.inf
 MODES = ["NO_COMMAND", "FOLLOWING", "HOLDING", "FALLBACK", "SAFE_STATE"]

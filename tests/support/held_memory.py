@@ -23,7 +23,7 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion_design import MotionParams
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor

@@ -16,7 +16,7 @@ from steer_by_wire import (
     path_through,
 )
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleInput
-from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 
 
 class Share(Settings):

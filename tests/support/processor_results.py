@@ -23,7 +23,7 @@ from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.path.settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
@@ -33,7 +33,7 @@ from steer_by_wire.plant_emulator.path.settings import (
 )
 from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion_design import design_motion_arrays
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from steer_by_wire.tools.design.evolution import evolve
 from steer_by_wire.tools.design.judgement import make_study

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
-from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
+from steer_by_wire.plant_emulator.network.random_streams import Stream, uniforms
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.runtime.node import NEVER_NS
 
@@ -24,8 +24,8 @@ class Leaving(NamedTuple):
 def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
     return LatencyLine(
         LatencySettings.model_validate(table),
-        uniforms(seed, Channel.UPLINK),
-        uniforms(seed, Channel.UPLINK_DUPLICATES),
+        uniforms(seed, Stream.UPLINK),
+        uniforms(seed, Stream.UPLINK_DUPLICATES),
     )
 
 

@@ -12,7 +12,12 @@ from steer_by_wire.closed_loop.studies.figures import (
     figures_of,
     verdicts,
 )
-from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
+from steer_by_wire.plant_emulator.evaluation.run_verdict import (
+    RUN_ENDS,
+    RunEnd,
+    Verdict,
+    VerdictRules,
+)
 
 FloatArray = NDArray[np.floating[Any]]
 RULES = FigureRules(0.01, 0.01, 0.6, 0.02, 15.0, 0.1)

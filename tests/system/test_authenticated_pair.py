@@ -28,7 +28,7 @@ from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused, plain
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.dbc.secoc.node import AuthenticatedNode
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,
     LatencySettings,

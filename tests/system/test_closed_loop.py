@@ -29,7 +29,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,
     LatencySettings,
@@ -38,8 +38,8 @@ from steer_by_wire.plant_emulator.network.settings import (
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion import Motion
-from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
+from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame

@@ -22,7 +22,7 @@ from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, Rejection, decode
-from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, RunEnd
+from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor

@@ -26,14 +26,14 @@ from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.interface.limits import LimitSettings, limit_step
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
-from steer_by_wire.plant_emulator.network.random_streams import Channel, uniforms
+from steer_by_wire.plant_emulator.network.random_streams import Stream, uniforms
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion import Motion
-from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
+from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 
 PERIOD_NS = 10_000_000
@@ -163,8 +163,8 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
     motion = Motion(motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance))
     line: LatencyLine[float] = LatencyLine(
         plant.latency.downlink,
-        uniforms(plant.seed, Channel.DOWNLINK),
-        uniforms(plant.seed, Channel.DOWNLINK_DUPLICATES),
+        uniforms(plant.seed, Stream.DOWNLINK),
+        uniforms(plant.seed, Stream.DOWNLINK_DUPLICATES),
     )
     state, steer_rad, squares_m2 = design.initial_state(0.0), 0.0, 0.0
     periods = plant.duration_ns // PERIOD_NS

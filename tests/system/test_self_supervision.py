@@ -26,13 +26,13 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator import program
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.plant_emulator.node.self_supervision import (
+from steer_by_wire.plant_emulator.node.self_detected_faults import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
     REPORTING_NS,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion import LARGEST
+from steer_by_wire.plant_emulator.vehicle.moving_vehicle import LARGEST
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.program.program import ExitStatus
@@ -312,7 +312,7 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     push = "disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
     overrides = [*growing, push, "start_on_first_command=false"]
     monkeypatch.setattr(
-        "steer_by_wire.plant_emulator.vehicle.motion.LARGEST", 1e9
+        "steer_by_wire.plant_emulator.vehicle.moving_vehicle.LARGEST", 1e9
     )  # in half a second, not in seven
     options = [text for override in overrides for text in ("--set", override)]
     arguments = ["-i", "virtual", "-c", "self supervision", "--priority", "0", "--no-memory-lock"]
@@ -330,7 +330,7 @@ def test_a_run_of_both_nodes_says_so_too(
 ) -> None:
     growing = [f"--plant-set=vehicle.{key}={value}" for key, value in OVERSTEER.items()]
     push = "--plant-set=disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
-    monkeypatch.setattr("steer_by_wire.plant_emulator.vehicle.motion.LARGEST", 1e9)
+    monkeypatch.setattr("steer_by_wire.plant_emulator.vehicle.moving_vehicle.LARGEST", 1e9)
     assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
     out = capsys.readouterr().out
     assert re.search(rf"^safe state +plant emulator: {NOT_FINITE_VEHICLE}$", out, re.MULTILINE)

@@ -10,8 +10,8 @@ from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
 from steer_by_wire.dbc.messages import Rejection
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
-from steer_by_wire.plant_emulator.steering import unit as steering_unit
-from steer_by_wire.plant_emulator.steering.guard import GuardMode, guard_command
+from steer_by_wire.plant_emulator.steering import control_unit
+from steer_by_wire.plant_emulator.steering.hold_and_fallback import GuardMode, guard_command
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
 from steer_by_wire.tools.faults.campaign.acceptance import Finding, findings_of
@@ -130,7 +130,7 @@ def test_a_steering_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyPat
             state = state._replace(limiter=limiter, fade_rad=0.0)
         return state, is_followed
 
-    monkeypatch.setattr(steering_unit, "guard_command", jumping)
+    monkeypatch.setattr(control_unit, "guard_command", jumping)
     result = faulty(case("drop", "STEERING_COMMAND", 1.0))
     assert result.verdict is Verdict.JUMPED
     assert result.jumps.startswith("wheel by ")

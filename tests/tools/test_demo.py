@@ -11,7 +11,7 @@ import pytest
 from steer_by_wire.closed_loop.live_bus import Bus, BusRecorder, open_channels
 from steer_by_wire.closed_loop.pair_result import PairResult, Trace
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.plant_emulator.evaluation.verdict import Verdict
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
 from steer_by_wire.tools.demo.pictures import nice_factor

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

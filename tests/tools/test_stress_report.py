@@ -22,7 +22,7 @@ from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Threads
-from steer_by_wire.plant_emulator.evaluation.verdict import Verdict
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import stress_report as __main__
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes

@@ -34,9 +34,9 @@ from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.plant_emulator.evaluation import quantities
-from steer_by_wire.plant_emulator.evaluation.verdict import VerdictRules
-from steer_by_wire.plant_emulator.evaluation.verdict_text import verdict_text
+from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
+from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
+from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
 from steer_by_wire.runtime.program.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.program.report import write_json
@@ -63,7 +63,7 @@ NAME = "steer-by-wire analyze"
 
 
 QUANTITIES: Mapping[str, Quantity] = {
-    **quantities.QUANTITIES,
+    **fail_if_quantities.QUANTITIES,
     **of_part(
         {
             "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),

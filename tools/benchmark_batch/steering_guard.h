@@ -1,4 +1,4 @@
-/* The steering's guard in plain C: plant_emulator/steering/guard.py and safety_limiter.py, operation
+/* The steering's guard in plain C: plant_emulator/steering/hold_and_fallback.py and command_limits.py, operation
    by operation. */
 
 #include <math.h>

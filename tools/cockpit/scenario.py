@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.messages import LatencyModel
-from ...plant_emulator.network.latency import Distribution
+from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.settings import Settings, preset_names, with_values

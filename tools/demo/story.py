@@ -14,7 +14,7 @@ from rich.table import Table
 
 from ...closed_loop.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...plant_emulator.evaluation.verdict import Verdict, judge
+from ...plant_emulator.evaluation.run_verdict import Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.program.thresholds import Quantity

@@ -18,7 +18,7 @@ from ...controller.analysis.predictor_loop import PredictorLoop, linear
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.network.latency import Distribution
+from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.sensors.settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.network.latency import Distribution
+from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.path.shapes import build_path

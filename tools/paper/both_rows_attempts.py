@@ -23,7 +23,7 @@ from scipy.signal import StateSpace, lsim, tf2ss
 
 from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...controller.filters.nominal_model import NominalVehicle, paper_eq19
-from ...plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from ...plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import K_D_RAD_S_M, K_P_RAD_M, PATH, Q_CUTOFF_RAD_S, curvature_met

@@ -46,7 +46,7 @@ from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...controller.filters.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
 from ...plant_emulator.path.shapes import ellipse
-from ...plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from ...plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_loop import product

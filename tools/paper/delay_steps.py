@@ -26,8 +26,8 @@ from ...controller.laws.design import design_law
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.path.settings import StraightSettings
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.motion import Motion
-from ...plant_emulator.vehicle.motion_design import motion_params
+from ...plant_emulator.vehicle.motion_parameters import motion_params
+from ...plant_emulator.vehicle.moving_vehicle import Motion
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive

@@ -33,7 +33,7 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
-from steer_by_wire.plant_emulator.vehicle.motion_design import motion_params
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser

@@ -7,9 +7,8 @@ from ...closed_loop.virtual_bus import SharedBus
 from ...controller.node import quantities as controller_quantities
 from ...controller.node.node import ControllerNode
 from ...controller.node.summary import controller_summary
-from ...plant_emulator.evaluation import quantities as plant_quantities
-from ...plant_emulator.evaluation.summary import plant_summary
-from ...plant_emulator.evaluation.verdict_text import verdict_text
+from ...plant_emulator.evaluation import fail_if_quantities as plant_quantities
+from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.faults.stage import FaultyNode
 from ...plant_emulator.node.node import PlantNode
 from ...runtime.program.report import durations_line

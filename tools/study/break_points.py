@@ -32,7 +32,7 @@ from ...closed_loop.studies.factors import replicate_seed
 from ...closed_loop.studies.figures import COLUMNS, verdict_of
 from ...closed_loop.studies.result_reader import Rows, StudyRecord, case_of, read_overrides
 from ...closed_loop.studies.scenario import Scenarios
-from ...plant_emulator.evaluation.verdict import Verdict
+from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.node import NS_PER_S
 from .axes import StudyAxes, is_share
 

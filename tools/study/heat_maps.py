@@ -19,7 +19,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.studies.result_reader import VERDICTS, Rows
-from ...plant_emulator.evaluation.verdict import Verdict
+from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import FloatArray, IntArray
 from .axes import StudyAxes, cells
 from .break_points import CONFIDENCE, HELD_SHARE, LATENCY_NS_MAX, STEP_NS, BreakPoint

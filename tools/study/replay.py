@@ -30,7 +30,7 @@ from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, range_
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
-from ...plant_emulator.evaluation.verdict import RunEnd
+from ...plant_emulator.evaluation.run_verdict import RunEnd
 from ...runtime.array_types import FloatArray
 from ...runtime.port.python_can import socketcan_obstacle
 from ...runtime.settings import SettingsError

@@ -20,7 +20,7 @@ from ...closed_loop.studies.result_reader import (
     read_rows,
     read_study,
 )
-from ...plant_emulator.evaluation.verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import Settings
 from .axes import StudyAxes, study_axes

@@ -19,7 +19,7 @@ from ...closed_loop.studies.result_reader import (
     case_of,
     read_overrides,
 )
-from ...plant_emulator.evaluation.verdict import Verdict
+from ...plant_emulator.evaluation.run_verdict import Verdict
 
 COUNT = 10
 

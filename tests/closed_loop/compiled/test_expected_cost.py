@@ -7,7 +7,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.compiled.schedule import plan_run
 from steer_by_wire.closed_loop.studies.factors import replicate_seed
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.network.latency import QUANTILES, Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import QUANTILES, Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError

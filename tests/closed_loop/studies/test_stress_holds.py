@@ -11,7 +11,7 @@ from steer_by_wire.closed_loop.studies.factors import corner_vehicle
 from steer_by_wire.closed_loop.studies.figures import COLUMNS, short_windows, verdicts
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.plant_emulator.evaluation.verdict import RUN_ENDS, Verdict, VerdictRules
+from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, Verdict, VerdictRules
 from steer_by_wire.tools.study import __main__ as stress_latency
 from tests.support.small_study import make_scenarios
 from tests.support.stress_signals import TIME_S, figures, sine, verdict

@@ -21,7 +21,7 @@ from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, Threads
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.plant_emulator.evaluation.verdict import RunEnd
+from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.program.program import ExitStatus

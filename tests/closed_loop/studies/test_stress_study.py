@@ -30,7 +30,7 @@ from steer_by_wire.closed_loop.studies.study_file import (
     Triangular,
     Uniform,
 )
-from steer_by_wire.plant_emulator.evaluation.verdict import Verdict, VerdictRules
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict, VerdictRules
 from steer_by_wire.plant_emulator.sensors.settings import PathAheadSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset

@@ -11,7 +11,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.plant_emulator.evaluation.verdict import RunEnd, Verdict, VerdictRules
+from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, Verdict, VerdictRules
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.stress_signals import NO_COMMANDS, RULES, TIME_S, figures, noise, sine, verdict

@@ -25,15 +25,15 @@ from steer_by_wire.closed_loop.compiled.compilation import compiled
 from steer_by_wire.controller.analysis.linear_system import LinearSystem, floats_of, law_system
 from steer_by_wire.controller.laws.design import design_law
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.network.latency import Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
-from steer_by_wire.plant_emulator.vehicle.motion_design import vehicle_params
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
 from steer_by_wire.plant_emulator.vehicle.settings import DisturbanceSettings
-from steer_by_wire.plant_emulator.vehicle.vehicle import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from steer_by_wire.runtime.array_types import FloatArray
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import SettingsError

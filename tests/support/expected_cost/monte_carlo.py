@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_bat
 from steer_by_wire.closed_loop.compiled.network import Frames, passages
 from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.network.random_streams import Channel
+from steer_by_wire.plant_emulator.network.random_streams import Stream
 from steer_by_wire.plant_emulator.network.settings import Order
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.array_types import FloatArray
@@ -98,7 +98,7 @@ def on_grid(plant: PlantSettings, controller: ControllerSettings, plan: Plan) ->
     arriving = plant.latency.downlink.model_copy(update={"order": Order.AS_ARRIVES})
     motion_ns = np.maximum(plan.tick_ns - plan.motion_start_ns, 0)
     frames = Frames(plan.tick_ns, motion_ns, np.ones(len(plan.tick_ns), dtype=np.bool_))
-    down = passages(arriving, plant.seed, Channel.DOWNLINK, Channel.DOWNLINK_DUPLICATES, frames)
+    down = passages(arriving, plant.seed, Stream.DOWNLINK, Stream.DOWNLINK_DUPLICATES, frames)
     latency_ns = -(-down.latency_ns // controller.period_ns) * controller.period_ns
     due_ns = plan.tick_ns[down.frame] + latency_ns
     leaving = np.lexsort((down.frame, due_ns))

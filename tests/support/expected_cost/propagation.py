@@ -33,7 +33,7 @@ import numpy as np
 from steer_by_wire.controller.analysis import arrivals
 from steer_by_wire.controller.analysis.jitter import newest_arrivals
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.network.latency import RESOLUTION_S, Distribution
+from steer_by_wire.plant_emulator.network.latency_distributions import RESOLUTION_S, Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.array_types import FloatArray

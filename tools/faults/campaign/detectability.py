@@ -32,8 +32,8 @@ from ....plant_emulator.faults.settings import (
     FaultKind,
     FaultSettings,
 )
-from ....plant_emulator.node.messages import RECEIVED as PLANT_RECEIVES
-from ....plant_emulator.node.sampling import samples_per_vehicle_state
+from ....plant_emulator.node.node import RECEIVED as PLANT_RECEIVES
+from ....plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import design_guard
 from ....runtime.node import NS_PER_S

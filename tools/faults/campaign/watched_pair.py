@@ -8,7 +8,7 @@ from ....controller.node.node import ControllerNode
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ....plant_emulator.faults.stage import FaultyNode
 from ....plant_emulator.node.node import PlantNode
-from ....plant_emulator.vehicle.motion_design import motion_params
+from ....plant_emulator.vehicle.motion_parameters import motion_params
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode

@@ -1,0 +1,162 @@
+"""What ``steer-by-wire plant --check`` prints: the settings in effect, and what the rig would do.
+
+The text as a whole is a settings file again: all but the settings are TOML comments.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dbc.messages import (
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    limits,
+    resolutions,
+)
+from ..runtime.node import NS_PER_MS
+from ..runtime.settings.toml_text import dump_toml
+from .network.settings import LatencySettings
+from .node.plant_status import PERIOD_NS
+from .path.path import Path
+from .sensors.sampling import samples_per_vehicle_state
+from .settings import PlantSettings
+from .steering.command_limits import AVERAGING_S, Cause
+from .steering.settings import design_guard
+from .vehicle.motion_parameters import MotionParams, motion_params
+from .vehicle.settings import VehicleSettings
+
+_POINTS = 4000
+"""Points of the path at which the demand is computed."""
+_SHOWN: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, SteeringCommand)
+
+
+def check_text(settings: PlantSettings) -> str:
+    """Return the settings and what follows from them; raises what ``motion_params`` raises."""
+    params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+    comments = [*_vehicle(settings), "", *_path(settings, params), "", *_network(settings), ""]
+    lines = [f"# {comment}" if comment else "#" for comment in [*comments, *_wire(settings)]]
+    return "\n".join([dump_toml(settings), *lines, ""])
+
+
+def understeer_gradient_s2_m(vehicle: VehicleSettings) -> float:
+    """Return K of the steady steer (L + K V²) ρ [rad per m/s²]; negative: it oversteers."""
+    compliance = (
+        vehicle.rear_axle_distance_m / vehicle.front_cornering_stiffness_n_rad
+        - vehicle.front_axle_distance_m / vehicle.rear_cornering_stiffness_n_rad
+    )
+    return vehicle.virtual_mass_kg / _wheelbase_m(vehicle) * compliance
+
+
+def _wheelbase_m(vehicle: VehicleSettings) -> float:
+    return vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
+
+
+def _vehicle(settings: PlantSettings) -> Iterator[str]:
+    vehicle = settings.vehicle
+    if vehicle.model is not None:
+        yield f"Vehicle: equations of another package ({vehicle.model}), which are not analysed."
+        return
+    wheelbase_m = _wheelbase_m(vehicle)
+    gradient = understeer_gradient_s2_m(vehicle)
+    yield f"Vehicle: {vehicle.speed_m_s:.4g} m/s ({3.6 * vehicle.speed_m_s:.4g} km/h):"
+    yield f"  wheelbase            {wheelbase_m:.4g} m"
+    yield f"  understeer gradient  {gradient:.4g} rad per m/s²"
+    if gradient < 0.0:
+        critical_m_s = math.sqrt(-wheelbase_m / gradient)
+        verdict = "above it: UNSTABLE" if critical_m_s <= vehicle.speed_m_s else "below it: stable"
+        yield f"  critical speed       {critical_m_s:.4g} m/s, {verdict}"
+    else:
+        yield "  critical speed       none: it does not oversteer"
+
+
+def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
+    vehicle, path = settings.vehicle, params.path
+    speed_m_s = vehicle.speed_m_s
+    driven_m = speed_m_s * settings.duration_s
+    lap = f"a lap of {path.length_m:.4g} m" if path.closed else f"{path.length_m:.4g} m long"
+    yield f"Path: {settings.path.kind}, {lap}; {driven_m:.4g} m in {settings.duration_s:g} s:"
+    within_m = min(driven_m, path.length_m or driven_m) or driven_m
+    curvature_1_m = _curvature(path, np.linspace(0.0, within_m, _POINTS))
+    largest_1_m = float(np.abs(curvature_1_m).max())
+    yield f"  largest curvature    {largest_1_m:.4g} 1/m"
+    yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
+    # Not positive above a critical speed.
+    steer_m = _wheelbase_m(vehicle) + understeer_gradient_s2_m(vehicle) * speed_m_s**2
+    if vehicle.model is not None or steer_m <= 0.0:
+        return
+    steer = steer_m * curvature_1_m
+    window = max(1, min(_POINTS - 1, round(AVERAGING_S * speed_m_s / within_m * _POINTS)))
+    windows = np.lib.stride_tricks.sliding_window_view(steer, window + 1)
+    sweep_rad = float(np.ptp(windows, axis=1).max())
+    reach_rad = float(np.abs(steer).max())
+    within = f" within {AVERAGING_S:g} s"
+    yield f"  steer to follow it   {reach_rad:.4g} rad, {sweep_rad:.4g} rad{within}"
+    guard = design_guard(settings.safety, vehicle, settings.actuator)
+    for row in guard.limiter.rows:
+        for needed_rad, allowed_rad, when in (
+            (reach_rad, row.reach_rad, ""),
+            (sweep_rad, row.sweep_rad, within),
+        ):
+            if math.isfinite(allowed_rad):
+                name = Cause(row.cause).name.lower()
+                verdict = "" if needed_rad <= allowed_rad else "  TOO LITTLE for this path"
+                yield f"  limit {name:21} {allowed_rad:.4g} rad{when}{verdict}"
+    stop_rad = settings.actuator.angle_limit_rad
+    if stop_rad is not None and stop_rad < reach_rad:
+        yield f"  actuator angle limit {stop_rad:.4g} rad  TOO LITTLE for this path"
+
+
+def _curvature(path: Path, arc_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the curvature at arc lengths of the first lap [1/m]."""
+    start_m = np.asarray(path.start_m)
+    piece = np.searchsorted(start_m, arc_m, side="right") - 1
+    slope = np.asarray(path.curvature_slope_1_m2)[piece]
+    return np.asarray(np.asarray(path.curvature_1_m)[piece] + slope * (arc_m - start_m[piece]))
+
+
+def _network(settings: PlantSettings) -> Iterator[str]:
+    yield "Latency of the emulated network:"
+    yield f"  commands     {_latency(settings.latency.downlink)}"
+    yield f"  measurements {_latency(settings.latency.uplink)}"
+
+
+def _latency(line: LatencySettings) -> str:
+    if line.trace_file is not None:
+        return f"as in {line.trace_file}"
+    if line.schedule:
+        return f"a schedule of {len(line.schedule)} points"
+    p50_ms, p99_ms = (1e3 * line.quantile(u, line.mean_s, line.spread_s) for u in (0.5, 0.99))
+    return f"{line.model}, p50 {p50_ms:.4g} ms, p99 {p99_ms:.4g} ms, {100 * line.loss:g} % lost"
+
+
+def _wire(settings: PlantSettings) -> Iterator[str]:
+    sensor_ms = settings.sensor_period_ms
+    state_ms = sensor_ms * samples_per_vehicle_state(settings.sensor_period_ns)
+    sent: tuple[tuple[type[Message], float], ...] = (
+        (LateralError, sensor_ms),
+        (SteeringStatus, sensor_ms),
+        (VehicleState, state_ms),
+        (PlantStatus, PERIOD_NS / NS_PER_MS),
+    )
+    yield f"On the bus: {sum(1e3 / ms for _, ms in sent):.4g} frames/s:"
+    for message_type, period_ms in sent:
+        yield f"  {_name(message_type):16} every {period_ms:g} ms"
+    yield "Resolution and range of the signals:"
+    for message_type in _SHOWN:
+        ranges = limits(message_type)
+        for signal, step in resolutions(message_type).items():
+            if signal.endswith(("_m", "_rad", "_m_s", "_rad_s", "_1_m")):
+                low, high = ranges[signal].minimum, ranges[signal].maximum
+                yield f"  {_name(message_type):16} {signal:22} {step:.6g}, {low:g} to {high:g}"
+
+
+def _name(message_type: type[Message]) -> str:
+    """Return the name in the DBC."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", message_type.__name__).upper()

@@ -1,0 +1,33 @@
+"""What ``--fail-if`` may name of a run of the plant, read from the plant's report."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ...runtime.program.thresholds import Quantity, Report
+from .run_verdict import Verdict
+
+
+def _driven(key: str) -> Quantity:
+    """Return a figure that there is only where the vehicle has moved."""
+
+    def read(report: Report) -> float | None:
+        node = report["node"]
+        value: float | None = node[key] if node["samples"] else None
+        return value
+
+    return Quantity(read)
+
+
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(Verdict)),
+        "rms_m": _driven("lateral_error_rms_m"),
+        "peak_m": _driven("lateral_error_peak_m"),
+        "cg_rms_m": _driven("cg_deviation_rms_m"),
+        "cg_peak_m": _driven("cg_deviation_peak_m"),
+        "final_m": _driven("lateral_error_final_m"),
+        "settling_s": _driven("settling_s"),
+        "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),
+        "limited_share": _driven("limited_share"),
+    }
+)

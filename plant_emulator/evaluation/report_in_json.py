@@ -1,0 +1,67 @@
+"""The plant's part of a report, ready for JSON."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ...dbc.reception import Reception
+from ...runtime.node.statistics import durations_report
+from ..network.latency_line import LatencyLine
+from .run_record import RunningFigures
+from .run_verdict import VerdictRules, judge
+
+
+def motion_report(
+    figures: RunningFigures, motion_ns: int, rules: VerdictRules, period_s: float
+) -> Mapping[str, Any]:
+    """Return how well the path was held.
+
+    ``settling_s``        time from which the error stays in its band; None if it ends outside
+    ``verdict``           on the run so far, and ``windows``, the figures that decide it
+    ``limited_share``     share of the time in which a limit, and not the command, decided about the
+                          wheel, and ``limited_share_by`` limit
+    """
+    samples = figures.samples
+    judged = judge(rules, list(figures.newest_m), samples, figures.lateral_error_peak_m, period_s)
+    is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
+    return {
+        "motion_s": motion_ns * 1e-9,
+        "samples": samples,
+        "lateral_error_rms_m": figures.lateral_error_rms_m,
+        "lateral_error_peak_m": figures.lateral_error_peak_m,
+        "cg_deviation_rms_m": figures.cg_deviation_rms_m if is_cg_known else None,
+        "cg_deviation_peak_m": figures.cg_deviation_peak_m if is_cg_known else None,
+        "lateral_error_final_m": figures.lateral_error_final_m,
+        "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
+        "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
+        **judged.report(),
+        "limited_share": sum(figures.limited.values()) / max(samples, 1),
+        "limited_share_by": {
+            limit: count / samples for limit, count in figures.limited.most_common()
+        },
+    }
+
+
+def reception_report(reception: Reception) -> Mapping[str, Any]:
+    """Return what came of the frames on arrival; ``rejected`` ones were refused, by cause."""
+    return {
+        "accepted": reception.accepted,
+        "lost_on_the_bus": reception.lost,
+        "rejected": reception.rejected,
+        "resynchronised": reception.resynchronised,
+        "second_senders": reception.second_senders,
+    }
+
+
+def line_report(line: LatencyLine[Any]) -> Mapping[str, Any]:
+    """Return the network's figures of one direction.
+
+    ``injected``  latency drawn for every frame that was not lost
+    ``latency``   latency of the frames that have left: shorter where late frames are overtaken and
+                  dropped
+    """
+    return {
+        **line.counts._asdict(),
+        "injected": durations_report(line.injected.summary()),
+        "latency": durations_report(line.latency.summary()),
+    }

@@ -1,0 +1,95 @@
+"""What the plant's report says about its run in words: the verdict, and a few lines of figures."""
+
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from ...dbc.messages import LateralError, limits
+from ...runtime.program.report import causes_line, durations_line
+from .run_verdict import Verdict
+
+Report = Mapping[str, Any]
+_RANGE_M = limits(LateralError)["lateral_error_m"].maximum
+
+
+def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Return the lines for the user; ``node`` is what the plant itself reports."""
+    for point, name in (("preview point", "lateral_error"), ("centre of gravity", "cg_deviation")):
+        yield (
+            point,
+            f"off the path RMS {1e3 * node[f'{name}_rms_m']:.2f} mm, "
+            f"peak {1e3 * node[f'{name}_peak_m']:.2f} mm over {node['motion_s']:.2f} s"
+            if node["samples"]
+            else "unknown: the vehicle has not moved",
+        )
+    for heading, line in (("commands", node["downlink"]), ("measurements", node["uplink"])):
+        yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
+    safety = node["safety"]
+    if safety["holdings"]:
+        yield "holds", f"{safety['holdings']}, of which {safety['fallbacks']} to the fallback"
+    if safety["interventions"]:
+        yield "limited", f"commands by {causes_line(safety['interventions'])}"
+    if node["rejected"]:
+        yield "plant rejected", causes_line(node["rejected"])
+
+
+def verdict_text(node: Report) -> str:
+    """Return verdict and reason of a plant's report in one line, and what was limited."""
+    verdict = Verdict(node["verdict"])
+    parts = [f"{verdict}: {_REASONS[verdict](node)}"]
+    if node["limited_share_by"]:
+        limited = ", ".join(
+            f"{name.replace('_', ' ')} {_percent(s)}"
+            for name, s in node["limited_share_by"].items()
+        )
+        share = _percent(node["limited_share"])
+        parts.append(f"the plant's steering limited for {share} of the time ({limited})")
+    return "; ".join(parts)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
+
+
+def _millimetres(value_m: float) -> str:
+    return f"{1e3 * value_m:.1f} mm" if abs(value_m) < 1.0 else f"{value_m:.2f} m"
+
+
+def _swings(node: Report) -> str:
+    windows = node["windows"]
+    omega_rad_s = windows["oscillation_rad_s"]
+    rhythm = "" if omega_rad_s is None else f" at {omega_rad_s:.3g} rad/s"
+    return f"swings of ±{_millimetres(windows['amplitude_m'])}{rhythm}"
+
+
+def _drifts(node: Report) -> str:
+    windows = node["windows"]
+    return (
+        f"preview point {_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
+        f"{_millimetres(abs(windows['drift_m_s']))}/s"
+    )
+
+
+def _at_the_end(node: Report) -> str:
+    windows = node["windows"]
+    return (
+        f"preview point at most {_millimetres(windows['end_peak_m'])} off in the last "
+        f"{windows['window_s']:.3g} s"
+    )
+
+
+_REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
+    {
+        Verdict.NO_START: lambda _node: "no command ever reached the plant",
+        Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
+        Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow",
+        Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last",
+        Verdict.DRIFTS: _drifts,
+        Verdict.LEFT_ROAD: lambda node: (
+            f"the error reached {_millimetres(node['lateral_error_peak_m'])}"
+        ),
+        Verdict.DECAYS: lambda node: f"{_at_the_end(node)}, less than before: too late",
+        Verdict.OFF_PATH: _at_the_end,
+        Verdict.HOLDS: _at_the_end,
+    }
+)

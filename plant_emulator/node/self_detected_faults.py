@@ -1,0 +1,43 @@
+"""Self-supervision of the plant: a fault detected here ends the run, through the SAFE_STATE.
+
+    fault                                                                found at
+    its sensors do not keep their rate (``runtime.node.overruns``)            a sample
+    the vehicle's state is not finite (``plant_emulator.vehicle.moving_vehicle``)        any event
+    a command that came through is not finite                            that command
+
+None of these is caused by network or controller: the plant's own measurements, or its wheel, are no
+longer reliable. The first fault stays, and is reported on the bus for at least REPORTING_NS.
+"""
+
+from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node.overruns import OverrunSettings, OverrunSupervision
+from ...runtime.node.periodic import PeriodicTimer
+
+REPORTING_NS = NS_PER_S
+"""Shortest time from a fault to the end of the run. Ten PLANT_STATUS report it, and STEERING_STATUS
+even with a long latency. With ``fallback = "keep"`` there is nothing else to wait for."""
+NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
+NOT_FINITE_COMMAND = "a command that came through was not finite"
+
+
+class SelfDetectedFault:
+    """Keeps the first fault that the plant has detected in itself.
+
+    ``failure``      that fault, for good; empty while there is none
+    ``reported_ns``  when it will have been reported for long enough [ns]; NEVER_NS without one
+    """
+
+    def __init__(self, overruns: OverrunSettings) -> None:
+        self._overruns = OverrunSupervision.of(overruns)
+        self.failure = ""
+        self.reported_ns = NEVER_NS
+
+    def on_sample(self, timer: PeriodicTimer, time_ns: int) -> None:
+        """Process the sample for which the sensors' ``timer`` has advanced."""
+        if not self._overruns.on_tick(timer):
+            self.on_fault(self._overruns.failure, time_ns)
+
+    def on_fault(self, failure: str, time_ns: int) -> None:
+        """Record a fault; only the first one counts."""
+        if not self.failure:
+            self.failure, self.reported_ns = failure, time_ns + REPORTING_NS

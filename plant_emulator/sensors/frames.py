@@ -1,0 +1,84 @@
+"""The frames that carry the sensors' readings, clamped to the range of their signals."""
+
+from collections.abc import Sequence
+from math import remainder, tau
+
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import (
+    GroundTruth,
+    LateralError,
+    PathAhead,
+    SignalRange,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    limits,
+)
+from ...dbc.sending import Sender
+from ...runtime.frame import Frame
+
+_ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
+_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
+_WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = _WHEEL_RANGE
+_SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
+(_CG_RANGE,) = limits(GroundTruth).values()
+_NO_ERROR = LateralError(0.0, 0.0)
+
+
+class SensorFrames:
+    """Makes the frames; each message has its own counter.
+
+    ``not_available``  samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
+    ``clamped``        other values sent as the end of their signal's range
+    """
+
+    def __init__(self) -> None:
+        self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
+        self._states = Sender(VehicleState)
+        self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
+        self.not_available = 0
+        self.clamped = 0
+
+    @property
+    def next_sample(self) -> int:
+        """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
+        return self._errors.counter
+
+    def lateral_error(self, error_m: float, heading_rad: float, *, is_finite: bool) -> Frame:
+        """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""
+        if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
+            # The sensor reports an angle within one turn.
+            return self._errors.frame((error_m, remainder(heading_rad, tau)))
+        self.not_available += 1
+        return self._errors.not_available(_NO_ERROR)
+
+    def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
+        """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
+        if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
+            wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
+        return self._statuses.frame((wheel_rad, applied, code))
+
+    def vehicle_state(self, speed_m_s: float, yaw_rate_rad_s: float, curvature_1_m: float) -> Frame:
+        """Return VEHICLE_STATE."""
+        state = (
+            self._clamp(speed_m_s, _SPEED_RANGE),
+            self._clamp(yaw_rate_rad_s, _YAW_RATE_RANGE),
+            self._clamp(curvature_1_m, _CURVATURE_RANGE),
+        )
+        return self._states.frame(state)
+
+    def ground_truth(self, cg_m: float) -> Frame:
+        """Return GROUND_TRUTH; ``cg_m`` is the deviation of the centre of gravity."""
+        return self._truths.frame(GroundTruth(self._clamp(cg_m, _CG_RANGE)))
+
+    def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
+        """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""
+        sample = (self.next_sample - 1) % COUNTERS
+        return self._paths.frame(PathAhead(sample, spacing_m, *curvatures_1_m))
+
+    def _clamp(self, value: float, allowed: SignalRange) -> float:
+        """Return the nearest value within the signal's range; the value is finite."""
+        if allowed.minimum <= value <= allowed.maximum:
+            return value
+        self.clamped += 1
+        return allowed.minimum if value < allowed.minimum else allowed.maximum

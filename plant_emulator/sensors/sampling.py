@@ -1,0 +1,92 @@
+"""What the sensors send: LATERAL_ERROR and STEERING_STATUS at every sample, the others at some."""
+
+from ...dbc.messages import (
+    CAN_IDS,
+    LateralError,
+    PathAhead,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+)
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
+from ...runtime.node.periodic import PeriodicTimer
+from ..network.latency_line import LatencyLine
+from ..network.random_streams import Stream, uniforms
+from ..vehicle.moving_vehicle import Motion
+from .frames import SensorFrames
+from .noise import Readings, with_noise
+from .path_ahead import curvatures_ahead_1_m, spacing_m
+from .settings import PathAheadSettings, SensorNoiseSettings
+
+VEHICLE_STATE_PERIOD_NS = 20_000_000
+_ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
+_STATE_ID, _PATH_ID = CAN_IDS[VehicleState], CAN_IDS[PathAhead]
+
+
+def samples_per_vehicle_state(sensor_period_ns: int) -> int:
+    """Return the number of samples from one VEHICLE_STATE to the next."""
+    return max(1, VEHICLE_STATE_PERIOD_NS // sensor_period_ns)
+
+
+class Sampling:
+    """Puts the frames of each sample into the ``uplink``.
+
+    ``motion``     of the vehicle
+    ``ahead``      whether and how far PATH_AHEAD is sent
+    ``seed``       of the noise
+    ``start_ns``   first sample, and ``period_ns`` from one to the next [ns]
+
+    ``frames``  makes them
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        noise: SensorNoiseSettings,
+        ahead: PathAheadSettings | None,
+        seed: int,
+        start_ns: int,
+        period_ns: int,
+        uplink: LatencyLine[Frame],
+    ) -> None:
+        every = samples_per_vehicle_state(period_ns)
+        self._state_timer = PeriodicTimer(start_ns, every * period_ns)
+        self._ahead_m = None if ahead is None else spacing_m(motion.speed_m_s, ahead.reach_s)
+        deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        self._noise = deviations if any(deviations) else None
+        self._uniforms = uniforms(seed, Stream.SENSOR_NOISE)
+        self.frames = SensorFrames()
+        self._motion, self._uplink = motion, uplink
+
+    def send(
+        self,
+        applied: int,
+        code: SteeringStatusCode,
+        time_ns: int,
+        motion_ns: int,
+    ) -> None:
+        """Sample the motion at ``time_ns``.
+
+        ``applied``    counter of the command in effect
+        ``code``       of the steering
+        ``motion_ns``  time since the start of motion [ns]
+        """
+        motion, made = self._motion, self.frames
+        z = motion.linear
+        _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z
+        if self._noise is not None:
+            true = error_m, heading_rad, yaw_rate_rad_s
+            error_m, heading_rad, yaw_rate_rad_s = with_noise(true, self._noise, self._uniforms)
+        error = made.lateral_error(error_m, heading_rad, is_finite=motion.is_finite)
+        status = made.steering_status(wheel_rad, applied, code)
+        frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
+        if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
+            self._state_timer.advance(time_ns)
+            state = made.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
+            frames.append((_STATE_ID, state))
+            if self._ahead_m is not None:
+                at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
+                ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
+                frames.append((_PATH_ID, made.path_ahead(self._ahead_m, ahead_1_m)))
+        self._uplink.push(frames, time_ns, motion_ns)

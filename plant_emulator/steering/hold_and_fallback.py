@@ -1,0 +1,195 @@
+"""Steering guard: follows, limits or replaces the commands that arrive, and reacts to silence.
+
+    mode         the wheel's target                                  until
+    NO_COMMAND   straight                                            the first command
+    FOLLOWING    the newest command, within the safety limits        silence: HOLDING
+    HOLDING      the last one or its plan; the newest again, faded,  recovery, or ``hold_ns`` of
+                 as they come                                        silence: FALLBACK
+    FALLBACK     ramps to zero, or is kept                           recovery
+    SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
+
+Silence is the time since the last command arrived at the actuator, behind the latency line, where a
+steering's control unit is. The unit cannot distinguish a network that delays or loses commands from
+a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
+
+The values of a plan after its first are no commands that arrive: they move the target, for
+``plan_ns`` and until FALLBACK, and neither delay the reaction to silence nor count as recovery.
+
+Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
+each damaged frame among them: the good ones have to be the majority. The target never jumps: its
+difference to the first command followed is added to the command and fades out at the ramp rate.
+After FALLBACK this is the command that ends it. In HOLDING it is the first one that comes: a
+network with jitter, where newer commands overtake, has such gaps all the time, and waiting for a
+run after each would add to its delay. Another silence before the recovery restarts the run, and the
+fade from its present value.
+
+The clock of ``hold_ns`` stops while the newest command is younger than ``silence_ns``, and runs
+otherwise, or while damaged frames have used up the run. Only the end of HOLDING resets it, so that
+occasional single commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its
+target, if the plant has detected a fault in itself, or by the override, and stays.
+
+Every target, also of a ramp, passes the safety limiter. Times count from the start of motion.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from ...runtime.record import new_record
+from .command_limits import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
+
+RAMP_PERIOD_NS = 10_000_000
+"""Interval of the steps that form a ramp of the target."""
+OFF_NS = 1 << 62
+"""A time that never comes, and does not overflow when another is added."""
+
+
+class GuardMode(IntEnum):
+    """What determines the wheel's target."""
+
+    NO_COMMAND = 0
+    FOLLOWING = 1
+    HOLDING = 2
+    FALLBACK = 3
+    SAFE_STATE = 4
+
+
+_NO_COMMAND, _FOLLOWING, _HOLDING, _FALLBACK, _SAFE_STATE = map(int, GuardMode)
+
+
+class GuardParams(NamedTuple):
+    """Parameters of the guard.
+
+    ``silence_ns``       time without a command that counts as silence; OFF_NS: none does
+    ``plan_ns``          how long a plan is played after it has come
+    ``hold_ns``          time of silence from HOLDING to FALLBACK
+    ``recovery_frames``  commands more than damaged frames that end either
+    ``ramp_rad_s``       of the fade after a recovery
+    ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
+    ``override_ns``      when SAFE_STATE is forced; OFF_NS: never
+    """
+
+    limiter: LimiterParams
+    silence_ns: int
+    plan_ns: int
+    hold_ns: int
+    recovery_frames: int
+    ramp_rad_s: float
+    ramp_step_rad: float
+    override_ns: int
+
+
+class GuardState(NamedTuple):
+    """State of the guard; the target is ``limiter.steer_rad``.
+
+    ``arrived_ns``   when the newest command arrived
+    ``deadline_ns``  when `guard_timer` is due next
+    ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
+    ``fade_rad``     what is added to the command
+    """
+
+    mode: int
+    limiter: LimiterState
+    arrived_ns: int
+    deadline_ns: int
+    good_run: int
+    fade_rad: float
+
+
+def start_guard(p: GuardParams) -> GuardState:
+    """Return the state at time 0."""
+    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0)
+
+
+def guard_command(
+    p: GuardParams, x: GuardState, steer_rad: float, time_ns: int, is_new: bool = True
+) -> tuple[GuardState, bool]:
+    """Process a command; returns the state and whether the command is followed.
+
+    ``is_new``  whether it has just arrived, and is no later value of a plan
+    """
+    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad = x
+    if before == _SAFE_STATE:
+        return x, False
+    if not is_new:
+        if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
+            return x, False
+        limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_before_rad, time_ns)
+        state = (before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad)
+        return new_record(GuardState, state), True
+    silence_ns = time_ns - arrived_ns
+    counted_ns = min(silence_ns, p.silence_ns)
+    mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1
+    if before <= _FOLLOWING or good_run >= p.recovery_frames:
+        mode, good_run = _FOLLOWING, 0
+        deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
+    elif before == _FALLBACK:
+        state = (before, limiter, time_ns, deadline_ns, good_run, 0.0)
+        return new_record(GuardState, state), False
+    elif run_before > 0:
+        deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
+    fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (counted_ns * 1e-9))
+    wanted_rad = steer_rad + fade_rad
+    if before == _FALLBACK or (before == _HOLDING and silence_ns >= p.silence_ns):
+        wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
+        fade_rad = wanted_rad - steer_rad
+    limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
+    state = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad)
+    return new_record(GuardState, state), True
+
+
+def guard_rejection(x: GuardState) -> GuardState:
+    """Take a command that came damaged: it takes a good one back."""
+    return x._replace(good_run=max(x.good_run - 1, 0))
+
+
+def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
+    """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
+    mode, limiter, arrived_ns, _, good_run, fade_rad = x
+    if time_ns >= p.override_ns:
+        mode = _SAFE_STATE
+    elif mode == _FOLLOWING:
+        until_ns = min(time_ns + p.hold_ns, p.override_ns)
+        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad), False
+    elif mode == _HOLDING:
+        mode = _FALLBACK
+    target_rad = _towards_zero(limiter.steer_rad, p.ramp_step_rad)
+    limiter, target_rad = limit_steer(p.limiter, limiter, target_rad, time_ns)
+    next_ns = OFF_NS
+    if target_rad != 0.0 and p.ramp_step_rad > 0.0:
+        next_ns = time_ns + RAMP_PERIOD_NS
+    if mode != _SAFE_STATE:
+        next_ns = min(next_ns, p.override_ns)
+    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0), True
+
+
+def guard_fault(x: GuardState, time_ns: int) -> GuardState:
+    """Process a fault: SAFE_STATE, and `guard_timer` is due at once."""
+    if x.mode == _SAFE_STATE:
+        return x
+    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
+
+
+def guard_wheel(
+    p: GuardParams, x: GuardState, followed_ns: int, wheel_rad: float, time_ns: int
+) -> tuple[GuardState, int]:
+    """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow.
+
+    ``followed_ns``  when the wheel was last seen within its tolerance; its new value is returned
+    """
+    if is_at_target(p.limiter, x.limiter.steer_rad, wheel_rad):
+        return x, time_ns
+    if time_ns - followed_ns > p.limiter.follow_ns:
+        x = guard_fault(x, time_ns)
+    return x, followed_ns
+
+
+def is_overruled(x: GuardState) -> bool:
+    """Whether the target differs from the newest command: held, ramped, faded or limited."""
+    if x.mode == _FOLLOWING:
+        return x.fade_rad != 0.0 or x.limiter.cause != 0
+    return x.mode > _FOLLOWING
+
+
+def _towards_zero(value: float, step: float) -> float:
+    """Return ``value`` moved towards zero by at most ``step``."""
+    return value - min(max(value, -step), step)

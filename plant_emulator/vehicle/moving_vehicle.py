@@ -1,0 +1,149 @@
+"""The moving vehicle, as the rig has it: one motion of ``plant_emulator.vehicle.motion_events``."""
+
+from collections.abc import Callable
+
+from ...runtime.node import NS_PER_S
+from ..path.path import Pose, vehicle_pose
+from .actuator import is_limited
+from .exact_propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y
+from .motion_events import (
+    MotionState,
+    advance_motion,
+    command_motion,
+    disturb_motion,
+    event_ns_of,
+    start_motion,
+    with_vehicle,
+)
+from .motion_parameters import MotionParams
+
+LARGEST = 1e150
+"""Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
+
+
+def has_finite_vehicle(z: LinearState) -> bool:
+    """Whether the vehicle's state is finite, and not beyond LARGEST."""
+    beta, r, psi, y, _, _, _, _, _, _ = z
+    if beta * beta + r * r + psi * psi + y * y < LARGEST:
+        return True
+    # Each is false for no number, too.
+    return (
+        -LARGEST <= y <= LARGEST
+        and -LARGEST <= psi <= LARGEST
+        and -LARGEST <= r <= LARGEST
+        and -LARGEST <= beta <= LARGEST
+    )
+
+
+Advance = Callable[[MotionParams, MotionState, int], MotionState]
+
+
+class Motion:
+    """The state of one motion; all properties are those at ``time_ns``, and finite.
+
+    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. If it
+    is no longer finite, the vehicle keeps its last finite state, while wheel and path continue;
+    ``is_finite`` reports this.
+
+    ``advance``  ``advance_motion``, or what has other equations of motion
+
+    ``time_ns``    time since the start of motion
+    ``linear``     everything that moves in closed form
+    ``is_finite``  whether the vehicle's state has been finite so far
+    ``speed_m_s``  speed V, constant
+    ``path``       the path
+    ``preview_distance_m``  how far the preview point is ahead of the centre of gravity
+    """
+
+    def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
+        self._params = params
+        self._advance = advance
+        self._state = start_motion(params)
+        self.time_ns, self.linear, _ = self._state
+        self.is_finite = True
+        self.speed_m_s = params.speed_m_s
+        self.path = params.path
+        self.preview_distance_m = params.preview_distance_m
+
+    def command(self, steer_rad: float) -> None:
+        """Apply a steering command (finite) to the actuator now."""
+        self._state = command_motion(self._params, self._state, steer_rad)
+        _, self.linear, _ = self._state
+
+    def disturb(self, params: MotionParams) -> None:
+        """Let the one interval of other parameters begin now; all else in them is the same."""
+        self._params = params
+        self._state = disturb_motion(params, self._state)
+        _, self.linear, _ = self._state
+
+    def advance(self, to_ns: int) -> None:
+        """Advance to ``to_ns``. Raises ValueError if that is in the past."""
+        if to_ns <= self.time_ns:
+            if to_ns < self.time_ns:
+                raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
+            if event_ns_of(self._state) > to_ns:
+                return
+        if self.is_finite:
+            state = self._advance(self._params, self._state, to_ns)
+            _, linear, _ = state
+            self.is_finite = has_finite_vehicle(linear)
+        if not self.is_finite:
+            # From a vehicle at rest: nothing else depends on where it is.
+            started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
+            after = advance_motion(self._params, started, to_ns)
+            beta, r, psi, y, _, _, _, _, _, _ = self.linear
+            state = with_vehicle(after, beta, r, psi, y)
+        self._state = state
+        self.time_ns, self.linear, _ = state
+
+    @property
+    def lateral_error_m(self) -> float:
+        """Lateral error y of the preview point, to the left of the path positive."""
+        return self.linear[Y]
+
+    @property
+    def heading_error_rad(self) -> float:
+        """Heading error Δψ against the path beside the preview point."""
+        return self.linear[PSI]
+
+    @property
+    def side_slip_rad(self) -> float:
+        """Side slip angle β at the centre of gravity."""
+        return self.linear[BETA]
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """Yaw rate r."""
+        return self.linear[R]
+
+    @property
+    def wheel_rad(self) -> float:
+        """Front wheel angle at the actuator, without a steering offset."""
+        return self.linear[DELTA]
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the actuator's angle or rate limit shapes the wheel's motion."""
+        _, _, (_, _, wheel, _, _, _, _) = self._state
+        return is_limited(wheel)
+
+    @property
+    def preview_curvature_1_m(self) -> float:
+        """Curvature ρ of the path beside the preview point."""
+        return self.linear[RHO]
+
+    @property
+    def arc_length_m(self) -> float:
+        """Arc length s of the path beside the preview point, over all laps."""
+        return self.speed_m_s * (self.time_ns / NS_PER_S)
+
+    @property
+    def pose(self) -> Pose:
+        """Position of the centre of gravity and heading of the vehicle."""
+        return vehicle_pose(
+            self.path,
+            self.arc_length_m,
+            self.heading_error_rad,
+            self.lateral_error_m,
+            self.preview_distance_m,
+        )

@@ -1,0 +1,179 @@
+"""The verdict on one run: by the plant itself, in the studies' words and figures."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire import simulate
+from steer_by_wire.closed_loop.studies.figures import (
+    figures_of,
+    latency_figures,
+    rules_of,
+    verdicts,
+)
+from steer_by_wire.plant_emulator.evaluation.error_windows import WindowFigures, window_figures
+from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
+from steer_by_wire.plant_emulator.evaluation.run_record import RunningFigures
+from steer_by_wire.plant_emulator.evaluation.run_verdict import (
+    JudgedRun,
+    RunEnd,
+    Verdict,
+    VerdictRules,
+    judge,
+    samples_judged,
+)
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+
+TIME_S = np.arange(6001) * 0.01
+
+
+def judged(error_m: Any, rules: VerdictRules | None = None) -> JudgedRun:
+    errors = np.asarray(error_m, dtype=np.float64)
+    peak_m = float(np.max(np.abs(errors), initial=0.0))
+    return judge(rules or VerdictRules(), errors.tolist(), len(errors), peak_m, 0.01)
+
+
+def sine(amplitude_m: float, growth_1_s: float = 0.0) -> Any:
+    return amplitude_m * np.exp(growth_1_s * TIME_S) * np.sin(2.0 * TIME_S)
+
+
+CASES: Mapping[Verdict, Any] = {
+    Verdict.NO_START: (),
+    Verdict.LEFT_RANGE: TIME_S**2 * 0.05,
+    Verdict.UNSTABLE: sine(1e-3, 0.1),
+    Verdict.LIMIT_CYCLE: sine(0.2),
+    Verdict.DRIFTS: 0.01 * TIME_S,
+    Verdict.LEFT_ROAD: np.where(TIME_S < 5.0, 2.0, 0.0),
+    Verdict.DECAYS: np.exp(-TIME_S / 20.0) * 5.0 * (TIME_S > 20.0),
+    Verdict.OFF_PATH: np.full(6001, 0.3),
+    Verdict.HOLDS: sine(0.01),
+}
+
+
+@pytest.mark.parametrize("verdict", [one for one in Verdict if one is not Verdict.DECAYS])
+def test_each_verdict_has_its_reason_in_the_line(verdict: Verdict) -> None:
+    found = judged(CASES[verdict])
+    assert found.verdict is verdict
+    peak_m = float(np.max(np.abs(CASES[verdict]), initial=0.0))
+    report = {**found.report(), "lateral_error_peak_m": peak_m, "limited_share_by": {}}
+    text = verdict_text(report)
+    assert text.startswith(f"{verdict}: ")
+    assert "nan" not in text
+    assert "\n" not in text
+
+
+def test_thresholds_are_settings() -> None:
+    error_m = np.full(6001, 0.3)
+    assert judged(error_m).verdict is Verdict.OFF_PATH
+    assert judged(error_m, VerdictRules(off_path_m=0.4)).verdict is Verdict.HOLDS
+    settings = PlantSettings(duration_s=2.0, verdict=VerdictRules(off_path_m=1e-6))
+    assert simulate(settings).plant_report["verdict"] == "off path"
+
+
+def test_a_short_run_has_windows_of_a_quarter_and_one_of_a_moment_has_none() -> None:
+    short = judged(0.2 * np.sin(10.0 * TIME_S)[:801])
+    assert short.windows.amplitude_m == pytest.approx(0.2, rel=0.1)
+    moment = judged([0.1, -0.2, 0.1])
+    assert moment.verdict is Verdict.HOLDS
+    assert moment.windows.end_peak_m == 0.2
+    assert math.isnan(moment.windows.amplitude_m)
+
+
+def test_only_the_samples_of_two_windows_are_kept() -> None:
+    rules = VerdictRules(window_s=1.0)
+    newest = samples_judged(rules, 60.0, 0.01)
+    figures = RunningFigures(newest=newest)
+    figures.take((float(value), 0.0, 0.0, "") for value in sine(0.2))
+    assert len(figures.newest_m) == newest == 200
+    kept = judge(rules, list(figures.newest_m), figures.samples, 0.2, 0.01)
+    assert kept == judged(sine(0.2), rules)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.5])
+def test_the_plant_judges_a_run_as_a_study_does(delay_s: float) -> None:
+    run = simulate(
+        controller="practical_pd_dob",
+        duration_s=40.0,
+        overrides={"plant.latency.downlink.mean_s": delay_s},
+    )
+    plant, controller = run.plant_settings, run.controller_settings
+    error_m = run.plant.lateral_error_m
+    figures = figures_of(
+        rules_of(plant.verdict, plant, controller),
+        run.plant.time_s,
+        error_m,
+        run.plant.cg_deviation_m,
+        run.controller.sent_rad,
+        run.plant.downlink_latency_s,
+    )
+    complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
+    (studied,) = verdicts(plant.verdict, complete, np.array([figures]))
+    assert run.plant_report["verdict"] == studied == ("limit cycle" if delay_s else "holds")
+    assert run.plant_report["settling_s"] == (
+        pytest.approx(figures.settling_s) if not delay_s else None
+    )
+    windows = dict(run.plant_report["windows"])
+    assert windows.pop("window_s") == 10.0
+    for name, value in windows.items():
+        studied_value = getattr(figures, name)
+        assert value == (None if math.isnan(studied_value) else pytest.approx(studied_value))
+    assert latency_figures(run.plant.downlink_latency_s).mean_s == pytest.approx(delay_s)
+
+
+def test_without_two_windows_the_figures_are_not_numbers() -> None:
+    found = window_figures([1.0, -3.0, 2.0], 8, 0.01)
+    assert found.end_peak_m == 3.0
+    others = [getattr(found, name) for name in WindowFigures._fields if name != "end_peak_m"]
+    assert all(map(math.isnan, others))
+
+
+# Who limits
+
+
+def test_a_plant_that_nobody_commands_has_not_started() -> None:
+    node = PlantNode(PlantSettings(duration_s=1.0), 0)
+    node.on_tick(500_000_000)
+    report = node.report()
+    assert report["verdict"] == "no start"
+    assert verdict_text(report) == "no start: no command ever reached the plant"
+
+
+@pytest.mark.parametrize("preset", ["highway_pd", "highway_pd_ddob", "highway_predictor"])
+def test_a_plant_for_the_highway_permits_the_lane_change_at_60_km_h(preset: str) -> None:
+    run = simulate("highway_corner_d", preset)
+    assert run.plant_report["verdict"] == "holds"
+    assert run.plant_report["limited_share"] == 0.0
+
+
+def test_limits_that_forbid_the_manoeuvre_are_named() -> None:
+    run = simulate(
+        "highway_corner_c",
+        "highway_predictor",
+        overrides={
+            "plant.safety.lateral_acceleration_m_s2_max": 3.0,
+            "plant.safety.lateral_jerk_m_s3_max": 5.0,
+        },
+    )
+    report = run.plant_report
+    assert report["verdict"] != "holds"
+    assert report["lateral_error_rms_m"] > 5.0
+    assert 0.5 < report["limited_share"] == pytest.approx(sum(report["limited_share_by"].values()))
+    assert set(report["limited_share_by"]) == {"lateral_jerk", "lateral_acceleration"}
+    assert "the plant's steering limited for " in verdict_text(report)
+    assert "lateral jerk" in verdict_text(report)
+
+
+def test_an_actuator_that_limits_is_named() -> None:
+    run = simulate(duration_s=5.0, overrides={"plant.actuator.angle_limit_rad": 0.01})
+    assert set(run.plant_report["limited_share_by"]) == {"actuator"}
+
+
+def test_limits_of_the_controller_are_named_by_the_controller() -> None:
+    run = simulate(duration_s=5.0, overrides={"controller.limits.steer_rad_max": 0.05})
+    assert run.controller_report["limited_share_by"]["angle"] > 0.5
+    assert run.controller_report["limited_share"] <= 1.0
+    assert simulate(duration_s=5.0).controller_report["limited_share"] == 0.0

@@ -1,0 +1,216 @@
+"""Latency distributions: their shape, their moments, and the process that correlates them."""
+
+import math
+from itertools import pairwise
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.dbc.messages import LatencyModel
+from steer_by_wire.plant_emulator.network.latency_distributions import (
+    QUANTILES,
+    RESOLUTION_S,
+    Distribution,
+    correlated_score,
+    uniform_of_score,
+)
+
+U_MIN, U_MAX = 2.0**-54, 1.0 - 2.0**-53
+MEAN_S, SPREAD_S = 0.080, 0.030
+GRID = [(k + 0.5) / 200_000 for k in range(200_000)]
+SPREADING = [model for model in Distribution if model is not Distribution.CONSTANT]
+
+every_model = pytest.mark.parametrize("model", Distribution)
+normal_score = NormalDist().inv_cdf
+uniforms = st.floats(U_MIN, U_MAX)
+means_s = st.floats(0.0, 10.0)
+spreads_s = st.floats(0.0, 10.0)
+
+
+def latencies_s(model: Distribution, mean_s: float, spread_s: float) -> np.ndarray:
+    return np.array([QUANTILES[model](u, mean_s, spread_s) for u in GRID])
+
+
+def test_the_distributions_are_those_of_the_wire() -> None:
+    assert [model.name for model in Distribution] == [model.name for model in LatencyModel]
+    assert set(QUANTILES) == set(Distribution)
+
+
+@pytest.mark.parametrize(
+    ("model", "at_the_0_9_quantile_s"),
+    [
+        (Distribution.CONSTANT, 0.080),
+        (Distribution.UNIFORM, 0.080 + 0.8 * 3**0.5 * 0.030),
+        (Distribution.NORMAL, 0.080 + 0.030 * 1.2815515655446004),
+        (
+            Distribution.LOGNORMAL,
+            0.080 / math.sqrt(1.140625) * math.exp(math.sqrt(math.log(1.140625)) * 1.28155156554),
+        ),
+    ],
+)
+def test_a_quantile_by_hand(model: Distribution, at_the_0_9_quantile_s: float) -> None:
+    assert QUANTILES[model](0.9, MEAN_S, SPREAD_S) == pytest.approx(at_the_0_9_quantile_s, rel=1e-9)
+
+
+def test_gamma_with_the_spread_of_its_mean_is_the_exponential() -> None:
+    for u in (U_MIN, 0.1, 0.5, 0.999, U_MAX):
+        latency_s = QUANTILES[Distribution.GAMMA](u, MEAN_S, MEAN_S)
+        assert latency_s == pytest.approx(-MEAN_S * math.log1p(-u), rel=1e-9)
+
+
+@pytest.mark.parametrize("model", SPREADING)
+def test_mean_and_standard_deviation_are_the_settings(model: Distribution) -> None:
+    # Fifteen standard deviations from zero nothing is clipped.
+    drawn_s = latencies_s(model, 0.3, 0.02)
+    assert drawn_s.mean() == pytest.approx(0.3, rel=1e-5)
+    assert drawn_s.std() == pytest.approx(0.02, rel=1e-3)
+
+
+@pytest.mark.parametrize("model", [Distribution.LOGNORMAL, Distribution.GAMMA])
+def test_positive_distributions_keep_their_moments_near_zero_too(model: Distribution) -> None:
+    drawn_s = latencies_s(model, MEAN_S, MEAN_S)
+    assert drawn_s.min() > 0.0
+    assert drawn_s.mean() == pytest.approx(MEAN_S, rel=1e-4)
+    assert drawn_s.std() == pytest.approx(MEAN_S, rel=1e-2)
+
+
+def test_clipping_the_normal_distribution_moves_its_mean_as_the_docstring_says() -> None:
+    assert latencies_s(Distribution.NORMAL, 0.080, 0.030).mean() - 0.080 == pytest.approx(
+        0.04e-3, abs=0.005e-3
+    )
+
+
+@pytest.mark.parametrize("model", [Distribution.UNIFORM, Distribution.NORMAL])
+def test_what_would_be_negative_is_zero(model: Distribution) -> None:
+    drawn_s = latencies_s(model, 0.01, 0.03)
+    assert drawn_s.min() == 0.0
+    assert (drawn_s == 0.0).mean() == pytest.approx(
+        {Distribution.UNIFORM: 0.5 - 0.01 / (2 * 3**0.5 * 0.03), Distribution.NORMAL: 0.36944}[
+            model
+        ],
+        abs=1e-4,
+    )
+
+
+@every_model
+@settings(deadline=None)
+@given(means_s, spreads_s, uniforms, uniforms)
+def test_a_larger_uniform_is_a_later_frame_and_no_latency_is_negative_or_endless(
+    model: Distribution, mean_s: float, spread_s: float, one: float, other: float
+) -> None:
+    quantile = QUANTILES[model]
+    early_s = quantile(min(one, other), mean_s, spread_s)
+    late_s = quantile(max(one, other), mean_s, spread_s)
+    # Where gamma's shape is extreme, scipy's inverse is monotone but for its last digits.
+    assert 0.0 <= early_s <= late_s * (1.0 + 1e-9) + RESOLUTION_S
+    assert late_s < math.inf
+
+
+@every_model
+@pytest.mark.parametrize("mean_s", [0.0, 5e-324, 1e-200, 1e-9, 10.0])
+@pytest.mark.parametrize("spread_s", [0.0, 5e-324, 1e-200, 1e-9, 10.0])
+def test_the_ends_of_the_settings_give_finite_latencies(
+    model: Distribution, mean_s: float, spread_s: float
+) -> None:
+    for u in (U_MIN, 0.5, U_MAX):
+        assert 0.0 <= QUANTILES[model](u, mean_s, spread_s) < math.inf
+
+
+@every_model
+@given(uniforms, means_s)
+def test_without_spread_every_latency_is_the_mean(
+    model: Distribution, u: float, mean_s: float
+) -> None:
+    assert QUANTILES[model](u, mean_s, 0.0) == mean_s
+
+
+@every_model
+@settings(deadline=None)
+@given(uniforms, st.floats(0.01, 1.0), st.floats(0.0, 1.0))
+def test_a_larger_mean_moves_every_frame_later(
+    model: Distribution, u: float, mean_s: float, more_s: float
+) -> None:
+    spread_s = 0.5 * mean_s
+    share = (mean_s + more_s) / mean_s
+    quantile = QUANTILES[model]
+    assert quantile(u, mean_s * share, spread_s * share) >= quantile(u, mean_s, spread_s)
+
+
+@pytest.mark.parametrize("model", SPREADING)
+def test_a_larger_spread_moves_every_late_frame_later(model: Distribution) -> None:
+    quantile = QUANTILES[model]
+    for u in (0.9, 0.99, 0.999, U_MAX):
+        assert quantile(u, MEAN_S, 0.03) > quantile(u, MEAN_S, 0.02)
+
+
+def test_a_heavier_tail_moves_every_frame_of_the_tail_later() -> None:
+    tail = [u for u in GRID if u > 0.99]
+    by_weight = [
+        [QUANTILES[model](u, MEAN_S, SPREAD_S) for u in tail]
+        for model in (
+            Distribution.CONSTANT,
+            Distribution.UNIFORM,
+            Distribution.NORMAL,
+            Distribution.GAMMA,
+            Distribution.LOGNORMAL,
+        )
+    ]
+    for lighter, heavier in pairwise(by_weight):
+        assert all(late < later for late, later in zip(lighter, heavier, strict=True))
+
+
+# AR(1)
+
+
+def correlated_scores(count: int, elapsed_s: float, correlation_time_s: float) -> np.ndarray:
+    uniform = np.random.Generator(np.random.PCG64(7)).random(count).tolist()
+    score = normal_score(uniform[0])
+    scores = [score]
+    for u in uniform[1:]:
+        score = correlated_score(score, u, elapsed_s, correlation_time_s)
+        scores.append(score)
+    return np.array(scores)
+
+
+def test_the_process_stays_standard_normal_and_is_correlated_as_asked() -> None:
+    z = correlated_scores(200_000, 0.01, 0.05)
+    assert z.mean() == pytest.approx(0.0, abs=0.03)
+    assert z.std() == pytest.approx(1.0, abs=0.02)
+    assert (abs(z) < 1.0).mean() == pytest.approx(0.6827, abs=0.01)
+    for lag in (1, 5, 10):
+        assert np.corrcoef(z[:-lag], z[lag:])[0, 1] == pytest.approx(
+            math.exp(-lag * 0.01 / 0.05), abs=0.03
+        )
+
+
+def test_a_step_by_hand() -> None:
+    phi = math.exp(-2.0)
+    assert correlated_score(1.5, 0.9, 0.02, 0.01) == pytest.approx(
+        phi * 1.5 + math.sqrt(1.0 - phi**2) * 1.2815515655446004, rel=1e-12
+    )
+
+
+@given(st.floats(-8.0, 8.0), uniforms)
+def test_frames_of_one_instant_meet_the_same_network(score: float, u: float) -> None:
+    assert correlated_score(score, u, 0.0, 0.05) == score
+
+
+@given(st.floats(-8.0, 8.0), uniforms, st.floats(5e-324, 1e-5))
+def test_the_past_is_forgotten_after_a_long_time(score: float, u: float, time_s: float) -> None:
+    assert correlated_score(score, u, math.inf, time_s) == normal_score(u)
+    assert correlated_score(score, u, 1.0, time_s) == normal_score(u)
+
+
+@given(st.floats(-50.0, 50.0))
+def test_a_score_is_a_uniform_that_every_quantile_can_take(score: float) -> None:
+    u = uniform_of_score(score)
+    assert 0.0 < u < 1.0
+    assert math.isfinite(normal_score(u))
+
+
+@given(st.floats(1e-6, 1.0 - 1e-6))
+def test_score_and_uniform_are_each_others_inverse(u: float) -> None:
+    assert uniform_of_score(normal_score(u)) == pytest.approx(u, rel=1e-9)

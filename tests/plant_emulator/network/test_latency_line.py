@@ -1,0 +1,311 @@
+"""Latency lines: never early, ordered as configured, every frame accounted for, seeded."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from itertools import count, pairwise, repeat
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.plant_emulator.network import latency_line
+from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
+from steer_by_wire.plant_emulator.network.latency_draw import LatencyDraw
+from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
+from steer_by_wire.plant_emulator.network.random_streams import Stream, uniforms
+from steer_by_wire.plant_emulator.network.settings import LatencySettings
+from steer_by_wire.runtime.node import NEVER_NS
+from tests.support.pushed_frames import JITTER, MS_NS, PERIOD_NS, Leaving, injected_ns, line, run
+
+
+class Counted:
+    """A stream that knows how many of its numbers were taken."""
+
+    def __init__(self, stream: Iterator[float]) -> None:
+        self._stream = stream
+        self.taken = 0
+
+    def __iter__(self) -> Iterator[float]:
+        return self
+
+    def __next__(self) -> float:
+        self.taken += 1
+        return next(self._stream)
+
+
+def numbers_by_key(left: Sequence[Leaving]) -> list[list[int]]:
+    by_key: dict[int, list[int]] = defaultdict(list)
+    for frame in left:
+        by_key[frame.key].append(frame.number)
+    return list(by_key.values())
+
+
+networks = st.fixed_dictionaries(
+    {
+        "model": st.sampled_from([m.value for m in Distribution if m != Distribution.CONSTANT]),
+        "mean_s": st.sampled_from([0.0, 0.001, 0.02, 0.1]),
+        "spread_s": st.sampled_from([0.0, 0.001, 0.02, 0.1]),
+        "correlation_time_s": st.sampled_from([0.0, 0.005, 0.1]),
+        "loss": st.sampled_from([0.0, 0.1, 0.9, 1.0]),
+        "burst_frames": st.sampled_from([None, 1.0, 4.0]),
+        "duplicates": st.sampled_from([0.0, 0.3, 1.0]),
+        "order": st.sampled_from(["newest_wins", "in_order", "as_arrives"]),
+    }
+)
+seeds = st.integers(0, 2**63 - 1)
+any_network = given(networks, seeds, st.integers(1, 3), st.sampled_from([1, MS_NS, PERIOD_NS]))
+
+
+@settings(deadline=None)
+@any_network
+def test_no_frame_is_early_and_every_frame_is_accounted_for(
+    network: dict[str, Any], seed: int, keys: int, period_ns: int
+) -> None:
+    tested = line(seed, **network)
+    left = run(tested, 60, keys, period_ns)
+    assert all(frame.left_ns >= frame.came_ns for frame in left)
+    assert [frame.left_ns for frame in left] == sorted(frame.left_ns for frame in left)
+    counts = tested.counts
+    assert counts.pushed == 60
+    assert counts.released == len(left) == tested.latency.summary().samples
+    assert counts.pushed + counts.duplicated == (
+        counts.released + counts.lost + counts.superseded + counts.overflowed
+    )
+    assert tested.injected.summary().samples == counts.pushed + counts.duplicated - counts.lost
+    if network["order"] != "newest_wins":
+        assert counts.superseded == 0
+    assert tested.next_due_ns == NEVER_NS
+
+
+@settings(deadline=None)
+@any_network
+def test_in_order_nothing_overtakes_a_frame_of_its_key(
+    network: dict[str, Any], seed: int, keys: int, period_ns: int
+) -> None:
+    left = run(line(seed, **{**network, "order": "in_order"}), 60, keys, period_ns)
+    for numbers in numbers_by_key(left):
+        assert numbers == sorted(numbers)
+
+
+@settings(deadline=None)
+@any_network
+def test_where_the_newest_wins_nothing_older_of_its_key_follows(
+    network: dict[str, Any], seed: int, keys: int, period_ns: int
+) -> None:
+    left = run(line(seed, **{**network, "order": "newest_wins"}), 60, keys, period_ns)
+    for numbers in numbers_by_key(left):
+        assert numbers == sorted(numbers)
+
+
+def test_order_is_kept_by_key_only() -> None:
+    for order in ("in_order", "newest_wins"):
+        tested = line(model="uniform", mean_s=0.05, spread_s=0.02, order=order)
+        numbers = [frame.number for frame in run(tested, 200, keys=2)]
+        assert numbers != sorted(numbers)
+
+
+def test_as_it_arrives_every_frame_leaves_when_its_latency_is_over() -> None:
+    left = run(line(**JITTER, order="as_arrives"), 500)
+    numbers = [frame.number for frame in left]
+    assert sorted(numbers) == list(range(500))
+    assert numbers != sorted(numbers)
+
+
+def test_the_three_orders_differ_only_in_what_they_do_to_overtaken_frames() -> None:
+    by_order = {
+        order: {frame.number: frame.left_ns for frame in run(line(**JITTER, order=order), 500)}
+        for order in ("as_arrives", "in_order", "newest_wins")
+    }
+    free = by_order["as_arrives"]
+    newest_ns = 0
+    for number in range(500):
+        newest_ns = max(newest_ns, free[number])
+        assert by_order["in_order"][number] == newest_ns
+    winners = {
+        number: left_ns
+        for number, left_ns in free.items()
+        if all(free[later] >= left_ns for later in range(number + 1, 500))
+    }
+    assert by_order["newest_wins"] == winners
+    assert 0 < len(winners) < 500
+
+
+@pytest.mark.parametrize("order", ["newest_wins", "in_order", "as_arrives"])
+def test_without_latency_a_frame_is_due_at_the_very_instant_it_came(order: str) -> None:
+    tested = line(order=order)
+    now_ns = 123_456_789_012_345_677
+    for key in (3, 1, 3):
+        tested.push([(key, key)], now_ns, 0)
+    assert tested.next_due_ns == now_ns
+    assert tested.pop_due(now_ns - 1) == []
+    popped = tested.pop_due(now_ns)
+    assert [item for _, _, frames in popped for _, item in frames] == [3, 1, 3]
+    assert [due_ns - came_ns for due_ns, came_ns, _ in popped] == [0, 0, 0]
+
+
+def test_a_constant_latency_is_exact_to_the_nanosecond() -> None:
+    tested = line(mean_s=0.012345678)
+    assert {frame.left_ns - frame.came_ns for frame in run(tested, 100)} == {12_345_678}
+    assert tested.latest_latency_ns == 12_345_678
+
+
+# What is drawn
+
+
+@settings(deadline=None)
+@given(networks, st.integers(0, 50))
+def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
+    network: dict[str, Any], frames: int
+) -> None:
+    stream = Counted(uniforms(1, Stream.UPLINK))
+    tested: LatencyLine[int] = LatencyLine(
+        LatencySettings.model_validate(network), stream, uniforms(1, Stream.UPLINK_DUPLICATES)
+    )
+    for number in range(frames):
+        tested.push([(0, number)], number, number)
+    assert stream.taken == 2 * frames
+
+
+def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None:
+    def a_line(*numbers: float) -> LatencyLine[int]:
+        table: dict[str, Any] = {"model": "uniform", "mean_s": 0.1, "spread_s": 0.01, "loss": 0.5}
+        return LatencyLine(LatencySettings.model_validate(table), iter(numbers), repeat(0.5))
+
+    kept = a_line(0.51, 0.25)
+    assert injected_ns(kept, 1) == [round((0.1 - 0.5 * 3**0.5 * 0.01) * 1e9)]
+    lost = a_line(0.49, 0.25)
+    lost.push([(0, 0)], 0, 0)
+    assert lost.counts.lost == 1
+
+
+def test_loss_takes_frames_and_leaves_the_latency_of_the_others() -> None:
+    free = run(line(**JITTER, order="as_arrives"), 400)
+    lossy = run(line(**JITTER, order="as_arrives", loss=0.3), 400)
+    assert 80 < 400 - len(lossy) < 160
+    assert set(lossy) < set(free)
+
+
+def test_a_heavier_tail_makes_the_same_frames_late_and_later() -> None:
+    light = injected_ns(line(**JITTER), 2000)
+    heavy = injected_ns(line(**{**JITTER, "model": "lognormal"}), 2000)
+    wide = injected_ns(line(**{**JITTER, "spread_s": 0.04}), 2000)
+    rank = sorted(range(2000), key=light.__getitem__)
+    # The first few are all zero where the normal distribution is clipped.
+    assert rank[100:] == sorted(range(2000), key=heavy.__getitem__)[100:]
+    tail = rank[-20:]
+    assert all(heavy[frame] > light[frame] for frame in tail)
+    assert all(wide[frame] > light[frame] for frame in tail)
+
+
+def test_duplicates_come_beside_the_frames_and_do_not_shift_them() -> None:
+    plain = run(line(**JITTER, order="as_arrives", loss=0.2), 400)
+    tested = line(**JITTER, order="as_arrives", loss=0.2, duplicates=0.25)
+    doubled = run(tested, 400)
+    assert set(plain) <= set(doubled)
+    assert len(doubled) - len(plain) == tested.counts.duplicated
+    assert 0.15 < tested.counts.duplicated / len(plain) < 0.35
+    assert {frame.number for frame in doubled} == {frame.number for frame in plain}
+
+
+def test_every_frame_comes_twice_where_all_are_duplicated_and_a_lost_one_never() -> None:
+    tested = line(mean_s=0.01, duplicates=1.0, loss=0.5)
+    numbers = [frame.number for frame in run(tested, 100)]
+    lost = tested.counts.lost
+    assert 30 < lost < 70
+    assert len(numbers) == 2 * (100 - lost)
+    assert all(numbers.count(number) == 2 for number in numbers)
+
+
+def test_where_the_newest_wins_the_latency_of_what_left_is_shorter_than_what_was_injected() -> None:
+    tested = line(**JITTER)
+    run(tested, 5000)
+    injected, left = tested.injected.summary(), tested.latency.summary()
+    assert injected.mean_ns == pytest.approx(80e6, rel=0.02)
+    assert injected.p99_ns == pytest.approx(149.8e6, rel=0.03)
+    assert left.mean_ns < 0.9 * injected.mean_ns
+    assert left.samples < injected.samples == 5000
+
+
+def test_correlated_latencies_have_the_same_distribution_and_change_slowly() -> None:
+    free = injected_ns(line(**JITTER), 5000)
+    slow = injected_ns(line(**JITTER, correlation_time_s=0.1), 5000)
+
+    def mean_step(drawn: list[int]) -> float:
+        return sum(abs(b - a) for a, b in pairwise(drawn)) / len(drawn)
+
+    assert mean_step(slow) < 0.5 * mean_step(free)
+    assert sum(slow) / 5000 == pytest.approx(80e6, rel=0.1)
+    assert sorted(slow)[4500] == pytest.approx(sorted(free)[4500], rel=0.1)
+    assert slow[0] == free[0]  # starts in its stationary state
+
+
+def test_frames_that_come_at_one_instant_share_the_state_of_a_correlated_network() -> None:
+    tested = line(**JITTER, correlation_time_s=0.1)
+    latencies = []
+    for number in range(6):
+        now_ns = number // 3 * PERIOD_NS
+        tested.push([(number, number)], now_ns, 0)
+        latencies.append(tested.latest_latency_ns)
+    assert len(set(latencies[:3])) == 1
+    assert len(set(latencies[3:])) == 1
+    assert latencies[0] != latencies[3]
+
+
+# Bounds
+
+
+def test_a_line_that_is_full_counts_what_it_cannot_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(latency_line, "WAITING_MAX", 3)
+    tested = line(mean_s=1.0)
+    for number in range(5):
+        tested.push([(0, number)], 0, 0)
+    assert tested.counts.overflowed == 2
+    popped = tested.pop_due(1_000_000_000)
+    assert [item for _, _, frames in popped for _, item in frames] == [0, 1, 2]
+
+
+def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
+    """What nobody will get is dropped at once, so it is no deadline."""
+    stream = (u for number in count() for u in (0.5, 0.9 if number == 0 else 0.1))
+    table: dict[str, Any] = {"model": "uniform", "mean_s": 0.05, "spread_s": 0.02}
+    tested: LatencyLine[int] = LatencyLine(
+        LatencySettings.model_validate(table), stream, repeat(0.5)
+    )
+    tested.push([(0, 0)], 0, 0)
+    tested.push([(0, 1)], 1, 1)
+    (popped,) = tested.pop_due(tested.next_due_ns)
+    assert popped[-1] == ((0, 1),)
+    assert tested.next_due_ns == NEVER_NS
+    assert tested.counts.superseded == 1
+
+
+@pytest.mark.parametrize("order", ["newest_wins", "in_order", "as_arrives"])
+@pytest.mark.parametrize("mean_s", [0.0, 0.02, 0.2])
+def test_a_constant_latency_leaves_draws_and_order_as_they_are(
+    mean_s: float, order: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leave(numbers: int) -> list[Any]:
+        uplink: LatencyLine[int] = LatencyLine(
+            LatencySettings.model_validate({"mean_s": mean_s, "order": order}),
+            uniforms(5, Stream.UPLINK),
+            uniforms(5, Stream.UPLINK_DUPLICATES),
+        )
+        left: list[Any] = []
+        for number in range(numbers):
+            now_ns = number * PERIOD_NS
+            if number == numbers // 2:
+                uplink.reconfigure(Distribution.NORMAL, 0.05, 0.02, 0.1)
+            if number == numbers * 3 // 4:
+                uplink.reconfigure(Distribution.CONSTANT, mean_s, 0.0, 0.0)
+            uplink.push([(2, number), (1, -number)], now_ns, now_ns)
+            left += [
+                (due_ns, came_ns, frame)
+                for due_ns, came_ns, frames in uplink.pop_due(now_ns)
+                for frame in frames
+            ]
+        return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
+
+    short = leave(200)
+    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: ())
+    assert short == leave(200)

@@ -1,0 +1,286 @@
+import math
+import subprocess
+import sys
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from scipy.special import ellipe, fresnel
+
+from steer_by_wire.plant_emulator.path.curve_to_path import CURVATURE_TOLERANCE
+from steer_by_wire.plant_emulator.path.path import (
+    Path,
+    Place,
+    Pose,
+    along_clothoid,
+    curvature,
+    end_of_place_m,
+    next_place,
+    pose,
+    vehicle_pose,
+)
+from steer_by_wire.plant_emulator.path.settings import (
+    CircleSettings,
+    DoubleLaneChangeSettings,
+    EllipseSettings,
+    SingleLaneChangeSettings,
+    StraightSettings,
+    WaypointSettings,
+)
+from steer_by_wire.plant_emulator.path.shapes import (
+    build_path,
+    circle,
+    double_lane_change,
+    ellipse,
+    single_lane_change,
+    straight,
+)
+from steer_by_wire.runtime.settings import SettingsError
+
+AXES = [(78.2, 41.74), (60.0, 30.0), (50.0, 50.0), (30.0, 3.0)]
+
+
+def integrated(path: Path, to_m: float) -> Pose:
+    """Return the pose that the curvature alone leads to, by the trapezoidal rule."""
+    s = np.linspace(0.0, to_m, 200_001)
+    heading = path.pose[0].heading_rad + _cumulative(np.array([curvature(path, x) for x in s]), s)
+    x = path.pose[0].x_m + _cumulative(np.cos(heading), s)[-1]
+    y = path.pose[0].y_m + _cumulative(np.sin(heading), s)[-1]
+    return Pose(float(x), float(y), float(heading[-1]))
+
+
+def _cumulative(values: np.ndarray, s: np.ndarray) -> np.ndarray:
+    return np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(s))))
+
+
+@pytest.mark.parametrize(("a", "b"), AXES)
+def test_ellipse_has_its_true_arc_length(a: float, b: float) -> None:
+    assert ellipse(a, b).length_m == pytest.approx(4.0 * a * ellipe(1.0 - (b / a) ** 2), rel=1e-12)
+
+
+@pytest.mark.parametrize(("a", "b"), AXES)
+def test_ellipse_bends_as_the_formula_says_within_the_stated_tolerance(a: float, b: float) -> None:
+    path = ellipse(a, b)
+    t = np.linspace(0.0, 2.0 * np.pi, 200_001)
+    s = _cumulative(np.ones_like(t), np.zeros_like(t)) + _cumulative(
+        np.hypot(a * np.sin(t), b * np.cos(t)), t
+    )
+    exact = a * b / (a**2 * np.sin(t) ** 2 + b**2 * np.cos(t) ** 2) ** 1.5
+    error = [abs(curvature(path, s[i]) - exact[i]) for i in range(0, 200_000, 7)]
+    assert max(error) <= CURVATURE_TOLERANCE * a / b**2
+    assert curvature(path, 0.0) == pytest.approx(a / b**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("a", "b"), AXES)
+def test_driving_by_the_curvature_of_an_ellipse_closes_the_lap(a: float, b: float) -> None:
+    path = ellipse(a, b)
+    x, y, heading = integrated(path, path.length_m)
+    assert (x, y) == pytest.approx((a, 0.0), abs=1e-5 * a)
+    assert heading == pytest.approx(2.5 * math.pi, abs=1e-6)
+
+
+def test_laps_repeat_and_the_heading_counts_on() -> None:
+    path = ellipse(60.0, 30.0)
+    for s in (0.0, 10.0, 123.4, 290.0):
+        first, third = pose(path, s), pose(path, s + 2.0 * path.length_m)
+        assert third[:2] == pytest.approx(first[:2], abs=1e-9)
+        assert third.heading_rad == pytest.approx(first.heading_rad + 4.0 * math.pi)
+        assert curvature(path, s + 2.0 * path.length_m) == pytest.approx(curvature(path, s))
+
+
+def test_ellipse_points_lie_on_the_ellipse() -> None:
+    path = ellipse(60.0, 30.0)
+    for s in np.linspace(0.0, path.length_m, 500):
+        x, y, _ = pose(path, s)
+        assert (x / 60.0) ** 2 + (y / 30.0) ** 2 == pytest.approx(1.0, abs=1e-7)
+
+
+def test_circle_comes_back_to_its_start_after_its_circumference() -> None:
+    path = circle(20.0)
+    assert path.length_m == 40.0 * math.pi
+    assert pose(path, 10.0 * math.pi) == pytest.approx((0.0, 20.0, math.pi))
+    assert curvature(path, 1e6) == 0.05
+
+
+def test_straight_is_the_x_axis() -> None:
+    assert pose(straight(), 123.0) == (123.0, 0.0, 0.0)
+    assert curvature(straight(), 123.0) == 0.0
+
+
+@given(
+    st.floats(-3.5, 3.5).filter(lambda offset: abs(offset) > 0.01),
+    st.floats(10.0, 100.0),
+    st.floats(0.0, 50.0),
+)
+@settings(deadline=None, max_examples=30)
+def test_lane_change_ends_at_its_offset_and_length_with_the_heading_it_began_with(
+    offset_m: float, length_m: float, start_m: float
+) -> None:
+    path = single_lane_change(start_m, offset_m, length_m)
+    x, y, heading = pose(path, path.length_m)
+    assert (x, y) == pytest.approx((start_m + length_m, offset_m), abs=1e-9)
+    assert heading == pytest.approx(0.0, abs=1e-12)
+    assert curvature(path, path.length_m + 1.0) == 0.0
+
+
+def test_steepest_lane_change_still_arrives() -> None:
+    path = single_lane_change(0.0, -5.0, 10.0)
+    assert pose(path, path.length_m) == pytest.approx((10.0, -5.0, 0.0), abs=1e-9)
+
+
+def test_double_lane_change_returns_in_the_proportions_of_iso_3888_1() -> None:
+    path = double_lane_change(15.0, 3.5, 30.0)
+    assert pose(path, path.length_m) == pytest.approx((15.0 + 80.0, 0.0, 0.0), abs=1e-9)
+    in_side_lane = [p for p in path.pose if abs(p.y_m - 3.5) < 1e-9]
+    assert [p.x_m for p in in_side_lane] == pytest.approx([45.0, 70.0])
+
+
+def test_lane_change_bends_without_jumps() -> None:
+    path = double_lane_change(15.0, 3.5, 30.0)
+    ends = zip(path.start_m, path.start_m[1:], strict=False)
+    for piece, (start_m, end_m) in enumerate(ends):
+        rise = path.curvature_slope_1_m2[piece] * (end_m - start_m)
+        assert path.curvature_1_m[piece] + rise == pytest.approx(
+            path.curvature_1_m[piece + 1], abs=1e-12
+        )
+
+
+@given(st.floats(0.001, 0.2), st.floats(0.1, 40.0))
+def test_clothoid_is_the_fresnel_integral(slope: float, length_m: float) -> None:
+    x, y, heading = along_clothoid(Pose(0.0, 0.0, 0.0), 0.0, slope, length_m)
+    scale = math.sqrt(math.pi / slope)
+    sine, cosine = fresnel(length_m / scale)
+    assert (x, y) == pytest.approx((scale * cosine, scale * sine), abs=2e-11 * length_m + 1e-15)
+    assert heading == pytest.approx(0.5 * slope * length_m**2)
+
+
+@given(st.sampled_from([(3.0, 0), (0.0, 0), (290.0, 1), (900.0, 3)]))
+def test_places_cover_the_arc_length_without_gaps(target: tuple[float, int]) -> None:
+    to_m, _ = target
+    path = ellipse(60.0, 30.0)
+    place, reached_m = Place(0, 0), 0.0
+    while reached_m <= to_m:
+        end_m = end_of_place_m(path, place)
+        assert end_m > reached_m
+        place, reached_m = next_place(path, place), end_m
+    assert place.lap == int(reached_m / path.length_m + 1e-9)
+
+
+def test_last_piece_of_an_open_path_never_ends() -> None:
+    path = single_lane_change(0.0, 3.5, 30.0)
+    assert end_of_place_m(path, Place(0, len(path.start_m) - 1)) == math.inf
+
+
+def test_vehicle_stands_preview_distance_behind_and_beside_its_preview_point() -> None:
+    path = straight()
+    heading = math.atan2(3.0, 4.0)
+    x, y, _ = vehicle_pose(path, 10.0, heading, 0.5, 5.0)
+    assert (x, y) == pytest.approx((10.0 - 4.0, 0.5 - 3.0))
+
+
+def write(file: FilePath, points: np.ndarray) -> FilePath:
+    rows = "\n".join(f"{x!r},{y!r}" for x, y in points.tolist())
+    file.write_text(f"# a comment\nx_m,y_m\n{rows}\n", encoding="utf-8")
+    return file
+
+
+def test_waypoints_on_an_ellipse_make_that_ellipse(tmp_path: FilePath) -> None:
+    t = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    file = write(tmp_path / "ellipse.csv", np.stack([60 * np.cos(t), 30 * np.sin(t)], axis=1))
+    path = build_path(WaypointSettings(file=file, closed=True))
+    exact = ellipse(60.0, 30.0)
+    assert path.length_m == pytest.approx(exact.length_m, rel=1e-5)
+    assert path.lap_turn_rad == pytest.approx(2.0 * math.pi, abs=1e-6)
+    for fraction in np.linspace(0.0, 1.0, 200):
+        s = fraction * exact.length_m
+        assert curvature(path, s) == pytest.approx(curvature(exact, s), abs=2e-4)
+
+
+def test_open_path_meets_its_waypoints_and_goes_on_straight(tmp_path: FilePath) -> None:
+    points = np.array([[0.0, 0.0], [10.0, 1.0], [20.0, 4.0], [30.0, 4.0], [40.0, 0.0]])
+    path = build_path(WaypointSettings(file=write(tmp_path / "open.csv", points)))
+    places = [pose(path, s) for s in np.linspace(0.0, path.length_m, 5000)]
+    for x, y in points:
+        assert min(math.hypot(p.x_m - x, p.y_m - y) for p in places) < 0.01
+    assert pose(path, path.length_m)[:2] == pytest.approx((40.0, 0.0))
+    assert curvature(path, path.length_m + 5.0) == 0.0
+    assert pose(path, path.length_m)[:2] == pytest.approx(
+        integrated(path, path.length_m)[:2], abs=1e-3
+    )
+
+
+def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
+    points = np.array([[x, 2.0 * x] for x in (0.0, 1.0, 4.0, 5.0, 9.0)])
+    path = build_path(WaypointSettings(file=write(tmp_path / "row.csv", points)))
+    assert path.length_m == pytest.approx(math.hypot(9.0, 18.0))
+    assert max(map(abs, path.curvature_1_m)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must start with the header x_m,y_m"),
+        ("x,y\n1,2\n", "must start with the header x_m,y_m"),
+        ("x_m,y_m\n1,2\n2,3\n", "must hold 4 to 10000 points, not 2"),
+        ("x_m,y_m\n1,2\n2\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06, not '2'"),
+        (
+            "x_m,y_m\n1,2\n\nnan,2\n3,4\n5,6\n",
+            "line 4: must be two numbers within ±1e+06, not 'nan,2'",
+        ),
+        ("x_m,y_m\n1,2\n2,nan\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06"),
+        ("x_m,y_m\n1,2\n3,x\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06, not '3,x'"),
+        ("x_m,y_m\n0,0\n1,1\n1,1\n2,1\n", "point 3 repeats the one before it"),
+        ("x_m,y_m\n0,0\n1,0\n0,0\n1,0\n", "the path bends too sharply"),
+        (
+            "x_m,y_m\n0,0\n1e308,0\n-1e308,0\n1,0\n",
+            "must be two numbers within ±1e+06, not '1e308,0'",
+        ),
+    ],
+)
+def test_bad_waypoint_file_gives_one_clear_line(
+    tmp_path: FilePath, text: str, message: str
+) -> None:
+    file = tmp_path / "bad.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError) as caught:
+        build_path(WaypointSettings(file=file))
+    assert str(caught.value).startswith(f"{file}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_or_binary_waypoint_file_gives_one_clear_line(tmp_path: FilePath) -> None:
+    with pytest.raises(SettingsError, match=r"nowhere.csv: cannot be read: No such file"):
+        build_path(WaypointSettings(file=tmp_path / "nowhere.csv"))
+    (tmp_path / "binary.csv").write_bytes(b"x_m,y_m\n\xff\xfe")
+    with pytest.raises(SettingsError, match=r"binary.csv: is not UTF-8 text"):
+        build_path(WaypointSettings(file=tmp_path / "binary.csv"))
+
+
+def test_every_kind_of_settings_builds_its_path() -> None:
+    assert build_path(StraightSettings()) == straight()
+    assert build_path(CircleSettings(radius_m=20.0)) == circle(20.0)
+    assert build_path(EllipseSettings()) == ellipse(78.2, 41.74)
+    assert build_path(SingleLaneChangeSettings()) == single_lane_change(10.0, 3.5, 30.0)
+    assert build_path(DoubleLaneChangeSettings()) == double_lane_change(10.0, 3.5, 30.0)
+
+
+def test_settings_that_make_no_road_are_refused() -> None:
+    with pytest.raises(ValidationError, match="1 to 10 times semi_minor_axis_m"):
+        EllipseSettings(semi_major_axis_m=30.0, semi_minor_axis_m=60.0)
+    with pytest.raises(ValidationError, match="offset_m must not exceed half of length_m"):
+        SingleLaneChangeSettings(offset_m=-6.0, length_m=10.0)
+
+
+def test_only_waypoints_import_scipy() -> None:
+    code = (
+        "import sys, steer_by_wire.plant_emulator.path.shapes as shapes; shapes.ellipse(60, 30);"
+        "print('scipy' in sys.modules)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "False"

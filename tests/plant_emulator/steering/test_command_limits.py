@@ -1,0 +1,300 @@
+"""The safety limiter: its table, its half second, its wheel; and that a test notices every mutant.
+
+The tests ask the module ``tested``, so that the last one can put mutants in its place.
+"""
+
+import math
+import random
+import sys
+from bisect import bisect_right
+
+import pytest
+
+from steer_by_wire.plant_emulator.steering import command_limits
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
+from tests.support.mutation import fails_with, survivors
+
+tested = command_limits
+MS_NS = 1_000_000
+INF = math.inf
+LOWER = (("low", "low_1"), ("lowest", "low_2"), ("low", "steer"))
+HIGHER = (("high", "high_1"), ("highest", "high_2"), ("high", "steer"))
+"""Whose lower or higher value the limiter takes."""
+
+
+def params(
+    angle: float = INF,
+    angle_rate: float = INF,
+    acceleration: float = INF,
+    jerk: float = INF,
+    gain: float = 50.0,
+) -> command_limits.LimiterParams:
+    rows = tested.limit_rows(gain, angle, angle_rate, acceleration, jerk)
+    return tested.LimiterParams(rows, 0.125, 100 * MS_NS, 0.5)
+
+
+def outputs(
+    p: command_limits.LimiterParams, commands: list[tuple[float, float]]
+) -> list[tuple[float, int]]:
+    """Output and cause of each command (time in ms, steer in rad)."""
+    x = tested.start_limiter()
+    found = []
+    for time_ms, steer_rad in commands:
+        x, output = tested.limit_steer(p, x, steer_rad, round(time_ms * MS_NS))
+        assert output == x.steer_rad
+        found.append((output, x.cause))
+    return found
+
+
+def test_the_causes_have_their_numbers() -> None:
+    assert [(cause.name, cause.value) for cause in tested.Cause] == [
+        ("NONE", 0),
+        ("ANGLE", 1),
+        ("ANGLE_RATE", 2),
+        ("LATERAL_ACCELERATION", 3),
+        ("LATERAL_JERK", 4),
+        ("NOT_FINITE", 5),
+    ]
+
+
+def test_the_table_has_the_limits_as_angles() -> None:
+    """Half a second of 2 rad/s is 1 rad; with g = 50: 3/50 rad, and half a second of 5/50 rad/s."""
+    assert tested.limit_rows(50.0, 0.7, 2.0, 3.0, 5.0) == (
+        (1, 0.7, INF),
+        (2, INF, 1.0),
+        (3, 0.06, INF),
+        (4, INF, 0.05),
+    )
+
+
+def test_it_starts_straight_and_with_nothing_let_through() -> None:
+    assert tested.start_limiter() == (0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_an_angle_is_cut_at_its_limit_and_not_below() -> None:
+    commands = [(0.0, 0.7), (1.0, 0.7001), (2.0, -0.7), (3.0, -0.9), (4.0, 0.3)]
+    assert outputs(params(angle=0.7), commands) == [
+        (0.7, 0),
+        (0.7, 1),
+        (-0.7, 0),
+        (-0.7, 1),
+        (0.3, 0),
+    ]
+
+
+def test_lateral_acceleration_is_the_angle_by_the_gain() -> None:
+    commands = [(0.0, 0.0625), (1.0, 0.0626), (2.0, -0.0625), (3.0, -0.1)]
+    assert outputs(params(acceleration=2.0, gain=32.0), commands) == [
+        (0.0625, 0),
+        (0.0625, 3),
+        (-0.0625, 0),
+        (-0.0625, 3),
+    ]
+
+
+def test_the_tightest_limit_decides_and_is_the_cause() -> None:
+    both = params(angle=0.5, acceleration=2.0, angle_rate=2.0, jerk=INF, gain=32.0)
+    assert outputs(both, [(0.0, 3.0)]) == [(0.0625, 3)]
+    wide = params(angle=0.5, acceleration=32.0, angle_rate=4.0, gain=32.0)
+    assert outputs(wide, [(0.0, 3.0)]) == [(0.5, 1)]
+    jerky = params(angle_rate=1.0, jerk=2.0, gain=32.0)
+    assert outputs(jerky, [(0.0, 3.0), (1.0, -3.0)]) == [(0.03125, 4), (0.0, 4)]
+
+
+def test_what_moves_no_further_than_the_limit_in_half_a_second_passes() -> None:
+    quarter = params(angle_rate=0.5)  # 0.25 rad in half a second
+    assert outputs(quarter, [(0.0, 0.25), (1.0, 0.0), (2.0, 0.25)]) == [
+        (0.25, 0),
+        (0.0, 0),
+        (0.25, 0),
+    ]
+    assert outputs(quarter, [(0.0, 0.26), (1.0, -0.01), (2.0, -0.01)]) == [
+        (0.25, 2),
+        (0.0, 2),
+        (0.0, 2),
+    ]
+
+
+def test_what_was_is_forgotten_after_the_slot_in_which_half_a_second_has_passed() -> None:
+    """Slots end at 250 ms and so on; straight until the first command at 249 or 250 ms."""
+    quarter = params(angle_rate=0.5)
+    for first_ms, forgotten_ms in ((249.0, 750.0), (250.0, 1000.0)):
+        reached = [(first_ms, 0.25), (forgotten_ms - 0.001, 1.0), (forgotten_ms, 1.0)]
+        # Straight was held into the slot of the first command: it counts as long as that.
+        assert outputs(quarter, reached) == [(0.25, 0), (0.25, 2), (0.5, 2)]
+
+
+def test_extremes_within_each_slot_are_remembered_to_its_end() -> None:
+    quarter = params(angle_rate=0.5)
+    up_and_down = [(100.0, 0.25), (101.0, 0.1), (300.0, 0.1), (600.0, 0.1), (749.0, -0.2)]
+    assert outputs(quarter, up_and_down)[-1] == (0.0, 2)
+    later = [*up_and_down, (750.0, -0.2)]
+    assert outputs(quarter, later)[-1] == pytest.approx((-0.15, 2))
+    down_and_up = [(time_ms, -steer_rad) for time_ms, steer_rad in later]
+    assert outputs(quarter, down_and_up)[-2:] == [(0.0, 2), pytest.approx((0.15, 2))]
+
+
+@pytest.mark.parametrize("gap_slots", [1, 2, 3, 4, 5])
+def test_what_was_held_meanwhile_counts(gap_slots: int) -> None:
+    """At 0.2 and down to 0.1 within the first slot; then nothing comes for some slots."""
+    quarter = params(angle_rate=0.5)
+    commands = [(0.0, 0.2), (1.0, 0.1), (250.0 * gap_slots, -1.0)]
+    expected = {1: -0.05, 2: -0.05}.get(gap_slots, -0.15)
+    assert outputs(quarter, commands)[-1] == pytest.approx((expected, 2))
+    commands = [(0.0, -0.2), (1.0, -0.1), (250.0 * gap_slots, 1.0)]
+    assert outputs(quarter, commands)[-1] == pytest.approx((-expected, 2))
+
+
+def test_what_was_held_counts_in_the_slots_that_passed() -> None:
+    """Held at 0.2 through two slots; then a first command, and what it may do two slots later."""
+    quarter = params(angle_rate=0.5)
+    commands = [(0.0, 0.2), (760.0, 0.0), (1000.0, -1.0), (1250.0, -1.0), (1500.0, -1.0)]
+    found = outputs(quarter, commands)
+    assert [output for output, _ in found] == pytest.approx([0.2, 0.0, -0.05, -0.05, -0.25])
+    mirrored = outputs(quarter, [(time_ms, -steer_rad) for time_ms, steer_rad in commands])
+    assert [output for output, _ in mirrored] == pytest.approx([-output for output, _ in found])
+
+
+def test_no_two_outputs_within_half_a_second_are_further_apart_than_the_limit() -> None:
+    """And a command that is not further from any of the last 0.75 s passes untouched."""
+    source = random.Random(11270)
+    limit_rad = 0.5 * 5.0 / 50.0
+    for scale_rad in (0.03, 0.2):
+        p = params(jerk=5.0)
+        x = tested.start_limiter()
+        now_ns, kept = 0, [(0, 0.0)]
+        for _ in range(600):
+            now_ns += source.choice([0, 1, 10, 10, 10, 37, 120]) * MS_NS
+            wanted = source.choice([-1.0, 1.0]) * source.uniform(0.0, scale_rad)
+            x, output = tested.limit_steer(p, x, wanted, now_ns)
+            # What was in effect at any time of the window: the last before it, and all within.
+            recent = _in_effect(kept, now_ns - 500 * MS_NS)
+            assert max(abs(output - before) for before in recent) <= limit_rad + 1e-12
+            longer = _in_effect(kept, now_ns - 750 * MS_NS)
+            if max(abs(wanted - before) for before in longer) <= limit_rad - 1e-12:
+                assert (output, x.cause) == (wanted, 0)
+            kept.append((now_ns, output))
+
+
+def _in_effect(kept: list[tuple[int, float]], since_ns: int) -> list[float]:
+    first = max(0, bisect_right(kept, (since_ns, INF)) - 1)
+    return [steer for _, steer in kept[first:]]
+
+
+@pytest.mark.parametrize("no_number", [math.nan, INF, -INF])
+def test_what_is_no_number_changes_nothing(no_number: float) -> None:
+    commands = [(0.0, 0.2), (1.0, no_number), (2.0, 0.3)]
+    assert outputs(params(angle=0.7), commands) == [(0.2, 0), (0.2, 5), (0.3, 0)]
+
+
+def test_the_slot_is_a_quarter_of_a_second_of_time() -> None:
+    x = tested.start_limiter()
+    slots = []
+    for time_ns in (0, 249_999_999, 250_000_000, 499_999_999, 500_000_000):
+        x, _ = tested.limit_steer(params(), x, 0.0, time_ns)
+        slots.append(x.slot)
+    assert slots == [0, 0, 1, 1, 2]
+
+
+# The wheel
+
+
+def follows(wheel_rad: float, target_rad: float = 0.0) -> bool:
+    return tested.is_at_target(params(), target_rad, wheel_rad)
+
+
+def test_a_wheel_within_its_tolerance_follows() -> None:
+    for wheel_rad, expected in (
+        (0.0, True),
+        (0.125, True),
+        (-0.125, True),
+        (0.1251, False),
+        (-0.1251, False),
+        (math.nan, False),
+    ):
+        assert follows(wheel_rad) is expected
+
+
+def test_the_wheels_target_ends_at_the_actuators_stop() -> None:
+    for side in (1.0, -1.0):
+        assert follows(side * 0.375, side * 2.0)
+        assert follows(side * 0.625, side * 2.0)
+        assert not follows(side * 0.626, side * 2.0)
+        assert not follows(side * 0.374, side * 2.0)
+        assert follows(side * 0.25, side * 0.25)
+        assert not follows(side * 0.4, side * 0.25)
+
+
+def test_a_command_within_the_same_slot_leaves_the_slots_before_as_they_are() -> None:
+    x = tested.LimiterState(0.1, 2, 3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+    after, _ = tested.limit_steer(params(), x, 0.45, 750 * MS_NS)
+    assert after == (0.45, 0, 3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+
+
+# The gain
+
+
+def gain_by_the_matrices(p: VehicleParams) -> float:
+    """V times the steady yaw rate per steer: 0 = A x + b for side slip and yaw rate."""
+    a, b = state_matrices(p)
+    (a11, a12), (a21, a22) = a[:2, :2]
+    b1, b2 = b[:2, 0]
+    return p.speed_m_s * float((a21 * b1 - a11 * b2) / (a11 * a22 - a12 * a21))
+
+
+def gain(p: VehicleParams) -> float:
+    speed, mass, _, front, rear, front_axle, rear_axle, _ = p
+    return tested.acceleration_gain_m_s2(speed, mass, front, rear, front_axle, rear_axle)
+
+
+def test_the_gain_is_that_of_the_single_track_model_in_a_steady_turn() -> None:
+    """Two derivations: the textbook's understeer gradient, and (1) solved for no change."""
+    for speed_m_s in (0.3, 1.4, 5.0, 16.7, 40.0):
+        for mass_kg, front, rear in (
+            (2000.0, 190e3, 500e3),
+            (5000.0, 190e3, 500e3),
+            (1600.0, 120e3, 90e3),
+        ):
+            p = VehicleParams(speed_m_s, mass_kg, 3728.0, front, rear, 1.3008, 1.5453, 1.9)
+            if gain_by_the_matrices(p) > 0.0:
+                assert gain(p) == pytest.approx(gain_by_the_matrices(p), rel=1e-9)
+
+
+def test_the_gain_of_the_default_vehicle_is_what_the_documentation_says() -> None:
+    v = VehicleSettings()
+    for speed_km_h, expected in ((5.0, 0.676), (7.0, 1.322), (60.0, 70.8)):
+        p = VehicleParams(
+            speed_km_h / 3.6,
+            v.virtual_mass_kg,
+            v.yaw_inertia_kg_m2,
+            v.front_cornering_stiffness_n_rad,
+            v.rear_cornering_stiffness_n_rad,
+            v.front_axle_distance_m,
+            v.rear_axle_distance_m,
+            v.preview_distance_m,
+        )
+        assert gain(p) == pytest.approx(expected, abs=0.001 * max(expected, 1.0))
+
+
+def test_without_a_steady_state_the_gain_is_the_neutral_vehicles() -> None:
+    """L = 2, K = 1/2 (1/1 - 1/0.2) = -2 by mass 1: critical at 1 m/s."""
+    assert tested.acceleration_gain_m_s2(1.0, 1.0, 1.0, 0.2, 1.0, 1.0) == 0.5
+    assert tested.acceleration_gain_m_s2(2.0, 1.0, 1.0, 0.2, 1.0, 1.0) == 2.0
+    almost = 1.0 - 2.0**-22  # the mass just below, where the gain is finite and large
+    assert tested.acceleration_gain_m_s2(1.0, almost, 1.0, 0.2, 1.0, 1.0) == 2.0**21
+    assert tested.acceleration_gain_m_s2(1.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 0.5
+
+
+# The tests themselves
+
+
+def test_a_test_notices_every_mutant() -> None:
+    """Every comparison flipped, every bound and constant moved, every operator turned round."""
+    here, this = sys.modules[__name__], test_a_test_notices_every_mutant.__name__
+    alive, count = survivors(command_limits, lambda mutant: fails_with(here, mutant, this))
+    # Of two equal values it does not matter which is taken.
+    equivalent = {f"{a} < {b}  ->  {a} <= {b}" for a, b in LOWER}
+    equivalent |= {f"{a} > {b}  ->  {a} >= {b}" for a, b in HIGHER}
+    assert {text.split(": ")[1] for text in alive} == equivalent
+    assert count > 100

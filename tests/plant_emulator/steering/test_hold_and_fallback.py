@@ -1,0 +1,299 @@
+"""The guard: silence, fallback, recovery and safe state."""
+
+import math
+
+import pytest
+
+from steer_by_wire.plant_emulator.steering import command_limits, hold_and_fallback
+from steer_by_wire.plant_emulator.steering.command_limits import LimiterParams, limit_rows
+from tests.support.driven_guard import INF, MODES, MS_NS, Guarded, steady
+
+tested = hold_and_fallback
+
+
+def test_the_modes_and_times_have_their_numbers() -> None:
+    assert [(mode.name, mode.value) for mode in tested.GuardMode] == [
+        (name, number) for number, name in enumerate(MODES)
+    ]
+    assert (tested.RAMP_PERIOD_NS, tested.OFF_NS) == (10_000_000, 2**62)
+
+
+def test_before_the_first_command_nothing_is_due() -> None:
+    guarded = Guarded()
+    assert guarded.x == (0, command_limits.start_limiter(), 0, 2**62, 0, 0.0)
+    guarded.until(1e6)
+    assert guarded.log == []
+    assert guarded.command(1e6, 0.25)
+    assert (guarded.mode, guarded.target) == ("FOLLOWING", 0.25)
+
+
+def test_commands_that_keep_coming_are_followed_as_they_are() -> None:
+    guarded = Guarded()
+    for step in range(200):
+        steer_rad = 0.3 * math.sin(0.1 * step)
+        assert guarded.command(140.0 * step, steer_rad)
+        assert guarded.target == steer_rad
+    assert guarded.mode == "FOLLOWING"
+    assert guarded.log == []
+    assert guarded.x[2:] == (199 * 140 * MS_NS, 200 * 140 * MS_NS, 0, 0.0)
+
+
+def test_silence_is_held_then_ramped_to_zero_and_there_it_ends() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.0625 + 0.015625)
+    guarded.until(1e5)
+    assert guarded.log == [
+        (240.0, "HOLDING", 0.078125),
+        (740.0, "FALLBACK", 0.046875),
+        (750.0, "FALLBACK", 0.015625),
+        (760.0, "FALLBACK", 0.0),
+    ]
+    assert guarded.set_anew == [False, True, True, True]
+    assert guarded.x.deadline_ns == 2**62
+
+
+def test_the_ramp_comes_from_either_side() -> None:
+    guarded = Guarded()
+    steady(guarded, -0.078125)
+    guarded.until(1e5)
+    assert [target for _, _, target in guarded.log] == [-0.078125, -0.046875, -0.015625, 0.0]
+
+
+def test_a_fallback_may_keep_the_wheel_where_it_is() -> None:
+    guarded = Guarded(ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    guarded.until(1e5)
+    assert guarded.log == [(240.0, "HOLDING", 0.25), (740.0, "FALLBACK", 0.25)]
+    assert guarded.x.deadline_ns == 2**62
+
+
+def test_a_ramp_may_be_slow() -> None:
+    guarded = Guarded(ramp_step_rad=5e-7)
+    steady(guarded, 0.25)
+    guarded.until(760.0)
+    assert guarded.log[-1][:2] == (760.0, "FALLBACK")
+    assert guarded.target == pytest.approx(0.25 - 1.5e-6, abs=1e-9)
+
+
+def test_a_run_of_commands_ends_the_fallback_and_nothing_jumps() -> None:
+    """0.5 rad/s: 0.005 rad in 10 ms. Of three commands the third is followed, from where it was."""
+    guarded = Guarded(ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    back_ms = 1000.0
+    for step in range(2):
+        assert not guarded.command(back_ms + 10.0 * step, 0.2)
+        assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FALLBACK", 0.25, step + 1)
+        assert guarded.x.arrived_ns == round((back_ms + 10.0 * step) * MS_NS)
+    assert guarded.command(back_ms + 20.0, 0.2)
+    assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FOLLOWING", 0.25, 0)
+    targets = []
+    for step in range(1, 13):
+        assert guarded.command(back_ms + 20.0 + 10.0 * step, 0.1)
+        targets.append(guarded.target)
+    expected = [0.1 + max(0.05 - 0.005 * step, 0.0) for step in range(1, 13)]
+    assert targets == pytest.approx(expected, abs=1e-12)
+    assert targets[-1] == 0.1
+
+
+def test_the_fade_comes_from_either_side() -> None:
+    guarded = Guarded(ramp_step_rad=0.0, recovery_frames=1)
+    steady(guarded, 0.0)
+    assert guarded.command(900.0, 0.0125)
+    targets = []
+    for time_ms in (910.0, 930.0, 950.0):
+        guarded.command(time_ms, 0.0125)
+        targets.append(guarded.target)
+    assert targets == pytest.approx([0.005, 0.0125, 0.0125], abs=1e-12)
+
+
+def test_a_silence_within_the_run_starts_it_anew() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.25)
+    assert not guarded.command(800.0, 0.25)
+    assert not guarded.command(940.0 - 1e-6, 0.25)
+    assert guarded.x.good_run == 2
+    assert not guarded.command(1080.0 - 1e-6, 0.25)
+    assert guarded.x.good_run == 1
+
+
+def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
+    guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    guarded.command(800.0, 0.0)
+    guarded.command(810.0, 0.0)
+    assert guarded.x.fade_rad == 0.25
+    guarded.until(1000.0)
+    assert (guarded.mode, guarded.x.fade_rad, guarded.x.good_run) == ("HOLDING", 0.25, 1)
+    guarded.until(1500.0)
+    assert (guarded.mode, guarded.x.fade_rad, guarded.x.good_run) == ("FALLBACK", 0.0, 1)
+    assert not guarded.command(1500.0, 0.125)
+    assert guarded.x.fade_rad == 0.0
+    assert guarded.command(1510.0, 0.125)
+    assert (guarded.target, guarded.x.fade_rad) == (0.25, 0.125)
+
+
+def test_every_target_passes_the_limiter() -> None:
+    guarded = Guarded(angle=0.1)
+    guarded.command(0.0, 0.5)
+    assert (guarded.target, guarded.x.limiter.cause) == (0.1, 1)
+    guarded.until(640.0)
+    assert guarded.target == pytest.approx(0.1 - 0.03125)
+    assert guarded.x.limiter.cause == 0
+    p = guarded.p._replace(limiter=LimiterParams(limit_rows(1.0, INF, 0.2, INF, INF), 1, 1, INF))
+    x, _ = tested.guard_timer(p, guarded.x._replace(mode=3), 641 * MS_NS)
+    assert x.limiter.steer_rad == pytest.approx(0.1 - 2 * 0.03125)
+    x = guarded.x._replace(limiter=guarded.x.limiter._replace(high_rad=0.2))
+    x, _ = tested.guard_timer(p, x, 641 * MS_NS)
+    assert x.limiter.steer_rad == pytest.approx(0.1)
+    assert x.limiter.cause == 2
+
+
+# The safe state
+
+
+def test_a_wheel_that_does_not_follow_makes_the_safe_state_due_at_once_and_for_good() -> None:
+    guarded = Guarded()
+    for step in range(11):
+        guarded.command(10.0 * step, 0.25)
+        guarded.wheel(10.0 * step, 0.25 if step < 1 else 0.0)
+    assert guarded.mode == "FOLLOWING"
+    guarded.wheel(100.0 + 1e-6, 0.0)
+    assert (guarded.mode, guarded.x.deadline_ns) == ("SAFE_STATE", 100 * MS_NS + 1)
+    assert not guarded.command(100.0 + 1e-6, 0.25)
+    guarded.wheel(100.0 + 1e-6, 0.0)
+    guarded.until(200.0)
+    assert [target for _, _, target in guarded.log] == [
+        0.25 - 0.03125 * step for step in range(1, 9)
+    ]
+    assert {mode for _, mode, _ in guarded.log} == {"SAFE_STATE"}
+    before = guarded.x
+    for step in range(20):
+        assert not guarded.command(1000.0 + 10.0 * step, 0.25)
+    assert guarded.x == before
+
+
+def test_a_wheel_that_follows_changes_nothing_but_when_it_was_seen() -> None:
+    guarded = Guarded()
+    guarded.command(0.0, 0.25)
+    before = guarded.x
+    guarded.wheel(10.0, 0.25)
+    assert (guarded.x, guarded.followed_ns) == (before, 10 * MS_NS)
+    guarded.until(650.0)
+    guarded.command(650.0, 0.3)
+    before = guarded.x
+    assert (before.mode, before.good_run) == (MODES.index("FALLBACK"), 1)
+    guarded.wheel(650.0, guarded.target)
+    assert (guarded.x, guarded.followed_ns) == (before, 650 * MS_NS)
+
+
+def test_the_time_of_a_wheel_that_does_not_follow_begins_when_it_last_did() -> None:
+    guarded = Guarded()
+    guarded.command(0.0, 0.25)
+    guarded.wheel(50.0, 0.25)
+    guarded.command(100.0, 0.25)
+    guarded.wheel(150.0, 0.0)
+    assert (guarded.mode, guarded.followed_ns) == ("FOLLOWING", 50 * MS_NS)
+    guarded.wheel(150.0 + 1e-6, 0.0)
+    assert guarded.mode == "SAFE_STATE"
+
+
+def test_a_lost_wheel_in_the_safe_state_does_not_start_it_anew() -> None:
+    guarded = Guarded(ramp_step_rad=0.0, override_ms=0.0)
+    guarded.command(0.0, 0.25)
+    guarded.until(0.0)
+    assert (guarded.mode, guarded.x.deadline_ns) == ("SAFE_STATE", 2**62)
+    guarded.wheel(1000.0, 1.0)
+    assert guarded.x.deadline_ns == 2**62
+
+
+def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_for_good() -> None:
+    for until_ms, mode in ((0.0, "FOLLOWING"), (240.0, "HOLDING"), (741.0, "FALLBACK")):
+        guarded = Guarded(recovery_frames=2)
+        steady(guarded, 0.25)
+        guarded.until(until_ms)
+        assert guarded.mode == mode
+        limiter, at_ns = guarded.x.limiter, 760 * MS_NS
+        guarded.x = tested.guard_fault(guarded.x, at_ns)
+        assert guarded.x == (4, limiter, 100 * MS_NS, at_ns, 0, 0.0)
+        assert not guarded.command(760.0 - 1e-6, 0.25)
+        before = guarded.target
+        guarded.until(760.0)
+        assert guarded.log[-1] == (760.0, "SAFE_STATE", before - 0.03125)
+        safe = guarded.x
+        assert tested.guard_fault(safe, 761 * MS_NS) is safe
+
+
+def test_a_fault_of_its_own_before_the_first_command_leaves_the_wheel_straight() -> None:
+    guarded = Guarded()
+    guarded.x = tested.guard_fault(guarded.x, 5 * MS_NS)
+    guarded.until(1e5)
+    assert guarded.log == [(5.0, "SAFE_STATE", 0.0)]
+
+
+@pytest.mark.parametrize("override_ms", [50.0, 105.0, 245.0, 300.0, 735.0, 755.0])
+def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
+    guarded = Guarded(override_ms=override_ms)
+    for time_ms in range(0, min(101, round(override_ms)), 10):
+        guarded.command(time_ms, 10.0)
+    guarded.until(override_ms - 1e-6)
+    assert guarded.mode != "SAFE_STATE"
+    before = guarded.target
+    guarded.until(override_ms)
+    assert guarded.mode == "SAFE_STATE"
+    assert guarded.log[-1] == (override_ms, "SAFE_STATE", before - 0.03125)
+    assert not guarded.command(override_ms + 1.0, 1.0)
+    guarded.until(override_ms + 10.0)
+    assert guarded.log[-1] == (override_ms + 10.0, "SAFE_STATE", before - 0.0625)
+
+
+def test_an_override_comes_although_nothing_ever_does() -> None:
+    guarded = Guarded(override_ms=20.0)
+    guarded.until(1000.0)
+    assert guarded.log == [(20.0, "SAFE_STATE", 0.0)]
+
+
+def test_an_override_comes_after_a_fallback_has_ended() -> None:
+    guarded = Guarded(override_ms=5000.0)
+    guarded.command(0.0, 0.03125)
+    guarded.until(1e5)
+    assert guarded.log == [
+        (140.0, "HOLDING", 0.03125),
+        (640.0, "FALLBACK", 0.0),
+        (5000.0, "SAFE_STATE", 0.0),
+    ]
+
+
+def test_a_timer_that_comes_late_still_obeys_the_override() -> None:
+    guarded = Guarded(override_ms=20.0)
+    x, _ = tested.guard_timer(guarded.p, guarded.x, 20 * MS_NS + 1)
+    assert MODES[x.mode] == "SAFE_STATE"
+
+
+def test_a_timer_before_the_first_command_changes_no_mode() -> None:
+    guarded = Guarded()
+    x, _ = tested.guard_timer(guarded.p, guarded.x, MS_NS)
+    assert MODES[x.mode] == "NO_COMMAND"
+
+
+def test_fade_and_run_end_with_what_they_belong_to() -> None:
+    guarded = Guarded()
+    guarded.command(0.0, 0.25)
+    guarded.until(640.0)
+    assert (guarded.mode, guarded.x.fade_rad) == ("FALLBACK", 0.0)
+    guarded.command(650.0, 0.25)
+    guarded.wheel(655.0, 1.0)
+    assert guarded.x[0:1] + guarded.x[2:] == (4, 650 * MS_NS, 655 * MS_NS, 0, 0.0)
+
+
+def test_a_command_is_overruled_unless_it_is_followed_as_it_is() -> None:
+    x = Guarded().x
+    for mode, name in enumerate(MODES):
+        for cause in (0, 1, 2, 5):
+            for fade_rad in (0.0, 1e-6, -1e-6, 0.5, -0.5):
+                limiter = x.limiter._replace(cause=cause)
+                state = x._replace(mode=mode, limiter=limiter, fade_rad=fade_rad)
+                if name == "FOLLOWING":
+                    expected = cause != 0 or fade_rad != 0.0
+                else:
+                    expected = name != "NO_COMMAND"
+                assert tested.is_overruled(state) is expected
