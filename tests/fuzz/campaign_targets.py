@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
+from steer_by_wire.closed_loop.reports.terminal import finding_lines
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.settings import Settings, load_settings
@@ -22,7 +23,6 @@ from steer_by_wire.tools.faults.campaign.grouping import compare, group
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
-    finding_lines,
     table_lines,
     write_csv,
 )

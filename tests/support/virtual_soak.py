@@ -13,7 +13,7 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from steer_by_wire.tools.faults.injection.babbling_node import BabbledBus
+from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
 
 
 class VirtualSoak(NamedTuple):

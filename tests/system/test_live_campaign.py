@@ -2,10 +2,12 @@
 
 import sys
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -20,10 +22,8 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
-from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults import program as fault_campaign
 from steer_by_wire.tools.faults.injection.kinds import LiveKind, parse_fault
 from steer_by_wire.tools.faults.live.campaign import (
@@ -32,7 +32,7 @@ from steer_by_wire.tools.faults.live.campaign import (
     outcome_table,
     record_of,
 )
-from steer_by_wire.tools.faults.live.cases import CASES, CONTROLLER, PLANT, LiveCase
+from steer_by_wire.tools.faults.live.cases import CASES, LiveCase
 from steer_by_wire.tools.faults.live.judgement import (
     Outcome,
     Reaction,
@@ -43,7 +43,9 @@ from steer_by_wire.tools.faults.live.judgement import (
     mistakes_of,
     vehicle_of,
 )
+from steer_by_wire.tools.faults.live.live_run import LiveRun
 from steer_by_wire.tools.faults.live.trial import (
+    INJECTOR,
     Trial,
     plant_settings,
     write_excerpt,
@@ -64,11 +66,20 @@ def report_of(node: Any, error_frames: Any = None) -> dict[str, Any]:
     return {"node": node, "connection": {"error_frames": error_frames or {}}}
 
 
-def trial_of(name: str, **changes: Any) -> Trial:
+ACTIONS = ({"time_ns": 1, "fault": "spoof", "what": "begins"},)
+
+
+def trial_of(
+    name: str,
+    actions: Any = ACTIONS,
+    observed: tuple[int, int] = (0, 10),
+    reports: Any = MappingProxyType({}),
+    **changes: Any,
+) -> Trial:
     case = next(one for one in CASES if one.name == name)
-    statuses = {PLANT: 0, CONTROLLER: 0}
-    actions = [{"time_ns": 1, "fault": "spoof", "what": "begins"}]
-    return Trial(case, Path(), statuses, {}, actions, (0, 10), [])._replace(**changes)
+    reports = {**reports, INJECTOR: {"actions": actions}}
+    run = LiveRun(Path(), {PLANT: 0, CONTROLLER: 0}, reports)
+    return Trial(case, run._replace(**changes), observed)
 
 
 def test_a_run_passes_when_each_that_must_has_noticed_the_fault() -> None:
@@ -77,10 +88,11 @@ def test_a_run_passes_when_each_that_must_has_noticed_the_fault() -> None:
     assert list(mistakes_of(trial, noticed)) == []
     other = {PLANT: {"bad_crc": 3}, CONTROLLER: {"repeated": 2}}
     assert list(mistakes_of(trial, other)) == [f"{CONTROLLER} has not noticed it"]
-    assert list(mistakes_of(trial._replace(actions=[]), noticed)) == ["the injector did nothing"]
-    left = trial._replace(left=["process plant-emulator"])
-    assert list(mistakes_of(left, noticed)) == ["left behind: process plant-emulator"]
-    failed = trial._replace(statuses={PLANT: 5})
+    idle = trial_of("bit flips", actions=[])
+    assert list(mistakes_of(idle, noticed)) == ["the injector did nothing"]
+    left = trial_of("bit flips", left=["process plant_emulator"])
+    assert list(mistakes_of(left, noticed)) == ["left behind: process plant_emulator"]
+    failed = trial_of("bit flips", statuses={PLANT: 5})
     assert list(mistakes_of(failed, noticed)) == [f"{PLANT} has ended with status 5"]
 
 
@@ -88,7 +100,7 @@ def test_only_who_was_killed_may_end_so_and_a_golden_run_counts_nothing() -> Non
     killed = trial_of("plant killed", statuses={PLANT: -9, CONTROLLER: 0})
     noticed = {CONTROLLER: {"silence": 1}}
     assert list(mistakes_of(killed, noticed)) == []
-    assert list(mistakes_of(killed._replace(statuses={PLANT: 0}), noticed))
+    assert list(mistakes_of(trial_of("plant killed"), noticed))
     golden = trial_of("golden", actions=[])
     assert list(mistakes_of(golden, {PLANT: {}, CONTROLLER: {}})) == []
     assert list(mistakes_of(golden, {PLANT: {"lost": 1}})) == [f"{PLANT} counts {{'lost': 1}}"]
@@ -111,9 +123,9 @@ def test_who_wakes_first_may_hold_and_both_know_what_they_have_missed(holds: int
 def test_a_program_may_end_by_bus_off_only_where_that_is_expected() -> None:
     noticed = {PLANT: {"silence": 1}, CONTROLLER: {"bus_off": 1}}
     statuses = {PLANT: 0, CONTROLLER: 3}
-    given_up = trial_of("controller in bus-off, not kept", statuses=statuses)
-    assert list(mistakes_of(given_up, noticed)) == []
-    assert list(mistakes_of(given_up._replace(statuses={CONTROLLER: 0}), noticed))
+    not_kept = "controller in bus-off, not kept"
+    assert list(mistakes_of(trial_of(not_kept, statuses=statuses), noticed)) == []
+    assert list(mistakes_of(trial_of(not_kept), noticed))
     kept = trial_of("controller in bus-off", statuses=statuses)
     assert list(mistakes_of(kept, noticed)) == [f"{CONTROLLER} has ended with status 3"]
 
@@ -127,12 +139,8 @@ def test_a_fault_in_the_plants_settings_must_have_changed_a_frame() -> None:
 
 
 @pytest.mark.parametrize("case", [one for one in CASES if one.at_plant], ids=lambda one: one.name)
-def test_a_fault_at_the_plant_is_settings_that_the_plant_takes(
-    case: LiveCase, tmp_path: Path
-) -> None:
-    path = tmp_path / "plant.toml"
-    path.write_text(plant_settings(case))
-    (fault,) = load_settings(PlantSettings, None, path, []).faults
+def test_a_fault_at_the_plant_is_settings_that_the_plant_takes(case: LiveCase) -> None:
+    (fault,) = plant_settings(case).faults
     assert (fault.kind, fault.onset_s, fault.duration_s) == (case.at_plant["kind"], 2.0, 1.0)
 
 
@@ -228,7 +236,7 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
     on_bus = [(100.001, normal), (101.0005, forged), (101.001, error), (101.25, refused)]
     (tmp_path / f"{PLANT}.log").write_text("".join(line(t, one, "T") for t, one in own))
     (tmp_path / f"{CONTROLLER}.log").write_text(line(101.2, refused, "R"))
-    (tmp_path / "bus.log").write_text("".join(line(t, one, "R") for t, one in on_bus))
+    (tmp_path / "candump.log").write_text("".join(line(t, one, "R") for t, one in on_bus))
     plant = report_of({**PLANT_NODE, "rejected": {"out_of_order": 3}})
     controller = report_of(CONTROLLER_NODE)
     trial = trial_of(

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.reports.terminal import Finding, finding_lines
 from steer_by_wire.controller.node.law_runner import LawRunner
 from steer_by_wire.controller.node.received import Received
 from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
@@ -14,9 +15,9 @@ from steer_by_wire.plant_emulator.steering import control_unit
 from steer_by_wire.plant_emulator.steering.hold_and_fallback import GuardMode, guard_command
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
-from steer_by_wire.tools.faults.campaign.acceptance import Finding, findings_of
+from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.grouping import group
-from steer_by_wire.tools.faults.campaign.presentation import finding_lines, table_lines
+from steer_by_wire.tools.faults.campaign.presentation import table_lines
 from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial

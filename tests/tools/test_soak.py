@@ -18,16 +18,16 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
+from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
 from steer_by_wire.tools.faults.injection.babbling_node import (
     GAPS,
     HIGHEST_PRIORITY_IDS,
     LOWEST_PRIORITY_IDS,
-    BabbledBus,
     babble,
 )
-from steer_by_wire.tools.faults.live.census import count_messages, gaps, read_bus_log
-from steer_by_wire.tools.faults.live.pair_on_bus import GROWTH_KIB_MAX, figures_of, resident_kib
-from steer_by_wire.tools.faults.live.verdict import delay_bounds_ns, longest_frame_ns
+from steer_by_wire.tools.faults.live.frame_balance import balance_messages, gaps, read_bus_log
+from steer_by_wire.tools.faults.live.memory_growth import GROWTH_KIB_MAX, figures_of, resident_kib
+from steer_by_wire.tools.faults.live.soak_findings import delay_bounds_ns, longest_frame_ns
 from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
@@ -275,7 +275,7 @@ def test_a_census_finds_what_is_lost_reordered_and_late(tmp_path: Path) -> None:
 
     write_log(tmp_path / "bus.log", on_bus)
     bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+    (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
     assert (count.name, count.sent, count.on_bus) == ("SteeringCommand", 6, 6)
     assert (count.is_same, count.lost, count.reordered) == (True, 0, 0)
     durations_ns = [frame_bits(frame).nominal * 2000 for _, frame, _ in sent]
@@ -288,7 +288,7 @@ def test_a_census_finds_what_is_lost_reordered_and_late(tmp_path: Path) -> None:
         [(times[place], on_bus[n][1], "R") for place, n in enumerate(shuffled)],
     )
     bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+    (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
     assert (count.is_same, count.lost, count.reordered) == (False, 3, 1)
 
 
@@ -299,7 +299,7 @@ def test_a_census_finds_what_was_taken_with_gaps(tmp_path: Path) -> None:
     bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
     for taken, is_run, missed in (([1, 2, 3], True, 0), ([1, 3, 4], False, 1), ([], True, 0)):
         write_log(tmp_path / "own.log", [(times_ns[n], command(n), "R") for n in taken])
-        (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+        (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
         assert (count.taken, count.is_run, count.missed) == (len(taken), is_run, missed)
 
 

@@ -5,30 +5,31 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.reports.terminal import Finding
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults.injection.babbling_node import GAPS, LOWEST_PRIORITY_IDS
-from steer_by_wire.tools.faults.live.pair_on_bus import LiveSoak, Plan, figures_of, run_live_soak
+from steer_by_wire.tools.faults.live.memory_growth import figures_of
 from steer_by_wire.tools.faults.live.soak import (
-    findings_table,
     memory_table,
     messages_table,
     record_of,
 )
-from steer_by_wire.tools.faults.live.verdict import (
-    Finding,
+from steer_by_wire.tools.faults.live.soak_findings import (
     between_findings,
     bounds_ns,
     load_findings,
 )
+from steer_by_wire.tools.faults.live.soak_run import LiveSoak, SoakSettings, run_live_soak
 
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
-    """With other people's traffic, too."""
+    """With a rest bus, too."""
     bus = BusSettings(load=0.3)
-    plan = Plan(LOWEST_PRIORITY_IDS, 1.0, settle_s=0.5, recover_s=0.5, bus=bus, priority=0)
-    return run_live_soak(plan, tmp_path_factory.mktemp("soak"))
+    soak = SoakSettings(LOWEST_PRIORITY_IDS, 1.0, settle_s=0.5, recover_s=0.5, bus=bus, priority=0)
+    return run_live_soak(soak, tmp_path_factory.mktemp("soak"))
 
 
 def findings(run: LiveSoak) -> dict[str, Finding]:
@@ -55,14 +56,14 @@ def test_the_babbling_node_and_the_pair_were_there(live: LiveSoak) -> None:
     assert live.bus.others > 100
     assert {message.name for message in live.messages} >= {"SteeringCommand", "LateralError"}
     assert all(message.sent for message in live.messages)
-    assert {"broker", "recorder", "recorder: file writer", "babbler"} <= set(live.memory)
+    assert {"broker", "babbler", PLANT, f"{PLANT}: file writer", CONTROLLER} <= set(live.memory)
 
 
 @pytest.fixture(scope="module")
 def between(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
     """With identifiers that starve all status: 64 of these fill a queue within 2.2 s."""
-    plan = Plan(tuple(GAPS[3][:4]), babble_s=3.0, settle_s=0.5, recover_s=0.5, priority=0)
-    return run_live_soak(plan, tmp_path_factory.mktemp("between"))
+    soak = SoakSettings(tuple(GAPS[3][:4]), babble_s=3.0, settle_s=0.5, recover_s=0.5, priority=0)
+    return run_live_soak(soak, tmp_path_factory.mktemp("between"))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +109,7 @@ def test_what_is_starved_has_no_bound(between: LiveSoak) -> None:
 
 def with_loops(run: LiveSoak, controller: dict[str, Any], plant: dict[str, Any]) -> LiveSoak:
     """The same run with other figures of the two loops."""
-    changed = {"steering-controller": controller, "plant-emulator": plant}
+    changed = {CONTROLLER: controller, PLANT: plant}
     reports = {
         name: {**run.reports[name], "loop": {**run.reports[name]["loop"], **loop}}
         for name, loop in changed.items()
@@ -195,9 +196,9 @@ def test_priority_is_judged_by_the_stalls_that_were_measured(live: LiveSoak) -> 
                 "channels": {"can0": {**channel, "arbitration_delay": delays}},
             },
         }
-        quiet = live.plan._replace(bus=BusSettings())
-        run = with_loops(live._replace(plan=quiet, reports=reports), punctual, punctual)
-        return findings(run)["priority kept"].holds
+        quiet = live.settings._replace(bus=BusSettings())
+        run = with_loops(live._replace(settings=quiet, reports=reports), punctual, punctual)
+        return bool(findings(run)["priority kept"].holds)
 
     assert kept(269e-6, 0.0)
     assert not kept(271e-6, 0.0)
@@ -217,4 +218,3 @@ def test_figures_and_tables_hold_every_message_and_process(live: LiveSoak) -> No
     assert all(after > before for before, after in pairwise(bounds))
     assert messages_table(live).row_count == len(live.messages)
     assert memory_table(live).row_count == len(live.memory)
-    assert findings_table("", found).row_count == len(found)

@@ -20,7 +20,12 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
+from steer_by_wire.closed_loop.reports.terminal import (
+    Finding,
+    counting_bars,
+    finding_lines,
+    plain_console,
+)
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, whole_number
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
@@ -32,7 +37,6 @@ from steer_by_wire.runtime.settings import (
     read_preset,
 )
 from steer_by_wire.tools.faults.campaign.acceptance import (
-    Finding,
     findings_of,
     measure_residual,
     residual_finding,
@@ -50,14 +54,13 @@ from steer_by_wire.tools.faults.campaign.grouping import compare, group
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
-    finding_lines,
     table_lines,
     write_csv,
 )
 from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.trial import Result, run_trial
-from steer_by_wire.tools.faults.live.campaign import live_finding, run_live_campaign
+from steer_by_wire.tools.faults.live.campaign import live_finding, live_section, run_live_campaign
 
 NAME = "steer-by-wire faults"
 FAILED = 1
@@ -129,7 +132,8 @@ def _run(options: argparse.Namespace) -> int:
             "cases": {f"{one.kind} {one.magnitude:g} {one.where}": one._asdict() for one in groups},
         },
     )
-    html = campaign_page(spec, results, groups, findings, comparison, live)
+    sections = [live_section(live)] if live else []
+    html = campaign_page(spec, results, groups, findings, comparison, sections)
     (folder / "index.html").write_text(html, encoding="utf-8")
     lines = [*table_lines(groups), "", *finding_lines(findings)]
     if comparison is not None:

@@ -14,6 +14,7 @@ import random
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from ....closed_loop.reports.terminal import Finding
 from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
 from ....dbc.messages import Mode as ControllerMode
 from ....runtime.frame import Frame
@@ -69,17 +70,6 @@ def falls_short(accepted: int, corrupted: int) -> bool:
 
 
 _IDLE = (Verdict.NO_EFFECT, Verdict.NO_CHANCE)
-
-
-class Finding(NamedTuple):
-    """A property to be shown, whether it holds, and its figure.
-
-    ``holds``  None if no run can show it; it then counts as not holding
-    """
-
-    what: str
-    holds: bool | None
-    figure: str
 
 
 def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:

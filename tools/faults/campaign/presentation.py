@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
-from ..live.campaign import live_section
-from ..live.judgement import Outcome
-from .acceptance import Finding
+from ....closed_loop.reports.terminal import HOLDS, Finding
 from .grouping import Comparison, Group, in_ms, in_percent
 from .scenario import GOLDEN, laws_of
 from .specification import CampaignSettings
@@ -52,17 +50,6 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
     return lines
 
 
-def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return the findings, a line each."""
-    width = max(len(one.what) for one in findings)
-    return [f"{_held(one):3}  {one.what:{width}}  {one.figure}" for one in findings]
-
-
-def _held(finding: Finding) -> str:
-    """Return whether a finding holds; a dash where no run bears on it."""
-    return "-" if finding.holds is None else "yes" if finding.holds else "NO"
-
-
 def comparison_lines(comparison: Comparison) -> list[str]:
     """Return the four groups, with the first names of those that matter."""
     lines = [
@@ -94,9 +81,9 @@ def campaign_page(
     groups: Sequence[Group],
     findings: Sequence[Finding],
     comparison: Comparison | None,
-    live: Sequence[Outcome] = (),
+    further: Sequence[Section] = (),
 ) -> str:
-    """Return the page; ``live``: outcomes of the live campaign, if it was run."""
+    """Return the page; ``further`` sections come behind the cases."""
     golden = sum(result.kind == GOLDEN for result in results)
     failed = [result for result in results if result.verdict in FAILURES]
     sections = [
@@ -115,8 +102,7 @@ def campaign_page(
     if comparison is not None:
         sections.append(_comparison_section(comparison))
     sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
-    if live:
-        sections.append(live_section(live))
+    sections += further
     sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
     how_many = f"{len(failed)} of {len(results)}." if failed else "None."
     sections.append(Section("Runs that failed", [how_many], tables=[_failed_table(failed)]))
@@ -125,7 +111,7 @@ def campaign_page(
 
 
 def _findings_table(findings: Sequence[Finding]) -> Table:
-    rows = [[Cell(_held(one)), Cell(one.what), Cell(one.figure)] for one in findings]
+    rows = [[Cell(HOLDS[one.holds]), Cell(one.what), Cell(one.figure)] for one in findings]
     return Table(("holds", "what", "figure"), rows)
 
 

@@ -13,7 +13,7 @@ from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time import VirtualTimeExecutor
-from ..injection.babbling_node import BabbledBus
+from .babbled_bus import BabbledBus
 from .detectability import MECHANISM_OF, Sight, sight_of
 from .node_faults import NodeFault, with_node_faults
 from .observation import Watch, bounds_of

@@ -2,17 +2,29 @@
 
 Its identifier decides the effect. The highest identifier takes the bus time that the others leave;
 the lowest takes all of it; one between two messages starves the message of lower priority, and must
-not delay the other. The payload counts up, so that a recording shows missing frames.
+not delay the other. The payload counts up, so that a recording shows missing frames. As a process:
+
+    python -m ...injection.babbling_node ADDRESS CHANNEL REPORT PRIORITY ID...
+
+Each identifier has its own connection, which keeps one queue at the broker full.
 """
 
-from collections.abc import Sequence
+import os
+import select
+import socket
+import sys
+from contextlib import ExitStack
 from itertools import pairwise
+from pathlib import Path
+
+import can
 
 from ....dbc.messages import CAN_IDS, DATA_IDS
-from ....runtime.bus_model.bus_model import BusModel, Delivery
-from ....runtime.bus_model.transmit_queue import BusOverflowError
 from ....runtime.frame import Frame
-from ....runtime.node import NEVER_NS
+from ....runtime.frame.message import message_of
+from ....runtime.program.host import RealTimeRequest, real_time
+from ....runtime.program.program import StopRequest
+from ....runtime.program.report import write_json
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
@@ -23,7 +35,12 @@ _PAIR_IDS = sorted(CAN_IDS[message] for message in DATA_IDS)
 GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS) if above - below > 1]
 """The identifiers between two of the pair's own, where there are any. All in one gap affect the
 pair alike: messages of higher priority get through, those of lower priority wait."""
-_BABBLER = -1
+PATIENCE_S = 0.05
+"""Longest wait for room before it checks whether it has to end."""
+FRAMES_AT_ONCE = 200
+_SEND_BUFFER_BYTES = 1 << 17
+"""Room for more frames in front of the broker than other clients have: a babbler that is delayed
+for a moment must not let the bus go idle."""
 
 
 def babble(can_id: int, number: int) -> Frame:
@@ -31,47 +48,45 @@ def babble(can_id: int, number: int) -> Frame:
     return Frame(can_id, number.to_bytes(8, "little"))
 
 
-class BabbledBus:
-    """A bus with a babbling node on it, as the wire of a virtual-time executor.
+def main() -> int:
+    """Babble until SIGINT or SIGTERM; returns the exit status."""
+    address, channel, report, priority, *ids = sys.argv[1:]
+    stop = StopRequest()
+    sent = {int(text): 0 for text in ids}
+    with stop.on_signals(), ExitStack() as stack:
+        buses = {
+            can_id: stack.enter_context(_silent_bus(address, channel, can_id)) for can_id in sent
+        }
+        stack.enter_context(real_time(RealTimeRequest(int(priority))))
+        print("ready", flush=True)
+        while not stop():
+            for can_id, bus in buses.items():
+                sent[can_id] += _fill(bus, can_id, sent[can_id])
+            select.select((), buses.values(), (), PATIENCE_S)
+    write_json(Path(report), {"frames": sum(sent.values())})
+    return 0
 
-    ``model``     the bus, which has no other sender
-    ``can_id``    of the babbling node
-    ``start_ns``  when it begins, ``end_ns`` when it stops [ns]
 
-    The nodes do not get its frames: on a real bus their receive filters keep them away. A node's
-    frame that finds its queue full is lost and counted, as in a transmit queue that is full.
-    """
+def _silent_bus(address: str, channel: str, can_id: int) -> can.BusABC:
+    """Join the bus without receiving: a node that receives and never reads is disconnected."""
+    nothing = {"can_id": can_id, "can_mask": 0x7FF, "extended": False}  # but what only we send
+    bus = can.Bus(interface="emulated", channel=channel, address=address, can_filters=[nothing])
+    with socket.socket(fileno=os.dup(bus.fileno())) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+    return bus
 
-    def __init__(self, model: BusModel, can_id: int, start_ns: int, end_ns: int) -> None:
-        self._model = model
-        self._can_id = can_id
-        self._start_ns = start_ns
-        self._end_ns = end_ns
-        self._is_ready = False
-        self.babbled = self.refused = 0
 
-    @property
-    def next_event_ns(self) -> int:
-        """When the next frame is complete, or when the babbling begins [ns]."""
-        begins_ns = NEVER_NS if self.babbled or self._is_ready else self._start_ns
-        return min(self._model.next_event_ns, begins_ns)
+def _fill(bus: can.BusABC, can_id: int, number: int) -> int:
+    """Send frames from ``number`` on until there is no room; returns how many."""
+    count = 0
+    try:
+        while count < FRAMES_AT_ONCE:
+            bus.send(message_of(babble(can_id, number + count)), timeout=0)
+            count += 1
+    except can.CanTimeoutError:
+        pass
+    return count
 
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
-        """Take a frame of a node, if there is room."""
-        try:
-            self._model.submit(frame, sender, now_ns)
-        except BusOverflowError:
-            self.refused += 1
 
-    def advance(self, now_ns: int) -> Sequence[Delivery]:
-        """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
-        completed = self._model.advance(now_ns)
-        others = [delivery for delivery in completed if delivery.sender != _BABBLER]
-        if len(others) < len(completed):
-            self._is_ready = False
-            self.babbled += len(completed) - len(others)
-        # The next arbitration is after the intermission, so this is in time for it.
-        if not self._is_ready and self._start_ns <= now_ns < self._end_ns:
-            self._model.submit(babble(self._can_id, self.babbled), _BABBLER, now_ns)
-            self._is_ready = True
-        return others
+if __name__ == "__main__":
+    sys.exit(main())

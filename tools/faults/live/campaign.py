@@ -10,13 +10,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TerminalTable
 
+from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....closed_loop.processes import ProcessError
 from ....closed_loop.reports.page import Cell, Section, Table, number
+from ....closed_loop.reports.terminal import Finding
 from ....runtime.port.python_can import BusError
 from ....runtime.program.host import StealClock
 from ....runtime.program.report import write_json
-from ..campaign.acceptance import Finding
-from .cases import CASES, CONTROLLER, PLANT, LiveCase
+from .cases import CASES, LiveCase
 from .judgement import Outcome, Reaction, judge_trial
 from .trial import run_trial, write_excerpt
 
@@ -48,7 +49,7 @@ def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
             raise BusError(f"{NAME}: {case.name}: {error}") from error
         outcomes.append(judge_trial(trial))
         if len(outcomes) == 1:
-            write_excerpt(trial.bus_log, recording)
+            write_excerpt(trial.run.bus_log, recording)
     record = {
         "seed": seed,
         "duration_s": time.monotonic() - begin_s,

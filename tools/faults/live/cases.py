@@ -9,10 +9,10 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS
 from ..injection.kinds import LiveKind
 
-PLANT, CONTROLLER = "plant-emulator", "steering-controller"
 ONSET_S, DURATION_S = 0.5, 1.0
 PLANT_ONSET_S = 2.0
 """Onset of faults in the plant's settings, after the first command, sent as the run starts."""

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -28,8 +29,8 @@ from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
 from ....runtime.recording.candump import CandumpReader
 from ..campaign.observation import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
-from .cases import CONTROLLER, LIMITED, LOST, PLANT, PLANT_ONSET_S, SILENCE, SKIPPED
-from .census import read_own_log
+from .cases import LIMITED, LOST, PLANT_ONSET_S, SILENCE, SKIPPED
+from .frame_balance import read_own_log
 from .trial import Trial
 
 _SIGKILL_STATUS = -9
@@ -83,14 +84,14 @@ class Outcome(NamedTuple):
 
 def judge_trial(trial: Trial) -> Outcome:
     """Read the files of a run, and judge it."""
-    programs, reports = (PLANT, CONTROLLER), trial.reports
+    programs, reports = (PLANT, CONTROLLER), trial.run.reports
     counts = {name: counts_of(reports[name]) for name in programs if name in reports}
     end_ns = trial.observed[1]
-    on_bus = _bus_frames(trial.bus_log)
+    on_bus = _bus_frames(trial.run.bus_log)
     onset_ns = _onset_ns(trial, on_bus)
     reactions, sent = {}, {}
     for name in programs:
-        sent[name] = _sent(trial.own_log(name))
+        sent[name] = _sent(trial.run.own_log(name))
         own = {frame for _, frame in sent[name]}
         seen = [(time_ns, frame) for time_ns, frame in on_bus if frame in own]
         reactions[name] = Reaction(
@@ -99,7 +100,7 @@ def judge_trial(trial: Trial) -> Outcome:
     vehicle = vehicle_of(list(_decoded(sent[PLANT])), onset_ns, end_ns)
     mistakes = list(mistakes_of(trial, counts))
     return Outcome(
-        trial.case.name, counts, reactions, vehicle, trial.statuses, trial.actions, mistakes
+        trial.case.name, counts, reactions, vehicle, trial.run.statuses, trial.actions, mistakes
     )
 
 
@@ -133,16 +134,16 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
         yield "the plant's fault stage did nothing"
     elif case.fault and not trial.actions:
         yield "the injector did nothing"
-    for name, status in trial.statuses.items():
+    for name, status in trial.run.statuses.items():
         is_killed = name in case.targets and case.fault.startswith("kill")
         if status != case.ends.get(name, _SIGKILL_STATUS if is_killed else 0):
             yield f"{name} has ended with status {status}"
-    yield from (f"left behind: {what}" for what in trial.left)
+    yield from (f"left behind: {what}" for what in trial.run.left)
 
 
 def changed_by_stage(trial: Trial) -> int:
     """Return how many frames the fault stage at the plant's edge has changed."""
-    faults = trial.reports.get(PLANT, {}).get("node", {}).get("faults", [])
+    faults = trial.run.reports.get(PLANT, {}).get("node", {}).get("faults", [])
     return sum(one["changed"] for one in faults)
 
 

@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from steer_by_wire.closed_loop.reports.terminal import plain_table
+from steer_by_wire.closed_loop.reports.terminal import Finding, finding_lines, plain_table
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, seconds
 from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings
@@ -35,15 +35,15 @@ from steer_by_wire.tools.faults.injection.babbling_node import (
     HIGHEST_PRIORITY_IDS,
     LOWEST_PRIORITY_IDS,
 )
-from steer_by_wire.tools.faults.live.pair_on_bus import CHANNEL, LiveSoak, Plan, run_live_soak
-from steer_by_wire.tools.faults.live.verdict import (
+from steer_by_wire.tools.faults.live.live_run import CHANNEL
+from steer_by_wire.tools.faults.live.soak_findings import (
     SEED,
-    Finding,
     between_findings,
     bounds_ns,
     load_findings,
     starve_findings,
 )
+from steer_by_wire.tools.faults.live.soak_run import LiveSoak, SoakSettings, run_live_soak
 
 NAME = "steer-by-wire faults soak"
 NOT_SHOWN = 1
@@ -79,24 +79,24 @@ def _run(options: argparse.Namespace) -> int:
     if bus.has_errors:
         raise SettingsError(f"{options.bus_settings}: the soak demands a bus without errors")
     traffic_of(bus, SEED)  # a mistake in it is one of the command line
-    plan_of = partial(Plan, bus=bus, priority=options.priority)
-    parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
-        "load": (plan_of(LOWEST_PRIORITY_IDS, options.duration_s), load_findings),
+    soak_of = partial(SoakSettings, bus=bus, priority=options.priority)
+    parts: dict[str, tuple[SoakSettings, Callable[[LiveSoak], Iterator[Finding]]]] = {
+        "load": (soak_of(LOWEST_PRIORITY_IDS, options.duration_s), load_findings),
         **{
-            f"between-{gap[0]:03X}": (plan_of(tuple(gap[:4]), options.between_s), between_findings)
+            f"between-{gap[0]:03X}": (soak_of(tuple(gap[:4]), options.between_s), between_findings)
             for gap in GAPS
         },
-        "starve": (plan_of(HIGHEST_PRIORITY_IDS, options.starve_s), starve_findings),
+        "starve": (soak_of(HIGHEST_PRIORITY_IDS, options.starve_s), starve_findings),
     }
     records, holds, steal = {}, True, StealClock()
     begin_s = time.monotonic()
-    for name, (plan, judge) in parts.items():
-        run = run_live_soak(plan, options.out / name, partial(say, NAME, stream=sys.stderr))
+    for name, (soak, judge) in parts.items():
+        run = run_live_soak(soak, options.out / name, partial(say, NAME, stream=sys.stderr))
         findings = list(judge(run))
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)
-        title = f"babbling with {plan.name} for {plan.babble_s:g} s"
-        console.print(findings_table(title, findings), "", messages_table(run), "")
+        title = f"babbling with {soak.name} for {soak.babble_s:g} s"
+        console.print(title, *finding_lines(findings), "", messages_table(run), "", sep="\n")
         console.print(memory_table(run), "")
     stolen = steal.fraction()
     write_json(
@@ -106,16 +106,6 @@ def _run(options: argparse.Namespace) -> int:
     if stolen:
         console.print(f"{100 * stolen:.1f} % of the processor time went to other guests")
     return ExitStatus.OK if holds else NOT_SHOWN
-
-
-def findings_table(title: str, findings: Sequence[Finding]) -> Table:
-    """Return what was to be shown, and whether it was."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for name in ("", "", "measured"):
-        table.add_column(name)
-    for finding in findings:
-        table.add_row("ok" if finding.holds else "NO", finding.what, finding.figure)
-    return table
 
 
 def messages_table(run: LiveSoak) -> Table:
@@ -156,7 +146,10 @@ def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
     bus = run.bus._asdict()
     bus["control"] = {f"{can_id:03X}": len(frames) for can_id, frames in run.bus.control.items()}
     return {
-        "plan": {**run.plan._asdict(), "bus": run.plan.bus.model_dump(mode="json")},
+        "settings": {
+            **run.settings._asdict(),
+            "bus": run.settings.bus.model_dump(mode="json"),
+        },
         "findings": [finding._asdict() for finding in findings],
         "bus": bus,
         "messages": list(_rows(run)),

@@ -20,8 +20,9 @@ stalls breaks n = 1: frames due a period apart then come at once.
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
 
+from ....closed_loop.pair_result import CONTROLLER, PLANT
+from ....closed_loop.reports.terminal import Finding
 from ....closed_loop.rest_bus_messages import traffic_of
 from ....dbc.messages import CAN_IDS, Mode, PlantStatus
 from ....runtime.bus_model.rest_bus import PeriodicMessage
@@ -30,8 +31,9 @@ from ....runtime.frame.arbitration import arbitration_field
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
 from ....runtime.frame.longest_frame import longest_frame
 from ....runtime.node import NS_PER_S
-from .census import MessageCount
-from .pair_on_bus import CHANNEL, CONTROLLER, PLANT, LiveSoak
+from .frame_balance import MessageBalance
+from .live_run import CHANNEL
+from .soak_run import LiveSoak
 
 _AT_CHANGES_TOO = CAN_IDS[PlantStatus]
 _WAIT_NS_MAX = NS_PER_S
@@ -96,14 +98,6 @@ STARVED_S_MIN = 0.001
 """Time after the onset by which the frame that was on the wire then is complete."""
 
 
-class Finding(NamedTuple):
-    """A property to be shown, whether it holds, and its figure."""
-
-    what: str
-    holds: bool
-    figure: str
-
-
 def load_findings(run: LiveSoak) -> Iterator[Finding]:
     """Yield what is to hold when the babbling node has the lowest priority."""
     load, stall_s = run.bus.load, run.reports["broker"]["lateness"]["max_s"]
@@ -162,9 +156,9 @@ def bounds_ns(run: LiveSoak, at_once: int = 1) -> dict[int, int]:
 
     Those below the babbling node have none.
     """
-    above = sorted(can_id for can_id in run.bus.control if can_id < min(run.plan.babble_ids))
-    traffic = traffic_of(run.plan.bus, SEED)
-    return dict(delay_bounds_ns(above, run.plan.bus.bitrate_bit_s, at_once, traffic))
+    above = sorted(can_id for can_id in run.bus.control if can_id < min(run.settings.babble_ids))
+    traffic = traffic_of(run.settings.bus, SEED)
+    return dict(delay_bounds_ns(above, run.settings.bus.bitrate_bit_s, at_once, traffic))
 
 
 def _room_for_all(run: LiveSoak) -> Finding:
@@ -210,7 +204,7 @@ def _handed_over_is_on_bus(run: LiveSoak) -> Finding:
     return Finding("what the bus took is sent, in order", not differ, figure)
 
 
-def _nothing_missed(messages: list[MessageCount]) -> Finding:
+def _nothing_missed(messages: list[MessageBalance]) -> Finding:
     missed = sum(message.missed for message in messages)
     disordered = sum(message.disordered for message in messages)
     taken = sum(message.taken for message in messages)
@@ -252,20 +246,19 @@ def _beyond(run: LiveSoak, figure: str, bounds: dict[int, int]) -> list[str]:
 
 
 def _recorder_complete(run: LiveSoak) -> Finding:
-    bus, recorder = run.bus, run.reports["recorder"]
+    bus = run.bus
     channel = run.reports["broker"]["channels"][CHANNEL]
-    # Other people's messages go on when the recorder has ended.
+    # The rest bus goes on when the recorder has ended.
     carried = channel["frames"] - channel["traffic"] + bus.others
     holds = (
-        bus.frames == recorder["received"] == carried
+        bus.frames == carried
         and bus.babbled == run.reports["babbler"]["frames"]
-        and not (recorder["dropped"] or bus.unreadable or bus.disordered or bus.babble_missing)
+        and not (run.cut_short or bus.unreadable or bus.disordered or bus.babble_missing)
     )
     missing = carried - bus.frames + bus.babble_missing
-    figure = (
-        f"{bus.frames} of {carried} frames, {recorder['dropped']} dropped, {missing} missing, "
-        f"{bus.disordered} out of order"
-    )
+    figure = f"{bus.frames} of {carried} frames, {missing} missing, {bus.disordered} out of order"
+    if run.cut_short:
+        figure += f"; ends early: {run.cut_short}"
     return Finding("recorder complete", holds, figure)
 
 

@@ -36,7 +36,7 @@ class BusLog(NamedTuple):
     ``babble_ns``     end of its first and last frame [ns]
     ``load``          share of that time that the wire was busy, intermissions included
     ``control``       frames of the pair by identifier
-    ``others``        frames of other people's messages
+    ``others``        frames of the rest bus
     """
 
     frames: int
@@ -50,7 +50,7 @@ class BusLog(NamedTuple):
     others: int
 
 
-class MessageCount(NamedTuple):
+class MessageBalance(NamedTuple):
     """The frames of one message at sender, bus and receiver.
 
     ``sent``       by its node's own recording; ``on_bus`` by the recorder's
@@ -133,10 +133,12 @@ def read_own_log(path: Path) -> tuple[dict[int, list[Timed]], dict[int, list[Tim
     return sent, taken
 
 
-def count_messages(bus: BusLog, own_logs: Sequence[Path], bitrate_bit_s: int) -> list[MessageCount]:
+def balance_messages(
+    bus: BusLog, own_logs: Sequence[Path], bitrate_bit_s: int
+) -> list[MessageBalance]:
     """Compare the recordings of both nodes with that of the bus, message by message."""
     logs = [read_own_log(path) for path in own_logs]
-    counts = []
+    balances = []
     for can_id in sorted({can_id for sent, _ in logs for can_id in sent} | set(bus.control)):
         sent = next((sent[can_id] for sent, _ in logs if can_id in sent), [])
         taken = next((taken[can_id] for _, taken in logs if can_id in taken), [])
@@ -146,8 +148,8 @@ def count_messages(bus: BusLog, own_logs: Sequence[Path], bitrate_bit_s: int) ->
         frames_sent, frames_on_bus, frames_taken = (
             [frame for _, frame in timed] for timed in (sent, on_bus, taken)
         )
-        counts.append(
-            MessageCount(
+        balances.append(
+            MessageBalance(
                 NAMES.get(can_id, f"{can_id:03X}"),
                 can_id,
                 len(sent),
@@ -162,7 +164,7 @@ def count_messages(bus: BusLog, own_logs: Sequence[Path], bitrate_bit_s: int) ->
                 _waited(sent, on_bus, bitrate_bit_s),
             )
         )
-    return counts
+    return balances
 
 
 def gaps(counters: Sequence[int]) -> tuple[int, int]:
@@ -201,7 +203,7 @@ def _counters(frames: Sequence[Timed]) -> list[int]:
 def _waited(sent: Sequence[Timed], on_bus: Sequence[Timed], bitrate_bit_s: int) -> DurationSummary:
     """Return the waits from hand-over to start of frame, as far as the frames are the same.
 
-    The two recorders read the wall clock microseconds apart, so a negative difference counts as
+    The two recorders read the wall clock microseconds apart, so a negative difference balances as
     zero.
     """
     statistics = DurationStatistics()
