@@ -21,7 +21,7 @@ docs: $(STAMP)
 	$(BIN)/python -m sphinx -q -a -n -W --keep-going docs docs/_build
 
 benchmark: $(STAMP)
-	$(BIN)/steer-by-wire benchmark
+	$(BIN)/python -m benchmarks loop
 
 $(STAMP): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer: make PYTHON=python3.12")'

@@ -72,9 +72,6 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
             "with-vcan": _tool("vcan", "run a command with a real vcan0"),
             "probe": _tool("doctor", "which rate this machine can keep", "measure"),
-            "benchmark": _tool("benchmark", "the time of a control step and a run here"),
-            "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
-            "benchmark-batch": _tool("benchmark_batch", "the time of compiled runs, against C"),
         },
     }
 )
@@ -84,6 +81,9 @@ PROGRAMS: Mapping[str, Program] = MappingProxyType(
 
 FORMER: Mapping[str, str] = MappingProxyType(
     {
+        "benchmark": "make benchmark (in a checkout)",
+        "benchmark-batch": "python -m benchmarks batch (in a checkout)",
+        "benchmark-bus": "python -m benchmarks bus (in a checkout)",
         "bits": f"{NAME} can bits",
         "fuzz": "python -m tests.fuzz (in a checkout)",
         "inject": f"{NAME} faults inject",

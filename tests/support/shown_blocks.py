@@ -35,7 +35,7 @@ WHY_NOT = (
     (r"^(bus|cockpit|monitor|probe|faults soak) ?|^stress .*--live", "goes on in real time"),
     (r"^faults inject (?!--list)|FOLDER|out/gains|out/stress", "needs something of the reader's"),
     (
-        r"^(benchmark|compare|delay-study|demo|design|faults(?! inject)|paper"
+        r"^(compare|delay-study|demo|design|faults(?! inject)|paper"
         r"|stress|bus-study)",
         "takes minutes",
     ),

@@ -10,22 +10,36 @@ A virtual machine that is stopped cannot be on time. Linux counts the time stole
 so time is cut into slices, and a slice in which any was stolen is disturbed as a whole.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, controller_preset
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import LateralError, encode
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.node.real_time import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationStatistics, DurationSummary
 from ...runtime.program.host import StealClock
-from ..benchmarking.wake_ups import measurements
 
 SLICE_NS = 200 * NS_PER_MS
+AMPLITUDE_M, STEP_RAD = 0.01, 0.1
 
 T = TypeVar("T")
+
+
+def measurements() -> list[Frame]:
+    """Return measurements that can be sent in turn without end: one for each end-to-end counter.
+
+    They oscillate, so that the law has work to do.
+    """
+    return [
+        encode(LateralError(AMPLITUDE_M * math.sin(STEP_RAD * counter), 0.0), counter)
+        for counter in range(COUNTERS)
+    ]
 
 
 class Sliced(NamedTuple, Generic[T]):

@@ -18,10 +18,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from ...closed_loop.processes import ProcessError
-from ...runtime.port.python_can import BusError
+from steer_by_wire.closed_loop.processes import ProcessError
+from steer_by_wire.runtime.port.python_can import BusError
 
 SOURCES = Path(__file__).parent
+CHECKOUT = SOURCES.parents[1]
 FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
 
 
@@ -82,6 +83,7 @@ def started(role: Role, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=complaints,
+            env={**os.environ, "PYTHONPATH": str(CHECKOUT)},  # where benchmarks.bus is
             start_new_session=True,  # Ctrl-C reaches us alone, and we end them
         )
     with process:

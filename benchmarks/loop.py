@@ -1,25 +1,29 @@
-"""Benchmarks within one process: laws, frames, controller node, the whole loop in virtual time."""
+"""Times laws, frames, the controller node, the loop in virtual time, and starts of the programs."""
 
+import argparse
 import math
 import time
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
-from ...closed_loop.virtual_bus import QUIET_BUS
-from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
-from ...controller.interface.law import LawInput
-from ...controller.laws import LAWS
-from ...controller.laws.design import LawDesign, design_law
-from ...controller.node.node import ControllerNode
-from ...controller.settings import PRESETS, controller_preset
-from ...dbc import messages
-from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import decode, encode
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.bus_model.quiet_bus import QuietBus
-from ...runtime.frame import Frame
-from ...runtime.settings import preset_names
-from ..benchmarking.measurement import Line, Target, timed
+from benchmarks.comparison import comparison_text, ratios_of, read_ratios
+from benchmarks.measurement import Line, Measured, Target, calibration, line_record, timed
+from benchmarks.starts import heavy_modules, startup_lines
+from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.laws import LAWS
+from steer_by_wire.controller.laws.design import LawDesign, design_law
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import PRESETS, controller_preset
+from steer_by_wire.dbc import messages
+from steer_by_wire.dbc.codec.protection import COUNTERS
+from steer_by_wire.dbc.messages import decode, encode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.settings import preset_names
 
 STEPS = 10_000
 JUDGED_LAW = "pd_ddob"
@@ -38,6 +42,35 @@ MESSAGES: tuple[messages.Message, ...] = (
     messages.PlantStatus(0.08, 0.02, 7, 0),
     messages.LatencyConfig(messages.Direction.BOTH, messages.LatencyModel.NORMAL, 0.08, 0.03, 0.01),
 )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this benchmark."""
+    parser.add_argument(
+        "--against", type=Path, metavar="SAVED", help="list what is slower than in a saved file"
+    )
+
+
+def measure(options: argparse.Namespace) -> Measured:
+    """Time everything; the ratios to a fixed loop of arithmetic compare between machines."""
+    before = None if options.against is None else read_ratios(options.against)
+    fixed = calibration()
+    lines = [
+        *law_lines(),
+        *frame_lines(),
+        controller_node_line(),
+        *virtual_time_lines(),
+        *startup_lines(),
+    ]
+    heavy = heavy_modules()
+    notes = [
+        f"heavy modules {program} imports (target: none): {', '.join(modules) or 'none'}"
+        for program, modules in heavy.items()
+    ]
+    if before is not None:
+        now = ratios_of([line_record(line, fixed.median) for line in lines])
+        notes.append(comparison_text(before, now))
+    return Measured([fixed, *lines], notes, {"heavy_modules": heavy}, fixed.median)
 
 
 def law_lines() -> list[Line]:

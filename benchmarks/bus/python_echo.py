@@ -1,6 +1,6 @@
 """Answers every frame with its payload, with as little Python as possible on ``socket.AF_CAN``.
 
-    python -m steer_by_wire.tools.benchmark_bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
+    python -m benchmarks.bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
 
 ``bare`` waits in recv: no time-out, no time stamp, nothing but the echo. ``select`` waits with a
 time-out and reads the arrival time of the frame, as every program must that has deadlines and needs

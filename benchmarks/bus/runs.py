@@ -7,10 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from ...runtime.node import NS_PER_S
-from ...runtime.port.socketcan import packed
-from ..benchmarking.wake_ups import measurements
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.port.socketcan import packed
+from steer_by_wire.tools.doctor.wake_ups import measurements
+
 from .processes import ABOVE, BELOW, CPrograms, Role, finish, go, interrupt, python, started
 from .records import Answers, Tick, answers, between, read_passages, read_ticks
 
@@ -141,7 +142,7 @@ def _answering(bench: Bench, who: str) -> Role:
     if who == C_ECHO:
         return Role("echo", [str(bench.programs.echo), *arguments], bench.priority)
     wait = "bare" if who == BARE_PYTHON else "select"
-    command = python("steer_by_wire.tools.benchmark_bus.python_echo", *arguments, wait)
+    command = python("benchmarks.bus.python_echo", *arguments, wait)
     return Role("python_echo", command, bench.priority)
 
 
@@ -149,7 +150,7 @@ def _controller(bench: Bench, answer: str, *options: str) -> Role:
     """Return our own program, which requests its priority itself."""
     bus = (*bench.bus, "--preset", PRESET)
     report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
-    module = "steer_by_wire.tools.benchmark_bus.watched_controller"
+    module = "benchmarks.bus.watched_controller"
     return Role("controller", python(module, *bus, *report, "--answer", answer, *options))
 
 

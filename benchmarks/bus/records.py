@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ...runtime.node.statistics import DurationStatistics, DurationSummary
+from steer_by_wire.runtime.node.statistics import DurationStatistics, DurationSummary
 
 _PASSAGE = struct.Struct("=qIBB2x8s")
 _TICK = struct.Struct("=qq")

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from ...runtime.node import NS_PER_S, NS_PER_US
-from ..benchmarking.measurement import Line, Target
+from steer_by_wire.runtime.node import NS_PER_S, NS_PER_US
+
+from ..measurement import Line, Target
 from .allocations import TickMemory
 from .records import between, lateness, skipped
 from .runs import BARE_PYTHON, C_ECHO, NODE, PYTHON_WITH_TIMEOUT, AnswerRun, TickRun

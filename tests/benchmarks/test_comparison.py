@@ -5,15 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.__main__ import main
+from benchmarks.comparison import SLOWER, changes, comparison_text, read_ratios
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.benchmark.__main__ import (
-    SLOWER,
-    changes,
-    comparison_text,
-    main,
-    read_ratios,
-)
 
 
 def saved(path: Path, ratios: dict[str, float]) -> Path:
@@ -58,6 +53,6 @@ def test_another_file_is_refused_in_one_line_before_anything_is_timed(
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError):
         read_ratios(file)
-    assert main(["--against", str(file)]) == ExitStatus.SETTINGS
-    error = f"steer-by-wire benchmark: error: {file}: not a saved benchmark\n"
+    assert main(["loop", "--against", str(file)]) == ExitStatus.SETTINGS
+    error = f"python -m benchmarks: error: {file}: not a saved benchmark\n"
     assert capsys.readouterr().err == error

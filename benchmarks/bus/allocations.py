@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from statistics import median
 from typing import NamedTuple
 
-from ...controller.node.node import ControllerNode
-from ...controller.settings import ControllerSettings, controller_preset
-from ..benchmarking.wake_ups import measurements
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.tools.doctor.wake_ups import measurements
 
 WARM_UP_TICKS = 300
 

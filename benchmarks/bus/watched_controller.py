@@ -1,6 +1,6 @@
 """The controller program, which records when each tick ran, and may also tick on a measurement.
 
-    python -m steer_by_wire.tools.benchmark_bus.watched_controller --answer WHEN --ticks FILE ...
+    python -m benchmarks.bus.watched_controller --answer WHEN --ticks FILE ...
 
 Node, port, executor and requests to the host are the program's own, and so are all other options.
 WHEN is one of
@@ -22,16 +22,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...controller.node.node import RECEIVED, ControllerNode
-from ...controller.settings import PRESETS, ControllerSettings
-from ...dbc.messages import CAN_IDS, LateralError
-from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, Wrapper
-from ...runtime.program.node_options import load_program_settings, make_parser
-from ...runtime.program.option_types import output_file
-from ...runtime.program.program import run_main
-from ...runtime.program.run_node import run_node
-from ..benchmarking.wake_ups import measurements
+from steer_by_wire.controller.node.node import RECEIVED, ControllerNode
+from steer_by_wire.controller.settings import PRESETS, ControllerSettings
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, Wrapper
+from steer_by_wire.runtime.program.node_options import load_program_settings, make_parser
+from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.program.program import run_main
+from steer_by_wire.runtime.program.run_node import run_node
+from steer_by_wire.tools.doctor.wake_ups import measurements
 
 NAME = "watched-controller"
 WARM_UP_TICKS = 100

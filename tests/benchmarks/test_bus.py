@@ -11,22 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.node.statistics import DurationSummary
-from steer_by_wire.tools.benchmark_bus import __main__ as benchmark_bus
-from steer_by_wire.tools.benchmark_bus.allocations import TickMemory, tick_memory
-from steer_by_wire.tools.benchmark_bus.lines import (
+from benchmarks.__main__ import main
+from benchmarks.bus import benchmark
+from benchmarks.bus.allocations import TickMemory, tick_memory
+from benchmarks.bus.lines import (
     answer_lines,
     memory_lines,
     parts,
     skipped_lines,
     tick_lines,
 )
-from steer_by_wire.tools.benchmark_bus.processes import (
+from benchmarks.bus.processes import (
     FLAGS,
     PRIORITY_MAX,
     PRIORITY_MIN,
@@ -35,7 +30,7 @@ from steer_by_wire.tools.benchmark_bus.processes import (
     compile_all,
     may_have_priority,
 )
-from steer_by_wire.tools.benchmark_bus.records import (
+from benchmarks.bus.records import (
     Answers,
     Passage,
     Skipped,
@@ -46,7 +41,7 @@ from steer_by_wire.tools.benchmark_bus.records import (
     read_ticks,
     skipped,
 )
-from steer_by_wire.tools.benchmark_bus.runs import (
+from benchmarks.bus.runs import (
     BARE_PYTHON,
     C_ECHO,
     NODE,
@@ -62,9 +57,15 @@ from steer_by_wire.tools.benchmark_bus.runs import (
     tick_run,
     write_frames,
 )
-from steer_by_wire.tools.benchmark_bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
-from steer_by_wire.tools.benchmarking.measurement import Line
-from steer_by_wire.tools.benchmarking.wake_ups import measurements
+from benchmarks.bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
+from benchmarks.measurement import Line
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.node.statistics import DurationSummary
+from steer_by_wire.tools.doctor.wake_ups import measurements
 
 MS = 1_000_000
 RUNS_S = (0.2, 2.0, 20.0)  # the next where nobody has answered yet: a machine may be late
@@ -314,14 +315,14 @@ def test_one_collection_in_the_loop_misses_the_target() -> None:
 
 
 def test_the_program_says_how_to_come_by_an_interface(capsys: pytest.CaptureFixture[str]) -> None:
-    assert benchmark_bus.main(["--channel", "nosuchcan0"]) == 3
-    assert "with-vcan" in capsys.readouterr().err
+    assert main(["bus", "--channel", "nosuchcan0"]) == 3
+    assert "tools/with_vcan" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("priority", [PRIORITY_MIN - 1, PRIORITY_MAX + 1, -1])
 def test_a_priority_needs_room_above_and_below(priority: int) -> None:
     with pytest.raises(SystemExit) as error:
-        benchmark_bus.main([f"--priority={priority}"])
+        main(["bus", f"--priority={priority}"])
     assert error.value.code == 2
 
 
@@ -338,12 +339,12 @@ def test_the_program_writes_every_line_with_its_target(
     def fake_ticks(_bench: Bench, rate_hz: int, _seconds: float) -> TickRun:
         return ticked(1000 * MS // rate_hz, [10] * 50, [10] * 50)
 
-    monkeypatch.setattr(benchmark_bus, "socketcan_obstacle", lambda _channel: "")
-    monkeypatch.setattr(benchmark_bus, "answer_run", fake_answers)
-    monkeypatch.setattr(benchmark_bus, "tick_run", fake_ticks)
-    monkeypatch.setattr(benchmark_bus, "MEMORY_TICKS", 50)
+    monkeypatch.setattr(benchmark, "socketcan_obstacle", lambda _channel: "")
+    monkeypatch.setattr(benchmark, "answer_run", fake_answers)
+    monkeypatch.setattr(benchmark, "tick_run", fake_ticks)
+    monkeypatch.setattr(benchmark, "MEMORY_TICKS", 50)
     out = tmp_path / "out.json"
-    assert benchmark_bus.main(["--repetitions", "2", "--json", str(out)]) == 0
+    assert main(["bus", "--repetitions", "2", "--json", str(out)]) == 0
     content = json.loads(out.read_text(encoding="utf-8"))
     assert who_answers == [C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE] * 2
     targets = [line["target"] for line in content["lines"] if line["target"]]
@@ -355,7 +356,7 @@ def test_the_program_writes_every_line_with_its_target(
 def test_without_can_lateness_and_skipped_ticks_are_measured(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
     short = ["--seconds", "0.2", "--long-seconds", "0.2", "--repetitions", "1", "--priority", "0"]
-    assert benchmark_bus.main([*short, "--no-can", "--json", str(out)]) == 0
+    assert main(["bus", *short, "--no-can", "--json", str(out)]) == 0
     content = json.loads(out.read_text(encoding="utf-8"))
     assert [line["target"] for line in content["lines"] if line["target"]] == [
         "≤ 2",

@@ -1,18 +1,19 @@
-"""How the benchmark measures and prints: repetitions, their median and spread, and one fixed loop.
+"""How the benchmarks measure and print: repetitions, their median and spread, and one fixed loop.
 
 Times of two machines cannot be compared. Their ratios to the time of one fixed loop of plain Python
 arithmetic, measured in the same run, compare much better.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from rich import box
 from rich.table import Table
 
-from ...runtime.program.host import no_collections
+from steer_by_wire.runtime.program.host import no_collections
 
 REPETITIONS = 7
 CALIBRATION_STEPS = 1000
@@ -61,6 +62,20 @@ class Line(NamedTuple):
     def ratio(self, calibration_us: float) -> float:
         """Return the median of the work, in runs of the calibration loop."""
         return median(self.work_us) / calibration_us
+
+
+class Measured(NamedTuple):
+    """What a benchmark has measured.
+
+    ``notes``           printed below the table
+    ``record``          more for JSON
+    ``calibration_us``  of the calibration loop, if ratios to it are of use [µs]
+    """
+
+    lines: list[Line]
+    notes: Sequence[str] = ()
+    record: Mapping[str, Any] = MappingProxyType({})
+    calibration_us: float | None = None
 
 
 def timed(
@@ -116,9 +131,9 @@ def lines_table(lines: Sequence[Line], calibration_us: float | None = None) -> T
     return table
 
 
-def line_record(line: Line) -> dict[str, Any]:
+def line_record(line: Line, calibration_us: float | None = None) -> dict[str, Any]:
     """Return a line for JSON."""
-    return {
+    record = {
         "name": line.name,
         "unit": line.unit,
         "median": line.median,
@@ -128,12 +143,10 @@ def line_record(line: Line) -> dict[str, Any]:
         "target": line.target.text if line.target else None,
         "is_met": line.is_met,
     }
+    if calibration_us is not None:
+        record["ratio_to_calibration"] = line.ratio(calibration_us)
+    return record
 
 
 def _short(figure: float) -> str:
     return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
-
-
-def steal_text(fraction: float | None) -> str:
-    """Return how much processor time the host gave to other guests; None: it is not reported."""
-    return "steal unknown" if fraction is None else f"{100 * fraction:.1f} % stolen by the host"

@@ -1,7 +1,7 @@
-"""Measure how fast and punctually the controller answers on a CAN bus, against C and bare Python.
+"""Times how fast and punctually the controller answers on a CAN bus, beside C and bare Python.
 
-    steer-by-wire with-vcan steer-by-wire benchmark-bus [--json FILE]
-    steer-by-wire benchmark-bus --no-can
+    tools/with_vcan python -m benchmarks bus
+    python -m benchmarks bus --no-can
 
 Everything compared runs in turns on the same machine within minutes, or at once; each figure is the
 median of several repetitions, each ratio is within one repetition. docs/real_time.md explains what
@@ -10,40 +10,18 @@ is measured and why.
 
 import argparse
 import os
-import platform
-import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.closed_loop.processes import launched_broker
-from steer_by_wire.runtime.command_line import command_parser, seconds, whole_number
-from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
-from steer_by_wire.runtime.program.host import StealClock
-from steer_by_wire.runtime.program.option_types import add_json_argument
-from steer_by_wire.runtime.program.program import ExitStatus, run_main
-from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
-from steer_by_wire.tools.benchmark_bus.lines import (
-    answer_lines,
-    memory_lines,
-    parts,
-    skipped_lines,
-    tick_lines,
-)
-from steer_by_wire.tools.benchmark_bus.processes import (
-    PRIORITY_MAX,
-    PRIORITY_MIN,
-    compile_all,
-    may_have_priority,
-)
-from steer_by_wire.tools.benchmark_bus.runs import (
+from benchmarks.bus.allocations import tick_memory
+from benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
+from benchmarks.bus.processes import PRIORITY_MAX, PRIORITY_MIN, compile_all, may_have_priority
+from benchmarks.bus.runs import (
     BARE_PYTHON,
     C_ECHO,
     NODE,
@@ -57,9 +35,11 @@ from steer_by_wire.tools.benchmark_bus.runs import (
     tick_run,
     write_frames,
 )
-from steer_by_wire.tools.benchmarking.measurement import Line, line_record, lines_table, steal_text
+from benchmarks.measurement import Line, Measured
+from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.runtime.command_line import seconds, whole_number
+from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
 
-NAME = "steer-by-wire benchmark-bus"
 CHANNEL = "benchmark_bus"
 """Channel of the emulated bus."""
 ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)
@@ -67,15 +47,12 @@ RATE_HZ, LONG_RATE_HZ = 100, 1000
 PARTS = 5
 """Parts of the long run, as repetitions of its lateness."""
 MEMORY_TICKS = 5000
-WIDTH_MIN = 110
-"""Width of the table, whose figures are no use cut short."""
 BETWEEN_S = 2.0
 """Time to start a run, for the progress bar."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; returns the exit status, which does not depend on the figures."""
-    parser = command_parser(NAME, __doc__, f"{NAME} --no-can --long-seconds 10")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this benchmark."""
     parser.add_argument("-c", "--channel", default="vcan0", help="default: %(default)s")
     parser.add_argument(
         "--no-can",
@@ -105,40 +82,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar=f"0|{PRIORITY_MIN}..{PRIORITY_MAX}",
         help="SCHED_FIFO priority of all programs; 0: none (default: %(default)s)",
     )
-    add_json_argument(parser)
-    return run_main(NAME, partial(_benchmark, parser.parse_args(arguments)))
 
 
-def _benchmark(options: argparse.Namespace) -> int:
+def measure(options: argparse.Namespace) -> Measured:
+    """Run all programs; without CAN only lateness and skipped ticks."""
     obstacle = "" if options.no_can else socketcan_obstacle(options.channel)
     if obstacle:
         raise BusError(
-            f"{obstacle}; this brings one: steer-by-wire with-vcan steer-by-wire benchmark-bus; "
+            f"{obstacle}; this brings one: tools/with_vcan python -m benchmarks bus; "
             "--no-can measures what can be measured without"
         )
-    console, steal = Console(markup=False, highlight=False), StealClock()
     granted = bool(options.priority) and may_have_priority()
     with tempfile.TemporaryDirectory(prefix="bus-benchmark-") as name, _bus(options) as bus:
         folder = Path(name)
-        priority = options.priority if granted else 0
-        bench = Bench(*bus, folder, compile_all(folder), priority)
+        bench = Bench(*bus, folder, compile_all(folder), options.priority if granted else 0)
         write_frames(bench.frames)
         lines = _lines(*_run_all(bench, options))
-    machine = {
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "platform": platform.platform(),
-        "vcan_backend": os.environ.get("WITH_VCAN_BACKEND"),
-        "processors": os.cpu_count(),
-        "sched_fifo": bench.priority,
-        "steal_fraction": steal.fraction(),
-    }
-    console.width = max(console.width, WIDTH_MIN)
-    console.print(lines_table(lines))
-    for line in _machine_lines(machine, refused=bool(options.priority) and not granted):
-        console.print(line, soft_wrap=True)
-    if options.json is not None:
-        write_json(options.json, {"machine": machine, "lines": [*map(line_record, lines)]})
-    return ExitStatus.OK
+    note = f"SCHED_FIFO {bench.priority}" if granted else "ordinary priority"
+    if options.priority and not granted:
+        note += ", SCHED_FIFO refused by the host"
+    return Measured(lines, [note], {"sched_fifo": bench.priority})
 
 
 @contextmanager
@@ -195,19 +158,6 @@ def _lines(
     ]
 
 
-def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
-    stolen, priority = machine["steal_fraction"], machine["sched_fifo"]
-    backend = machine["vcan_backend"]
-    unseen = "what the host took cannot be seen in User Mode Linux"
-    steal = unseen if backend == "uml" else steal_text(stolen)
-    fifo = f"SCHED_FIFO {priority}" if priority else "ordinary priority"
-    return [
-        f"{machine['python']}, {machine['processors']} processors, {steal}",
-        f"{fifo}{', SCHED_FIFO refused by the host' if refused else ''}"
-        f"{f'; with_vcan: {backend}' if backend else ''}",
-    ]
-
-
 def _priority(text: str) -> int:
     """Read a priority that leaves room above and below."""
     allowed = (0, *range(PRIORITY_MIN, PRIORITY_MAX + 1))
@@ -216,7 +166,3 @@ def _priority(text: str) -> int:
             f"allowed is 0 or {PRIORITY_MIN} to {PRIORITY_MAX}, not {text!r}"
         )
     return int(text)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

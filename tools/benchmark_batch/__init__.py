@@ -1,1 +1,0 @@
-"""Compare the speed of compiled runs with plain C of the same arithmetic and other tools."""
