@@ -47,7 +47,7 @@ class TrackingGrid(NamedTuple):
     ``plants``     P, shape (corners, delays, Z)
     ``unsteered``  Y_ρ, shape (paths, corners, Z)
     ``added``      steer that is added to the law's, of the same shape; 0 for none
-    ``first_tick``  the first one that counts in the RMS
+    ``first_tick``  the first one that counts; before it the run settles
     """
 
     period_ns: int
@@ -101,7 +101,7 @@ def tracking_grid(
 
     ``models``       plants from steer to lateral error, one for each corner
     ``unsteered_m``  y_ρ at the ticks from 0 on, shape (paths, corners, ticks)
-    ``first_tick``   the first one that counts in the RMS
+    ``first_tick``   the first one that counts; before it the run settles
     ``added_rad``    steer that is added to the law's at the ticks, of the same shape; None: none
     """
     ticks = unsteered_m.shape[-1]
@@ -156,11 +156,11 @@ def _track_path(
     """Return RMS error, peak steer and peak rate from error and steer on the circle."""
     steer_rad = _in_time(grid, steer)
     steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
-    rate_hz = NS_PER_S / grid.period_ns
+    rate_hz, before = NS_PER_S / grid.period_ns, grid.first_tick - 1
     return (
         _rms(grid, _in_time(grid, error)),
-        np.abs(steer_rad).max(axis=-1),
-        steps_rad.max(axis=-1) * rate_hz,
+        np.abs(steer_rad[..., before:]).max(axis=-1),
+        steps_rad[..., before:].max(axis=-1) * rate_hz,
     )
 
 
