@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..controller.node.control_sample import ControlSample
+from ..controller.node.run_figures import ControlSample
 from ..plant_emulator.evaluation.run_record import PlantSample
 from ..runtime.array_types import FloatArray, IntArray
 

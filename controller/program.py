@@ -28,8 +28,7 @@ from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node.node import RECEIVED, SENT, ControllerNode
-from .node.quantities import QUANTITIES, verdict_text
-from .node.summary import controller_summary
+from .node.summary import QUANTITIES, controller_summary, verdict_text
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle, sparse_measurements
 
 NAME = "steer-by-wire controller"

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
 from .codec.codec import EncodeError, Rejection, codecs_of
-from .codec.protection import id_mark, mark_in
-from .codec.signals import SignalRange
+from .codec.layout import SignalRange
+from .codec.protection import COUNTERS, id_mark, mark_in
 from .contract.enumerations import (
     ControllerFault,
     Direction,
@@ -33,7 +33,6 @@ from .contract.enumerations import (
     Validity,
 )
 from .contract.generated_layout import LAYOUTS
-from .contract.long_messages import PathAhead, SteeringPlan
 from .contract.records import (
     MESSAGE_TYPES,
     ControllerSafety,
@@ -44,8 +43,10 @@ from .contract.records import (
     LatencyConfig,
     LateralError,
     Message,
+    PathAhead,
     PlantStatus,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     VehicleState,
 )
@@ -225,3 +226,26 @@ def _cause(unpacked: Rejection, data: bytes) -> Rejection:
     if unpacked is Rejection.BAD_CRC and mark_in(data) in _ID_MARKS:
         return Rejection.MASQUERADED
     return unpacked
+
+
+class Sender:
+    """Makes the frames of one type of message; ``counter`` is that of the next one."""
+
+    def __init__(self, message_type: type[Message]) -> None:
+        self._can_id, self._pack, self._flags = packing(message_type)
+        self.counter = 0
+
+    def frame(self, message: tuple[Any, ...]) -> Frame:
+        """Return the next frame of a message; raises EncodeError as ``encode`` does.
+
+        The message's values alone, in their order, save the time of making it.
+        """
+        counter, pack = self.counter, self._pack
+        self.counter = (counter + 1) % COUNTERS
+        return new_record(Frame, (self._can_id, pack(message, counter), self._flags))
+
+    def not_available(self, message: Message) -> Frame:
+        """Return the next frame, as ``encode_not_available`` does."""
+        counter = self.counter
+        self.counter = (counter + 1) % COUNTERS
+        return encode_not_available(message, counter)

@@ -26,8 +26,13 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LOOP_DELAY, History, LoopDelay
-from steer_by_wire.controller.interface.law_record import Schedule
+from steer_by_wire.controller.interface.law import (
+    NO_HISTORY,
+    NO_LOOP_DELAY,
+    History,
+    LoopDelay,
+    Schedule,
+)
 from steer_by_wire.controller.laws import packet
 from steer_by_wire.controller.laws.predictor import PredictorState
 from steer_by_wire.controller.prediction import estimator

@@ -28,8 +28,7 @@ from ...controller.history.history import (
     path_step,
 )
 from ...controller.history.plan import limit_plan
-from ...controller.interface.law import LawInput
-from ...controller.interface.law_record import Law
+from ...controller.interface.law import Law, LawInput
 from ...controller.interface.limits import limit_step, ramp_step
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step

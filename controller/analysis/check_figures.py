@@ -27,7 +27,7 @@ from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
-from ..interface.law_record import LookingBack
+from ..interface.law import LookingBack
 from ..laws.design import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words

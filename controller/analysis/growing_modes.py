@@ -29,7 +29,7 @@ import numpy as np
 
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ..prediction.held_input import held_over
+from ..prediction.matrix_arithmetic import zero_order_hold
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
@@ -56,7 +56,7 @@ class GrowingModes:
         self._law = without_idle_states(loop.law)
         self._a, self._b, self._c = companion_form(loop.model)
         self._period_ns = loop.period_ns
-        self._transition, self._whole = held_over(self._a, self._b, loop.period_ns / NS_PER_S)
+        self._transition, self._whole = zero_order_hold(self._a, self._b, loop.period_ns / NS_PER_S)
         self._delay_ns_max = delay_ns_max
         self._degree = len(self._law.b) + len(self._c)
         self._log_radius = -SLOWEST_DECAY_1_S * loop.period_ns / NS_PER_S
@@ -143,7 +143,7 @@ class GrowingModes:
 
     def _held_for(self, time_s: float | FloatArray) -> FloatArray:
         """Return what a unit command adds to the plant's state in some time."""
-        return held_over(self._a, self._b, time_s)[1]
+        return zero_order_hold(self._a, self._b, time_s)[1]
 
     def _first_guesses(self) -> tuple[FloatArray, FloatArray]:
         """Return angles and delays [ns] near the crossings, shape (guesses,) each."""

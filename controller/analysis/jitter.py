@@ -27,7 +27,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ..prediction.held_input import held_over
+from ..prediction.matrix_arithmetic import zero_order_hold
 from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
@@ -122,7 +122,7 @@ class _MomentRecursion:
         self._shape = (modes, order, order)
         self._plant_end = plant_end
         step_s = loop.period_ns / NS_PER_S / when.steps_per_period
-        self._transition, self._hold = held_over(a, b, step_s)
+        self._transition, self._hold = zero_order_hold(a, b, step_s)
         self._held_rows = law_end + youngest + np.arange(modes)
         self._law = np.zeros((law_end + 1 - plant_end, law_end))  # the law anew, and its command
         self._law[:-1, :plant_end] = np.outer(law.b, c)

@@ -20,7 +20,7 @@ from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput
 from ..laws.design import LawDesign
-from ..prediction.held_input import held_over
+from ..prediction.matrix_arithmetic import zero_order_hold
 
 
 class LinearSystem(NamedTuple):
@@ -122,9 +122,9 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
     """
     a, b, c = companion_form(model)
     whole_periods, rest_ns = divmod(delay_ns, period_ns)
-    transition, _ = held_over(a, b, period_ns / NS_PER_S)
-    after_rest, b_new = held_over(a, b, (period_ns - rest_ns) / NS_PER_S)
-    _, during_rest = held_over(a, b, rest_ns / NS_PER_S)
+    transition, _ = zero_order_hold(a, b, period_ns / NS_PER_S)
+    after_rest, b_new = zero_order_hold(a, b, (period_ns - rest_ns) / NS_PER_S)
+    _, during_rest = zero_order_hold(a, b, rest_ns / NS_PER_S)
     b_old = after_rest @ during_rest
     for shared in (transition, b_new, b_old, c):
         shared.flags.writeable = False

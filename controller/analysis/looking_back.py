@@ -20,7 +20,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
 from ..history.loop_delay import LoopDelayParams
-from ..prediction.held_input import held_over
+from ..prediction.matrix_arithmetic import zero_order_hold
 
 BETA, R, PSI, Y, WHEEL = range(5)
 
@@ -156,7 +156,7 @@ class Signals:
         while self._now_ns < time_ns:
             tick = self._timing.acting_tick(self._now_ns)
             until_ns = min(time_ns, (tick + 1) * period_ns + delay_ns)
-            transition, input_gain = held_over(
+            transition, input_gain = zero_order_hold(
                 self._a, self._b, (until_ns - self._now_ns) / NS_PER_S
             )
             self._acts[tick] = self._commands[tick] + self._added[tick]

@@ -43,8 +43,7 @@ from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, LoopDelay
-from ..interface.law_record import Law, LookingBack
+from ..interface.law import Law, LawInput, LawOutput, LookingBack, LoopDelay
 from .design import FADE_RAD_S, steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 

@@ -8,7 +8,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
-from ..interface.law_record import Law, LawPlan, LawStep, LookingBack, Schedule
+from ..interface.law import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..prediction.gains import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .followed_point import (

@@ -27,8 +27,7 @@ from pydantic import Field
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, VehicleReading
-from ..interface.law_record import LawStep
+from ..interface.law import LawInput, LawOutput, LawStep, VehicleReading
 
 
 class FeedForwardSettings(Settings):

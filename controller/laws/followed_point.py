@@ -28,8 +28,7 @@ from typing import Any, Literal, NamedTuple
 
 from ..filters.settings import VehicleModelSettings
 from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, VehicleReading
-from ..interface.law_record import LawPlan, LawStep
+from ..interface.law import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
 
 FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
 """The point of the vehicle that a law holds on the path."""

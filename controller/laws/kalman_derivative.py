@@ -20,8 +20,7 @@ from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput
-from ..interface.law_record import LawStep
+from ..interface.law import LawInput, LawOutput, LawStep
 from ..prediction.estimator import (
     EstimatorState,
     VehicleGains,

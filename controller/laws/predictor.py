@@ -23,8 +23,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..history.loop_delay import LoopDelayParams
-from ..interface.law import LawInput, LawOutput
-from ..interface.law_record import Fallback, Law, LookingBack, Schedule
+from ..interface.law import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
 from ..interface.limits import ramp_step
 from ..prediction.estimator import (
     EstimatorState,

@@ -31,7 +31,7 @@ from ..filters.settings import (
 )
 from ..filters.transfer_function import TransferFunction
 from ..history.loop_delay import LinkSettings, LoopDelayParams, loop_delay_params
-from ..interface.law_record import Law
+from ..interface.law import Law
 from ..interface.validity import ValiditySettings
 from ..prediction.gains import EstimatorSettings
 from . import LAWS

@@ -33,8 +33,7 @@ from ..filters.sections import (
     cascade_2_step,
 )
 from ..filters.settings import CutoffRadS
-from ..interface.law import History, LawInput, LawOutput
-from ..interface.law_record import Law
+from ..interface.law import History, Law, LawInput, LawOutput
 from .design import required
 
 if TYPE_CHECKING:

@@ -1,11 +1,51 @@
-"""The frames that steer: STEERING_COMMAND, or a STEERING_PLAN in its place."""
+"""The frames that steer, STEERING_COMMAND or a STEERING_PLAN in its place, and when each was sent.
 
-from ...dbc.messages import Mode, SteeringCommand, SteeringPlan
-from ...dbc.sending import Sender
+The plant echoes the counter of the command it applies in every STEERING_STATUS. The round trip is
+the time from sending a counter to its first echo: the downlink latency, the wait for the plant's
+next status, and the uplink latency. Later echoes of the same counter add no information. A command
+that was lost or overtaken by a newer one is never applied and has no echo.
+"""
+
+from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from ..history.plan import limit_plan, plan_message
 from ..interface.limits import SteerLimits
-from .sent_frames import SentCommands
+
+IN_FLIGHT_MAX = 4096
+"""Commands whose sending time is stored: 4 s at 1 kHz, and far fewer than the counter's values, so
+that a counter that has wrapped is not mistaken for the old one."""
+
+
+class SentCommands:
+    """Stores the sending times; ``count`` is the number of commands sent."""
+
+    def __init__(self) -> None:
+        self._sent_ns = [0] * IN_FLIGHT_MAX
+        self._is_echoed = [False] * IN_FLIGHT_MAX
+        self.count = 0
+
+    def on_sent(self, now_ns: int) -> int:
+        """Store when a command is sent; returns its counter."""
+        count = self.count
+        index = count % IN_FLIGHT_MAX
+        self._sent_ns[index] = now_ns
+        self._is_echoed[index] = False
+        self.count = count + 1
+        return count % COMMAND_COUNTERS
+
+    def on_echo(self, counter: int) -> tuple[int, bool] | None:
+        """Return when the command in effect was sent [ns], and whether this is its first echo.
+
+        None if the command with this counter is not stored.
+        """
+        newest = self.count - 1
+        age = (newest - counter) % COMMAND_COUNTERS
+        if age > newest or age >= IN_FLIGHT_MAX:
+            return None
+        index = (newest - age) % IN_FLIGHT_MAX
+        is_first = not self._is_echoed[index]
+        self._is_echoed[index] = True
+        return self._sent_ns[index], is_first
 
 
 class CommandFrames:

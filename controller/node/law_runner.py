@@ -10,7 +10,7 @@ from typing import Any
 
 from ...dbc.messages import Mode
 from ...runtime.record import new_record
-from ..history.link_memory import BusHistory
+from ..history.history import BusHistory
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
 from ..interface.limits import ramp_step
 from ..interface.validity import share_of_demand

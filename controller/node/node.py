@@ -8,7 +8,7 @@ sample; freshness, modes and fallback are decided here, around it.
     node.law_runner            the law, and the fading in of its commands
     node.command_frames        the commands, and when each was sent
     node.status_frames         status messages for monitoring
-    node.safety_watch          what CONTROLLER_SAFETY must report
+    node.safety                what CONTROLLER_SAFETY must report
     node.run_figures           figures for the report
 """
 
@@ -37,14 +37,12 @@ from ..interface.limits import limit_name, limit_step, ramp_step
 from ..interface.validity import NOT_FORWARD_M_S
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
-from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
 from .modes import Supervisor, supervision_of
 from .received import RECEIVED, SENT, Received
-from .run_figures import RunFigures
-from .safety import SafetyFacts
-from .safety_watch import SafetyWatch
+from .run_figures import ControlSample, RunFigures
+from .safety import SafetyFacts, SafetyWatch
 from .status_frames import StatusFrames
 from .view import controller_view
 

@@ -4,12 +4,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
-from .control_sample import ControlSample
+from ..interface.law import LawOutput
 
 
 class ControlVerdict(StrEnum):
@@ -29,6 +29,24 @@ _OF_MODE: Mapping[Mode, ControlVerdict] = {
     Mode.SAFE_STOP: ControlVerdict.SAFE_STOP,
 }
 """Verdict on a run that ends in a mode without a fault of its own."""
+
+
+class ControlSample(NamedTuple):
+    """One control period with a command, for plots.
+
+    ``time_ns``          when the tick ran [ns]
+    ``lateral_error_m``  the newest measurement [m]
+    ``sample_age_ns``    time since that measurement arrived [ns]
+    ``law_output``       of this period; the last one while the mode is not ACTIVE
+    ``sent_steer_rad``   the command, after limits [rad]
+    """
+
+    time_ns: int
+    mode: Mode
+    lateral_error_m: float
+    sample_age_ns: int
+    law_output: LawOutput
+    sent_steer_rad: float
 
 
 class RunFigures:

@@ -1,7 +1,14 @@
 """The frames that report the controller's state, for monitoring."""
 
-from ...dbc.messages import ControllerStatus, DelayStatus, LawNumber, Mode, SignalRange, limits
-from ...dbc.sending import Sender
+from ...dbc.messages import (
+    ControllerStatus,
+    DelayStatus,
+    LawNumber,
+    Mode,
+    Sender,
+    SignalRange,
+    limits,
+)
 from ...runtime.frame import Frame
 from ..interface.law import LawOutput
 from .safety import SafetyStatus

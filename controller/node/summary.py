@@ -1,9 +1,12 @@
-"""What a controller's report says about its run, in a few lines, each with its heading."""
+"""What a controller's report says about its run: a summary, the verdict, figures for --fail-if."""
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from ...runtime.program.report import causes_line, durations_line
+from ...runtime.program.thresholds import Quantity, Report
+from .run_figures import ControlVerdict
 
 
 def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -24,3 +27,57 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield "validity", text
     if node["rejected"]:
         yield "controller rejected", causes_line(node["rejected"])
+
+
+def verdict_text(report: Report) -> str:
+    """Return the verdict with the figures that explain it."""
+    node = report["node"]
+    verdict = ControlVerdict(node["verdict"])
+    if verdict is ControlVerdict.NO_START:
+        return f"{verdict}: no measurement ever arrived"
+    text = (
+        f"{verdict} at the end; the law steered for {100.0 * node['active_share']:.4g} % of the"
+        f" time; measured error RMS {1e3 * node['measured_rms_m']:.1f} mm,"
+        f" peak {1e3 * node['measured_peak_m']:.1f} mm"
+    )
+    return "; ".join(filter(None, (text, limited_text(node))))
+
+
+def limited_text(node: Report) -> str:
+    """Return what share of the law's commands ``[limits]`` changed; empty for none."""
+    if not node["limited_share_by"]:
+        return ""
+    limits = (f"{name} {100.0 * share:.3g} %" for name, share in node["limited_share_by"].items())
+    share = f"{100.0 * node['limited_share']:.3g} %"
+    return f"the controller's [limits] changed {share} of the law's commands ({', '.join(limits)})"
+
+
+def _worked(key: str) -> Quantity:
+    """Return a figure that there is only where the law has run."""
+
+    def read(report: Report) -> float | None:
+        node = report["node"]
+        value: float | None = node[key] if node["active_share"] else None
+        return value
+
+    return Quantity(read)
+
+
+def _round_trip(report: Report) -> float | None:
+    durations = report["node"]["round_trip"]
+    value: float | None = durations["p99_s"] if durations["samples"] else None
+    return value
+
+
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(ControlVerdict)),
+        "active_share": Quantity(lambda report: float(report["node"]["active_share"])),
+        "measured_rms_m": _worked("measured_rms_m"),
+        "measured_peak_m": _worked("measured_peak_m"),
+        "limited_share": _worked("limited_share"),
+        "peak_steer_rad": _worked("peak_steer_rad"),
+        "round_trip_p99_s": Quantity(_round_trip),
+        "holds": Quantity(lambda report: float(report["node"]["holds"])),
+    }
+)

@@ -31,9 +31,8 @@ from ...runtime.record import new_record
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
 from .estimator import VehicleGains
-from .held_input import held_over
 from .matrices import UnsolvableError, feedback_gain, filter_gain
-from .matrix_arithmetic import Matrix
+from .matrix_arithmetic import Matrix, zero_order_hold
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8
@@ -161,7 +160,7 @@ def sampled_vehicles(
     """Return the sampled vehicle at each speed."""
     models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
     a, b = map(np.array, zip(*models, strict=True))
-    f, g = held_over(a, b, period_s)
+    f, g = zero_order_hold(a, b, period_s)
     if settings.actuator_lag_s == 0.0:
         f[:, DELTA], f[:, :, DELTA], g[:, DELTA] = 0.0, 0.0, 1.0
     return SampledVehicle(f, g)

@@ -10,10 +10,9 @@ from typing import Any, Generic, TypeVar, get_type_hints
 
 from ...runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
 from ...runtime.settings.error_text import one_line
-from .layout import MessageLayout
+from .layout import NOT_AVAILABLE_NAME, MessageLayout, packed_signal, signal_range
 from .packing import packing_of
 from .protection import COUNTERS, protect
-from .signals import NOT_AVAILABLE_NAME, packed_signal, signal_range
 
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""

@@ -50,8 +50,8 @@ from enum import IntEnum
 from operator import index
 from typing import Any, NamedTuple
 
+from .layout import PackedSignal
 from .protection import COUNTERS, HEADER_BYTES, START
-from .signals import PackedSignal
 
 _ORDER = "'little'"
 _CRC_OF = f"crc({{}} + data_id, {START:#x})"

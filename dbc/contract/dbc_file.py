@@ -12,9 +12,8 @@ from cantools.database.can import Database, Message, Signal
 
 from ...runtime.settings.error_text import one_line
 from ..codec.codec import FILE, ContractError
-from ..codec.layout import MessageLayout, SignalLayout
+from ..codec.layout import NOT_AVAILABLE_NAME, MessageLayout, SignalLayout
 from ..codec.protection import header_bits
-from ..codec.signals import NOT_AVAILABLE_NAME
 
 UNIT_SUFFIXES: Mapping[str | None, str] = {
     None: "",

@@ -8,13 +8,13 @@ from ...dbc.messages import (
     GroundTruth,
     LateralError,
     PathAhead,
+    Sender,
     SignalRange,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
     limits,
 )
-from ...dbc.sending import Sender
 from ...runtime.frame import Frame
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]

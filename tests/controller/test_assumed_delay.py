@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.history.history import RING_SIZE
-from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
 from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.history.history import RING_SIZE
-from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
 from steer_by_wire.controller.history.loop_delay import (
     NO_DELAY,
     DelayState,

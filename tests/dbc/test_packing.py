@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from steer_by_wire.dbc.codec import packing
 from steer_by_wire.dbc.codec.codec import MessageCodec
+from steer_by_wire.dbc.codec.layout import PackedSignal
 from steer_by_wire.dbc.codec.packing import packing_of
 from steer_by_wire.dbc.codec.protection import id_mark, mark_in, protect
-from steer_by_wire.dbc.codec.signals import PackedSignal
 from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.contract.generated_layout import LAYOUTS
 from steer_by_wire.dbc.messages import MESSAGE_TYPES

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.controller.node.control_sample import ControlSample
 from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.node.run_figures import ControlSample
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode

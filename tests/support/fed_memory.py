@@ -1,6 +1,6 @@
 """The memory of the controller, fed with echoes and measurements as its node does."""
 
-from steer_by_wire.controller.history.link_memory import BusHistory
+from steer_by_wire.controller.history.history import BusHistory
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.supervision import AgeLimits

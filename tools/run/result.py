@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ...closed_loop.virtual_bus import SharedBus
-from ...controller.node import quantities as controller_quantities
+from ...controller.node import summary as controller_report
 from ...controller.node.node import ControllerNode
-from ...controller.node.summary import controller_summary
 from ...plant_emulator.evaluation import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.faults.stage import FaultyNode
@@ -18,7 +17,7 @@ from ...runtime.program.thresholds import of_part
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
 QUANTITIES = {
     **of_part(plant_quantities.QUANTITIES, PLANT),
-    **of_part(controller_quantities.QUANTITIES, CONTROLLER, "controller_"),
+    **of_part(controller_report.QUANTITIES, CONTROLLER, "controller_"),
 }
 """What ``--fail-if`` may name."""
 
@@ -46,7 +45,7 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     lines = [
         ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
         ("seed", str(plant["seed"])),
-        *controller_summary(controller),
+        *controller_report.controller_summary(controller),
         *plant_summary(plant),
     ]
     if run.shared is not None:
@@ -69,7 +68,7 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     for program in PROGRAMS:
         if failure := reports[program]["node"]["failure"]:
             return f"safe state: {program.replace('_', ' ')}: {failure}"
-    limited = controller_quantities.limited_text(reports[CONTROLLER]["node"])
+    limited = controller_report.limited_text(reports[CONTROLLER]["node"])
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
 
 
