@@ -15,8 +15,8 @@ from pathlib import Path
 from random import Random
 
 from ..dbc.foreign_messages import ListedMessage, read_message_set
+from ..dbc.j1939_transport import GAP_NS, segments, source_address
 from ..dbc.messages import CAN_IDS
-from ..dbc.transport_protocol import GAP_NS, segments, source_address
 from ..runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import EXTENDED, Frame

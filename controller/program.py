@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.secoc.frame import CONTROLLER
-from ..dbc.secoc.program import add_key_file_argument, run_secured_node
+from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
+from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import command_parser
 from ..runtime.program.node_options import (
     add_settings_arguments,

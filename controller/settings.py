@@ -13,8 +13,8 @@ from ..dbc.codec.protection import SequenceRule
 from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
-from .delay_estimation.estimation import DelayEstimationSettings
-from .interface.limits import LimitSettings, SteerLimits, steer_limits_of
+from .delay_estimation.delay_estimator import DelayEstimationSettings
+from .interface.steer_limits import LimitSettings, SteerLimits, steer_limits_of
 from .laws.settings import LawSettings
 from .supervision import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 

@@ -13,7 +13,7 @@ from cantools.database.can import Database, Message
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length import DATA_LENGTH_CODE
 from ..runtime.settings.error_text import one_line
-from .transport_protocol import LENGTH_MAX, announcement_id, data_id, source_address
+from .j1939_transport import LENGTH_MAX, announcement_id, data_id, source_address
 
 
 class ListedMessage(NamedTuple):

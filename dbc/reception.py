@@ -30,7 +30,7 @@ from .messages import (
     rejection_of,
     unpacking,
 )
-from .secoc.frame import Refused, is_secured
+from .secoc.secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _COMES_WITH: Mapping[type[Message], type[Message]] = {

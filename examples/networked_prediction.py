@@ -30,10 +30,10 @@ from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, sim
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.history.plan import VALUES
 from steer_by_wire.controller.interface.law import Schedule
-from steer_by_wire.controller.laws.design import vehicle_of
+from steer_by_wire.controller.laws.assembly import vehicle_of
 from steer_by_wire.controller.laws.packet import plan_times
-from steer_by_wire.controller.prediction.estimator import command_from
 from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles
+from steer_by_wire.controller.prediction.vehicle_estimator import command_from
 
 Array = NDArray[np.float64]
 H = np.eye(4)[[3, 2]]  # y and Δψ are measured

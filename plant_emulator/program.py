@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.secoc.frame import PLANT
-from ..dbc.secoc.program import add_key_file_argument, run_secured_node
+from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
+from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.program.node_options import load_program_settings, make_parser
 from ..runtime.program.option_types import output_file
 from ..runtime.program.program import ExitStatus, run_main, say

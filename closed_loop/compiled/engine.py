@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...controller.interface.validity import share_of_demand
+from ...controller.interface.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
 from ...plant_emulator.settings import PlantSettings

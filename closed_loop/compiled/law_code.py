@@ -10,7 +10,7 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from ...controller.history.history import history_of
 from ...controller.interface.law import NO_HISTORY, LawInput, LawOutput, LawStep
-from ...controller.laws.design import LawDesign, design_law
+from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError

@@ -33,7 +33,7 @@ from ...controller.history.history import (
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
 from ...controller.interface.law import NO_HISTORY, LoopDelay, VehicleReading
-from ...controller.interface.limits import SteerLimits
+from ...controller.interface.steer_limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS
 from ...plant_emulator.steering.control_unit import status_of

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ...controller.interface.limits import limit_step, ramp_step
+from ...controller.interface.steer_limits import limit_step, ramp_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
     guard_command,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.interface.limits import SteerLimits
+from ...controller.interface.steer_limits import SteerLimits
 from ...plant_emulator.steering.hold_and_fallback import GuardParams, GuardState
 from ...plant_emulator.vehicle.motion_events import MotionState
 from ...runtime.array_types import FloatArray, IntArray

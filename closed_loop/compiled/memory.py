@@ -21,7 +21,7 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ...controller.prediction.estimator import VehicleGains
+from ...controller.prediction.vehicle_estimator import VehicleGains
 
 
 def _uncounted(_typing: Any, kind: Any) -> Any:

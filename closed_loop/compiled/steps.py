@@ -29,7 +29,7 @@ from ...controller.history.history import (
 )
 from ...controller.history.plan import limit_plan
 from ...controller.interface.law import Law, LawInput
-from ...controller.interface.limits import limit_step, ramp_step
+from ...controller.interface.steer_limits import limit_step, ramp_step
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
 from ...controller.laws.followed_point import (
@@ -39,7 +39,7 @@ from ...controller.laws.followed_point import (
 )
 from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
 from ...controller.laws.plugin import numbers_or_none
-from ...controller.prediction.estimator import VehicleGains, row_of
+from ...controller.prediction.vehicle_estimator import VehicleGains, row_of
 from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step
 from ...plant_emulator.path.cg_deviation import deviation_behind_m

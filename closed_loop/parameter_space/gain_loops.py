@@ -6,7 +6,7 @@
 z = e^(sT). Three kinds:
 
     ContinuousGainLoop    P(s) with any dead time e^(-sT), exact; q = s or s/(s/N + 1)
-    SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.laws.design``
+    SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.laws.assembly``
                           makes it from K_p, K_d and N: that is affine in both gains too
     LawGainLoop           any law: the PD inside its DOB and CDOB
 
@@ -28,7 +28,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.discretization import design_pd
 from ...controller.filters.settings import PdSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
-from ...controller.laws.design import LawDesign, design_law, required
+from ...controller.laws.assembly import LawDesign, design_law, required
 from ...controller.laws.pd import LAW as PD
 from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
@@ -146,7 +146,7 @@ class ContinuousGainLoop:
 
 
 class SampledGainLoop:
-    """A plant behind a delayed hold under the discrete PD of ``controller.laws.design``.
+    """A plant behind a delayed hold under the discrete PD of ``controller.laws.assembly``.
 
     ``model``                    continuous, from wheel angle [rad] to lateral error [m], strictly
                                  proper

@@ -41,7 +41,7 @@ from ...dbc.messages import (
     decode,
     resolutions,
 )
-from ...dbc.secoc.frame import plain
+from ...dbc.secoc.secured_frame import plain
 from ...plant_emulator.steering.plan_buffer import planned_rad
 from ...runtime.command_line import installation
 from ...runtime.frame import ERROR, Frame

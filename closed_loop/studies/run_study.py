@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...controller.laws.design import design_law
+from ...controller.laws.assembly import design_law
 from .compiled_runs import Computer
 from .figures import COLUMNS, Figures, verdicts
 from .result_files import Store

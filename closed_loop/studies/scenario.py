@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ...controller.laws.design import design_law
+from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings

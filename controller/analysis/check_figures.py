@@ -28,12 +28,12 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..interface.law import LookingBack
-from ..laws.design import LawDesign, design_law, vehicle_of
+from ..laws.assembly import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
-from .looking_back import Rig
-from .predictor_loop import Answers, PredictorLoop, linear, stable_constant_delays
+from .loop_signals import LoopModel
+from .predictor_loop import PredictorLoop, Responses, linear, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
@@ -61,17 +61,17 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     box = validity if "stable_delays" in figures else None
     if box is not None and box.given() and isinstance(model, VehicleModelSettings):
         limit_ns = min(DELAY_NS_MAX, round(box.delay_ms_max * NS_PER_MS))
-        answers: Answers = {}
+        responses: Responses = {}
         for vehicle in box.corners(model.vehicle):
             changed = {key: getattr(vehicle, key) for key in box.given()}
             progress(f"stable delays at {in_words(changed)}")
-            stable = _stable_delays_of(settings, vehicle, limit_ns, answers)
+            stable = _stable_delays_of(settings, vehicle, limit_ns, responses)
             corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
     return figures | {"delay_max_s": delay_max_s, "corners": corners}
 
 
 def _stable_delays_of(
-    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int, answers: Answers
+    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int, responses: Responses
 ) -> tuple[DelayInterval, ...]:
     """Return the stable delays of a law around another vehicle than its nominal one."""
     design = design_law(linear(settings))
@@ -81,7 +81,7 @@ def _stable_delays_of(
         loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
         return stable_delays(loop, limit_ns)
     periods = law.state_period_ns, law.request_periods
-    around = PredictorLoop(design, settings.loop_delay, Rig(vehicle), *periods, answers)
+    around = PredictorLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, responses)
     return stable_constant_delays(around, limit_ns)
 
 
@@ -125,9 +125,9 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 def _looking_back(
     settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
 ) -> Figures:
-    loop_delay, rig = (
+    loop_delay, loop_model = (
         settings.loop_delay,
-        Rig(vehicle_of(settings).vehicle),
+        LoopModel(vehicle_of(settings).vehicle),
     )
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
     if law.fallback is not None and settings.model is not None:
@@ -137,7 +137,9 @@ def _looking_back(
         stable = stable_delays(SampledLoop(fallback, settings.model, settings.period_ns))
         figures["fallback"] = {"law": name, "when": when, "stable_delays": _delays(stable)}
     try:
-        loop = PredictorLoop(design, loop_delay, rig, law.state_period_ns, law.request_periods)
+        loop = PredictorLoop(
+            design, loop_delay, loop_model, law.state_period_ns, law.request_periods
+        )
     except ValueError as error:
         return figures | {"not_analysed": f"{error}"}
     progress("poles and sensitivity")

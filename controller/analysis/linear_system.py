@@ -19,8 +19,8 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput
-from ..laws.design import LawDesign
-from ..prediction.matrix_arithmetic import zero_order_hold
+from ..laws.assembly import LawDesign
+from ..prediction.matrices import zero_order_hold
 
 
 class LinearSystem(NamedTuple):

@@ -7,7 +7,7 @@ the periods of VEHICLE_STATE and of its stored requests. The state at the beginn
 
     x = (vehicle and wheel, law and filter, commands sent, measurements in transit)
 
-and its evolution is exact (``controller.analysis.looking_back``). Limits, quantisation, jitter, and
+and its evolution is exact (``controller.analysis.loop_signals``). Limits, quantisation, jitter, and
 the transients when echoes stop and return are neglected.
 
     stability          every mode of x ↦ A x in which command and error take part decays
@@ -28,13 +28,21 @@ from numpy.typing import NDArray
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..history.loop_delay import LoopDelayParams
-from ..laws.design import LawDesign
+from ..laws.assembly import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
 from ..settings import ControllerSettings
-from .looking_back import LoopMatrices, Rig, Signals, Timing, Y, continuous_rig, rows_read_at
+from .loop_signals import (
+    LoopMatrices,
+    LoopModel,
+    Signals,
+    Timing,
+    Y,
+    continuous_model,
+    rows_read_at,
+)
 from .sampled_loop import SLOWEST_DECAY_1_S
 from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, DelayInterval, stable_intervals
-from .unit_answers import own_floats, unit_answers
+from .unit_responses import own_floats, unit_responses
 
 _START_S = 10
 """Start of the analysed period, late enough for all the history that a law reads."""
@@ -48,18 +56,18 @@ _PARTS = 20
 _OMEGA_RAD_S_MIN = 0.02
 
 
-Answers = dict[tuple[Any, ...], FloatArray]
-"""A law's answers that are known, by its speed and the timing of a tick."""
+Responses = dict[tuple[Any, ...], FloatArray]
+"""A law's known responses, by its speed and the timing of a tick."""
 
 
 class PredictorLoop:
-    """A law that looks back, around a rig.
+    """A law that looks back, around a vehicle.
 
     ``design``  the law, its parameters those of the vehicle's speed
     ``link``    periods of controller and sensors
     ``state_period_ns``  of VEHICLE_STATE, a multiple of the sensors', if the law reads its yaw rate
     ``ticks_repeated``   after how many ticks the law does the same again, if it counts them
-    ``answers``          of the same law around other vehicles, extended by those computed here
+    ``responses``        of the same law around other vehicles, extended by those computed here
 
     Raises ValueError where the two periods have no common multiple within 40 of either.
     """
@@ -68,14 +76,14 @@ class PredictorLoop:
         self,
         design: LawDesign,
         loop_delay: LoopDelayParams,
-        rig: Rig,
+        loop_model: LoopModel,
         state_period_ns: int | None = None,
         ticks_repeated: int = 1,
-        answers: Answers | None = None,
+        responses: Responses | None = None,
     ) -> None:
-        self.rig = rig
+        self.loop_model = loop_model
         self._design, self._loop_delay = design, loop_delay
-        speed_m_s = rig.vehicle.speed_m_s
+        speed_m_s = loop_model.vehicle.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
         sample_ns = loop_delay.sensor_period_ns
         self._samples_per_state = 0 if state_period_ns is None else state_period_ns // sample_ns
@@ -93,8 +101,8 @@ class PredictorLoop:
                 f" {loop_delay.sensor_period_ns} ns"
                 f" have no common multiple within {_TICKS_MAX} periods"
             )
-        self._plant = continuous_rig(rig)
-        self._answers: Answers = {} if answers is None else answers
+        self._plant = continuous_model(loop_model)
+        self._responses: Responses = {} if responses is None else responses
         self._last: tuple[int, LoopMatrices] | None = None
 
     def matrices(self, delay_ns: int) -> LoopMatrices:
@@ -108,7 +116,7 @@ class PredictorLoop:
             if time_ns % self._loop_delay.sensor_period_ns == 0:
                 signals.take_sample()
             if time_ns % self._loop_delay.period_ns == 0:
-                signals.decide(self._answer)
+                signals.decide(self._respond)
         signals.move_to(timing.end_ns)
         self._last = delay_ns, signals.matrices()
         return self._last[1]
@@ -168,7 +176,7 @@ class PredictorLoop:
         return Timing(
             loop_delay,
             delay_ns,
-            self.rig.uplink_ns,
+            self.loop_model.uplink_ns,
             start_ns // loop_delay.period_ns,
             start_ns // loop_delay.sensor_period_ns,
             self.period_ns // loop_delay.period_ns,
@@ -185,18 +193,20 @@ class PredictorLoop:
         acts = a != 0.0
         return a, np.flatnonzero(_reached_from(Y, acts) & _reached_from(Y, acts.T))
 
-    def _answer(self, timing: Timing, tick: int) -> FloatArray:
+    def _respond(self, timing: Timing, tick: int) -> FloatArray:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
         ticks, samples = rows_read_at(timing, tick)
         applied = tuple(timing.applied_tick(sample) for sample in samples)
-        speed_m_s = self.rig.vehicle.speed_m_s
+        speed_m_s = self.loop_model.vehicle.speed_m_s
         key = (
             *(speed_m_s, tick - timing.first_tick, timing.echoed_delay_ns()),
             *(ticks, samples, applied),
         )
-        if key not in self._answers:
-            self._answers[key] = unit_answers(self._design, self._params, timing, tick, speed_m_s)
-        return self._answers[key]
+        if key not in self._responses:
+            self._responses[key] = unit_responses(
+                self._design, self._params, timing, tick, speed_m_s
+            )
+        return self._responses[key]
 
 
 def linear(settings: ControllerSettings) -> ControllerSettings:

@@ -17,7 +17,7 @@ import numpy as np
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
-from ..laws.design import LawDesign
+from ..laws.assembly import LawDesign
 from .linear_system import held_plant, law_system, without_idle_states
 
 SLOWEST_DECAY_1_S = 1e-3

@@ -6,7 +6,7 @@ At a change the difference to the previous value is added, and then reduced step
 from typing import NamedTuple
 
 from ...runtime.record import new_record
-from .limits import ramp_step
+from .steer_limits import ramp_step
 
 
 class Fading(NamedTuple):

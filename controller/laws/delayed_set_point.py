@@ -44,7 +44,7 @@ from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import Law, LawInput, LawOutput, LookingBack, LoopDelay
-from .design import FADE_RAD_S, steady_steer, vehicle_of
+from .assembly import FADE_RAD_S, steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 
 if TYPE_CHECKING:

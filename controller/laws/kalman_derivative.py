@@ -3,9 +3,9 @@
     u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
 
 The law itself is unchanged. In the response of its C(s) to the measured error, the derivative is
-replaced by that of the filter (``controller.prediction.estimator``) at its newest sample, without
-prediction. The CDOB's compensation has hardly any noise and keeps the filtered difference. As
-always, the observers see the command that was sent.
+replaced by that of the filter (``controller.prediction.vehicle_estimator``) at its newest sample,
+without prediction. The CDOB's compensation has hardly any noise and keeps the filtered difference.
+As always, the observers see the command that was sent.
 
 Without echoes the filter does not know which commands act. Before the first echo, when echoes stop,
 and until the filter has settled afterwards, the filtered difference is used. At each change the
@@ -21,7 +21,7 @@ from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput, LawStep
-from ..prediction.estimator import (
+from ..prediction.vehicle_estimator import (
     EstimatorState,
     VehicleGains,
     estimate_to,

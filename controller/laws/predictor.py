@@ -1,7 +1,7 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
 The echo of the command counter measures the delay (``controller.history.loop_delay``); the Kalman
-filter (``controller.prediction.estimator``) gives the state at the newest sample; the model
+filter (``controller.prediction.vehicle_estimator``) gives the state at the newest sample; the model
 extrapolates it with the commands in transit, up to the time at which this period's command is
 expected to act; and
 
@@ -24,14 +24,7 @@ from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..history.loop_delay import LoopDelayParams
 from ..interface.law import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
-from ..interface.limits import ramp_step
-from ..prediction.estimator import (
-    EstimatorState,
-    VehicleGains,
-    estimate_to,
-    estimator_at_rest,
-    start_estimate,
-)
+from ..interface.steer_limits import ramp_step
 from ..prediction.gains import Feedback, design_schedule, together
 from ..prediction.measured_vehicle import (
     SET,
@@ -44,7 +37,14 @@ from ..prediction.measured_vehicle import (
     nothing_measured,
 )
 from ..prediction.prediction import horizon_samples, predict, steer_for
-from .design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, vehicle_of
+from ..prediction.vehicle_estimator import (
+    EstimatorState,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    start_estimate,
+)
+from .assembly import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, vehicle_of
 from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 

@@ -31,8 +31,8 @@ from ..filters.settings import (
 )
 from ..filters.transfer_function import TransferFunction
 from ..history.loop_delay import LinkSettings, LoopDelayParams, loop_delay_params
+from ..interface.designed_ranges import ValiditySettings
 from ..interface.law import Law
-from ..interface.validity import ValiditySettings
 from ..prediction.gains import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings
@@ -105,7 +105,7 @@ else:  # a field for each law that has a table, named after the law
 
 
 class LawSettings(_TablesOfLaws):
-    """Settings for ``controller.laws.design``; tables that the law does not use may be omitted."""
+    """Settings of a law; tables that it does not use may be omitted."""
 
     own_law: Annotated[
         SerializeAsAny[Settings] | None,

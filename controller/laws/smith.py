@@ -34,7 +34,7 @@ from ..filters.sections import (
 )
 from ..filters.settings import CutoffRadS
 from ..interface.law import History, Law, LawInput, LawOutput
-from .design import required
+from .assembly import required
 
 if TYPE_CHECKING:
     from .settings import LawSettings

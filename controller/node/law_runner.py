@@ -11,12 +11,12 @@ from typing import Any
 from ...dbc.messages import Mode
 from ...runtime.record import new_record
 from ..history.history import BusHistory
+from ..interface.designed_ranges import share_of_demand
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
-from ..interface.limits import ramp_step
-from ..interface.validity import share_of_demand
-from ..laws.design import design_law
+from ..interface.steer_limits import ramp_step
+from ..laws.assembly import design_law
 from ..settings import ControllerSettings
-from .received import Received
+from .newest_messages import Received
 
 FAILURES_MAX = 1
 """Restarts of a law after an output that is not finite; one more failure stops it for good."""

@@ -8,7 +8,7 @@ sample; freshness, modes and fallback are decided here, around it.
     node.law_runner            the law, and the fading in of its commands
     node.command_frames        the commands, and when each was sent
     node.status_frames         status messages for monitoring
-    node.safety                what CONTROLLER_SAFETY must report
+    node.safety_report         what CONTROLLER_SAFETY must report
     node.run_figures           figures for the report
 """
 
@@ -32,17 +32,17 @@ from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.record import new_record
+from ..interface.designed_ranges import NOT_FORWARD_M_S
 from ..interface.law import VehicleReading
-from ..interface.limits import limit_name, limit_step, ramp_step
-from ..interface.validity import NOT_FORWARD_M_S
+from ..interface.steer_limits import limit_name, limit_step, ramp_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
-from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
 from .modes import Supervisor, supervision_of
-from .received import RECEIVED, SENT, Received
+from .newest_messages import RECEIVED, SENT, Received
+from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
-from .safety import SafetyFacts, SafetyWatch
+from .safety_report import SafetyFacts, SafetyWatch
 from .status_frames import StatusFrames
 from .view import controller_view
 
@@ -86,7 +86,7 @@ class ControllerNode:
         self._sent_steer_rad = 0.0
         periods_per_sample = settings.link.sensor_period_s / self._period_s
         self._commands = CommandFrames(self._limits, periods_per_sample)
-        self._delay = delay_watch_of(settings)
+        self._delay = reported_delay_of(settings)
         self._statuses = StatusFrames(settings.law_record.number)
         self._steering_acts = True
         self._safety = SafetyWatch(settings.validity, self._received, start_ns)

@@ -11,7 +11,7 @@ from ...dbc.messages import (
 )
 from ...runtime.frame import Frame
 from ..interface.law import LawOutput
-from .safety import SafetyStatus
+from .safety_report import SafetyStatus
 
 _LIMITS = limits(ControllerStatus)
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from ...dbc.messages import Freshness, Mode, MotionRequest
 from ...dbc.reception import second_sender_line
 from ...runtime.node import View
-from ..interface.validity import in_words
-from .received import Received
-from .safety import SafetyFacts
+from ..interface.designed_ranges import in_words
+from .newest_messages import Received
+from .safety_report import SafetyFacts
 
 _MODES: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",

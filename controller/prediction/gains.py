@@ -30,9 +30,9 @@ from pydantic import Field, model_validator
 from ...runtime.record import new_record
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
-from .estimator import VehicleGains
-from .matrices import UnsolvableError, feedback_gain, filter_gain
-from .matrix_arithmetic import Matrix, zero_order_hold
+from .matrices import Matrix, zero_order_hold
+from .riccati import UnsolvableError, feedback_gain, filter_gain
+from .vehicle_estimator import VehicleGains
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8

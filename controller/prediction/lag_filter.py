@@ -22,8 +22,8 @@ from typing import NamedTuple
 from ...runtime.record import new_record
 from ..history.loop_delay import LoopDelayParams
 from ..interface.law import History, LoopDelay
-from .estimator import sent_for
 from .regression import regressed
+from .vehicle_estimator import sent_for
 
 LAGS_S = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4)
 """Lags that there are gains for, beside that of the settings."""

@@ -1,74 +1,95 @@
-"""Discrete algebraic Riccati equation by doubling, for gains of filters and of feedback.
+"""Small matrices: products, quotients, powers and the zero-order hold, of + − × ÷ in a fixed order.
 
-    X = Q + Aᵀ X (1 + B R⁻¹ Bᵀ X)⁻¹ A
-
-Each step doubles the horizon (structure-preserving doubling algorithm: Anderson, Second-order
-convergent algorithms for the steady-state Riccati equation, Int. J. Control 28, 1978), so that a
-random walk with a time scale of hours settles in some twenty steps. Design time only, and without
-scipy, which live programs do not import. All matrices may be stacks of systems, shape (..., n, m).
+A law's design must have the same bits on every processor. The library behind numpy's ``@`` and
+``linalg`` adds in a different order on each kind of processor. Here each number results from one
+operation on two others, whose rounding IEEE 754 defines. A stack of matrices, shape (..., n, m),
+costs hardly more than one.
 """
 
+from math import factorial, frexp
+
 import numpy as np
+from numpy.typing import NDArray
 
-from .matrix_arithmetic import Matrix, contracts, product, quotient, transposed
-
-_DOUBLINGS = 60
-_SETTLED = 1e-13
+Matrix = NDArray[np.float64]
 
 
-class UnsolvableError(ValueError):
-    """There is no stabilising solution; ``place`` is that of the first such system in the stack."""
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """Return A B, shapes (..., n, k) and (..., k, m)."""
+    if a.ndim == b.ndim == 2:  # in few calls; all terms of a stack at once would be slower
+        last: Matrix = np.add.accumulate(a.T[:, :, np.newaxis] * b[:, np.newaxis, :])[-1]
+        return last
+    total: Matrix = a[..., :, :1] * b[..., :1, :]
+    for k in range(1, a.shape[-1]):
+        total = total + a[..., :, k : k + 1] * b[..., k : k + 1, :]
+    return total
 
-    def __init__(self, place: int) -> None:
-        super().__init__("the Riccati equation has no stabilising solution for these settings")
-        self.place = place
+
+def transposed(a: Matrix) -> Matrix:
+    """Return Aᵀ."""
+    return np.swapaxes(a, -1, -2)
 
 
-def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return the stabilising X, shape (..., n, n), of A (n, n), B (n, m), Q (n, n) and R (m, m).
+def quotient(a: Matrix, b: Matrix) -> Matrix:
+    """Return A⁻¹ B by elimination with pivots, shapes (n, n) or (..., n, n), and (..., n, m).
 
-    Raises UnsolvableError if the doubling does not settle because a mode that cannot be controlled
-    grows.
+    For a singular A the result is not finite.
     """
-    identity = np.broadcast_to(np.eye(a.shape[-1]), a.shape)
-    with np.errstate(all="ignore"):  # from systems that do not settle
-        transition, acting = a, product(b, quotient(r, transposed(b)))
-        g, h = acting, np.broadcast_to(q, a.shape)
-        settled_h = np.full(a.shape, np.nan)
-        for _ in range(_DOUBLINGS):
-            inverse = quotient(identity + product(g, h), identity)
-            whole = product(inverse, a)
-            after = h + product(product(transposed(a), h), whole)
-            g = g + product(product(product(a, inverse), g), transposed(a))
-            a = product(a, whole)
-            change = np.abs(after - h).max(axis=(-1, -2))
-            h = 0.5 * (after + transposed(after))
-            has_settled = change <= _SETTLED * np.abs(h).max(axis=(-1, -2))
-            is_new = (
-                has_settled & np.isnan(settled_h[..., 0, 0]) & np.isfinite(g).all(axis=(-1, -2))
-            )
-            settled_h = np.where(is_new[..., None, None], h, settled_h)
-            if not np.isnan(settled_h).any():
-                break
-        closed = quotient(identity + product(acting, settled_h), transition)
-        # A growing mode without cost is not stabilised.
-        is_solved = contracts(closed, _DOUBLINGS)
-    if not is_solved.all():
-        raise UnsolvableError(int(np.argmin(is_solved)))
-    return settled_h
+    order = a.shape[-1]
+    rows = np.concatenate((np.broadcast_to(a, (*b.shape[:-1], order)), b), axis=-1)
+    rows = rows.reshape(-1, order, rows.shape[-1])
+    each = np.arange(len(rows))
+    for k in range(order):
+        pivot = k + np.abs(rows[:, k:, k]).argmax(axis=1)
+        rows[each, k], rows[each, pivot] = rows[each, pivot], rows[each, k]
+        rows[:, k] /= rows[:, k, k : k + 1].copy()
+        share = rows[:, :, k : k + 1].copy()
+        share[:, k] = 0.0
+        rows -= share * rows[:, k : k + 1]
+    return rows[:, :, order:].reshape(b.shape)
 
 
-def feedback_gain(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return K, shape (..., m, n), of u = -K x that minimises Σ (xᵀ Q x + uᵀ R u)."""
-    forward = product(transposed(b), solve_riccati(a, b, q, r))
-    return quotient(r + product(forward, b), product(forward, a))
+def contracts(a: Matrix, squarings: int) -> NDArray[np.bool_]:
+    """Whether one of ``squarings`` powers A, A², A⁴ ... has norm < 1/2: |eigenvalues| below 1."""
+    has_shrunk = np.zeros(a.shape[:-2], dtype=np.bool_)
+    for _ in range(squarings):
+        has_shrunk |= np.abs(a).sum(axis=-1).max(axis=-1) < 0.5
+        if has_shrunk.all():
+            break
+        a = product(a, a)
+    return has_shrunk
 
 
-def filter_gain(a: Matrix, h: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return the steady-state K, (..., n, m), of the correction x ← x + K (z - H x).
+_BLOCKS = 5
+"""Blocks of four terms of the series: for a norm of at most 1/2 the remainder is below 1e-24."""
 
-    ``q`` and ``r`` are the covariances of the state's noise over a period and of the measurement.
+
+def zero_order_hold(a: Matrix, b: Matrix, time_s: float | Matrix) -> tuple[Matrix, Matrix]:
+    """Return e^(At), and the response of the state to a unit input during t.
+
+    A (..., n, n) and b (..., n) may be stacks of systems, and t a stack of times, shape (...).
     """
-    p = solve_riccati(transposed(a), transposed(h), q, r)
-    seen = product(h, p)
-    return transposed(quotient(r + product(seen, transposed(h)), seen))
+    order = b.shape[-1]
+    both = np.zeros((*a.shape[:-2], order + 1, order + 1))
+    both[..., :order, :order] = a
+    both[..., :order, order] = b
+    exponential = _exponential(both * np.asarray(time_s)[..., np.newaxis, np.newaxis])
+    return exponential[..., :order, :order], exponential[..., :order, order]
+
+
+def _exponential(matrix: Matrix) -> Matrix:
+    """Return e^M by Taylor series, four terms at a time, with scaling and squaring."""
+    norm = float(np.abs(matrix).sum(axis=-1).max(initial=0.0))
+    squarings = max(0, frexp(norm)[1] + 1)
+    scaled = matrix / 2.0**squarings
+    square = product(scaled, scaled)
+    powers = (np.eye(matrix.shape[-1]), scaled, square, product(square, scaled))
+    fourth, total = product(square, square), np.zeros_like(matrix)
+    for block in reversed(range(_BLOCKS)):
+        if block < _BLOCKS - 1:
+            total = product(total, fourth)
+        for power in reversed(range(4)):
+            total = total + powers[power] / factorial(4 * block + power)
+    for _ in range(squarings):
+        total = product(total, total)
+    return total

@@ -2,7 +2,7 @@
 
 There are gains for the settings' lag and each of ``LAGS_S`` with each of ``MASS_RATIOS``. Two
 filters choose among them, each for itself: ``controller.prediction.lag_filter`` by the wheel angle
-against the commands, ``controller.prediction.identification`` by the yaw rate against the wheel
+against the commands, ``controller.prediction.mass_filter`` by the yaw rate against the wheel
 angle. Neither sees what the other finds. What is not measured is that of the settings.
 """
 
@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from ..history.loop_delay import LoopDelayParams
 from ..interface.law import History, LoopDelay
-from .estimator import VehicleGains, row_of
-from .identification import AS_SET as MASS_AS_SET
-from .identification import (
+from .lag_filter import AS_SET, LAGS_S, NO_LAG, LagState, lag_to
+from .mass_filter import AS_SET as MASS_AS_SET
+from .mass_filter import (
     MASS_RATIOS,
     NO_ENDS,
     MassEnds,
@@ -22,7 +22,7 @@ from .identification import (
     mass_as_set,
     mass_to,
 )
-from .lag_filter import AS_SET, LAGS_S, NO_LAG, LagState, lag_to
+from .vehicle_estimator import VehicleGains, row_of
 
 MASSES = len(MASS_RATIOS)
 SET = AS_SET * MASSES + MASS_AS_SET

@@ -2,7 +2,7 @@
 
 from ..history.loop_delay import LoopDelayParams
 from ..interface.law import History, LoopDelay
-from .estimator import EstimatorState, VehicleGains, command_from, step_on_path
+from .vehicle_estimator import EstimatorState, VehicleGains, command_from, step_on_path
 
 
 def horizon_samples(p: LoopDelayParams, loop_delay: LoopDelay, sample: int) -> float:

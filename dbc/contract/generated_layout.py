@@ -1,4 +1,4 @@
-"""The messages of ``steer_by_wire.dbc``; written by ``contract.generate``."""
+"""The messages of ``steer_by_wire.dbc``; written by ``contract.layout_from_dbc``."""
 
 from ..codec.layout import MessageLayout, SignalLayout
 

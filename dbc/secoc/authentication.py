@@ -8,10 +8,10 @@
     challenge  of the receiver, drawn at its start          64 bits, not sent with the frame
     counter    of the sender, one more for each frame       64 bits, 32 of them sent
 
-The layout is in ``dbc.secoc.frame``. SecOC does not specify how both ends agree on the freshness
-value. In its examples the high part comes from trip and reset counters, which a synchronisation
-message distributes and every receiver must keep over a power cycle. Here a random number drawn by
-the receiver replaces them, so that nothing has to be stored:
+The layout is in ``dbc.secoc.secured_frame``. SecOC does not specify how both ends agree on the
+freshness value. In its examples the high part comes from trip and reset counters, which a
+synchronisation message distributes and every receiver must keep over a power cycle. Here a random
+number drawn by the receiver replaces them, so that nothing has to be stored:
 
 1. The status messages carry the sender's challenge and, as echo, a challenge of the peer's that
    they answer.
@@ -46,7 +46,7 @@ from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ..contract.dbc_file import load_database
 from ..messages import CAN_IDS, frame_of
 from .challenges import Challenges
-from .frame import (
+from .secured_frame import (
     CHALLENGE_LENGTH,
     COUNTER_BITS,
     LAYOUTS,

@@ -20,7 +20,7 @@ from ...runtime.command_line import installation
 from ...runtime.node import NS_PER_US
 from ...runtime.settings import SettingsError
 from .authentication import Authentication, ComputeMac
-from .frame import CHALLENGE_LENGTH, End
+from .secured_frame import CHALLENGE_LENGTH, End
 
 KEY_LENGTH = 16
 """AES-128 [bytes]."""

@@ -4,14 +4,14 @@ python -m steer_by_wire.dbc.secoc.secured_dbc > secured.dbc
 candump vcan0 | cantools decode --single-line secured.dbc
 
 It is ``steer_by_wire.dbc`` with longer messages: the bytes after the eighth, defined in
-``dbc.secoc.frame``, are signals of their own. What a tool sends is unchanged.
+``dbc.secoc.secured_frame``, are signals of their own. What a tool sends is unchanged.
 """
 
 import re
 import sys
 from pathlib import Path
 
-from .frame import DATA, LAYOUTS, LONG, SYNC, Layout
+from .secured_frame import DATA, LAYOUTS, LONG, SYNC, Layout
 
 _TRAILERS = {
     DATA: (("MAC_COUNTER", 32), ("MAC", 64)),

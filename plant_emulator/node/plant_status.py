@@ -11,8 +11,7 @@ The end of limiting since the last PLANT_STATUS is not reported early: it waits 
 so do latencies, losses and refusals.
 """
 
-from ...dbc.messages import PlantStatus, SafetyState, SecondSender, limits
-from ...dbc.sending import Sender
+from ...dbc.messages import PlantStatus, SafetyState, SecondSender, Sender, limits
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS
 from ...runtime.node.periodic import PeriodicTimer

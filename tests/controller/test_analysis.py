@@ -26,7 +26,7 @@ from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
-from steer_by_wire.controller.laws.design import LawDesign, design_law
+from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 
 MS_NS = 1_000_000

@@ -8,7 +8,7 @@ import pytest
 
 from steer_by_wire.controller.interface.law import LawOutput
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.node.safety import INTERVAL_NS
+from steer_by_wire.controller.node.safety_report import INTERVAL_NS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.supervision import NO_LIMIT_NS, AgeLimits
 from steer_by_wire.dbc.messages import (

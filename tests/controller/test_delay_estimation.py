@@ -6,18 +6,18 @@ from collections.abc import Callable
 
 import pytest
 
-from steer_by_wire.controller.delay_estimation.estimation import (
+from steer_by_wire.controller.delay_estimation.comparison_filters import design_filters
+from steer_by_wire.controller.delay_estimation.delay_estimator import (
     DelayEstimate,
     DelayEstimationParams,
     DelayEstimator,
     Estimate,
     combined,
 )
-from steer_by_wire.controller.delay_estimation.filters import design_filters
 from steer_by_wire.controller.delay_estimation.lag_fit import LagFit, LagGrid, Peak
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.interface.law import VehicleReading
-from steer_by_wire.controller.node.delay_watch import EchoDelay
+from steer_by_wire.controller.node.reported_delay import EchoDelay
 from steer_by_wire.runtime.node import NS_PER_S
 
 PERIOD_S = 0.01

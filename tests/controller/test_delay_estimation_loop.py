@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from steer_by_wire.controller.delay_estimation.estimation import (
+from steer_by_wire.controller.delay_estimation.delay_estimator import (
     DelayEstimationSettings,
     delay_estimation_of,
 )
 from steer_by_wire.controller.filters.settings import PaperEq19Settings
-from steer_by_wire.controller.node.delay_watch import DelayWatch, EchoDelay
+from steer_by_wire.controller.node.newest_messages import Received
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.node.received import Received
+from steer_by_wire.controller.node.reported_delay import EchoDelay, ReportedDelay
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -152,7 +152,7 @@ def test_without_a_nominal_vehicle_it_is_off() -> None:
     table = DelayEstimationSettings()
     assert delay_estimation_of(table, None, PERIOD_NS) is None
     assert delay_estimation_of(table, PaperEq19Settings(kind="paper_eq19"), PERIOD_NS) is None
-    watch = DelayWatch(None, EchoDelay(PERIOD_NS, NS_PER_S, NS_PER_S))
+    watch = ReportedDelay(None, EchoDelay(PERIOD_NS, NS_PER_S, NS_PER_S))
     watch.on_tick(0, 0, 0.0, Received(controller_settings("pd")))
     assert watch.status(0) == DelayStatus(0.0, 0.0, EchoState.UNKNOWN, EstimateState.OFF, 0.0)
 

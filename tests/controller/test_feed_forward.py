@@ -6,7 +6,7 @@ import pytest
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.interface.fading import NOTHING
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading
-from steer_by_wire.controller.laws.design import design_law, steady_steer
+from steer_by_wire.controller.laws.assembly import design_law, steady_steer
 from steer_by_wire.controller.laws.feed_forward import curve_steer
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices

@@ -8,15 +8,15 @@ import pytest
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.followed_point import (
     FollowedPoint,
     set_point_of,
     steady_set_point_m,
 )
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.prediction.estimator import estimator_at_rest
 from steer_by_wire.controller.prediction.prediction import steer_for
+from steer_by_wire.controller.prediction.vehicle_estimator import estimator_at_rest
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices

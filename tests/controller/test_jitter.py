@@ -22,7 +22,7 @@ from steer_by_wire.controller.analysis.jitter import (
 from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.latency_distributions import (

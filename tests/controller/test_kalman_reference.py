@@ -8,20 +8,20 @@ import pytest
 
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.interface.law import LawInput
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.prediction.estimator import (
-    EstimatorState,
-    VehicleGains,
-    correction_step,
-    estimator_at_rest,
-    model_step,
-)
 from steer_by_wire.controller.prediction.gains import (
     EstimatorSettings,
     design_schedule,
     noise_covariances,
     sampled_vehicles,
+)
+from steer_by_wire.controller.prediction.vehicle_estimator import (
+    EstimatorState,
+    VehicleGains,
+    correction_step,
+    estimator_at_rest,
+    model_step,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode

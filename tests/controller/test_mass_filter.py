@@ -11,8 +11,7 @@ from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.interface.law import NO_LOOP_DELAY, History
 from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
-from steer_by_wire.controller.prediction.estimator import VehicleGains
-from steer_by_wire.controller.prediction.identification import (
+from steer_by_wire.controller.prediction.mass_filter import (
     AS_SET,
     MASS_RATIOS,
     NOISE_RAD2_S2,
@@ -22,6 +21,7 @@ from steer_by_wire.controller.prediction.identification import (
     mass_as_set,
     mass_to,
 )
+from steer_by_wire.controller.prediction.vehicle_estimator import VehicleGains
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 

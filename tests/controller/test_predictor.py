@@ -10,15 +10,6 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.interface.law import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
-from steer_by_wire.controller.prediction.estimator import (
-    STARTS_ANEW_AFTER,
-    EstimatorState,
-    VehicleGains,
-    command_from,
-    estimator_at_rest,
-    model_step,
-    start_estimate,
-)
 from steer_by_wire.controller.prediction.gains import (
     EstimatorSettings,
     Feedback,
@@ -27,6 +18,15 @@ from steer_by_wire.controller.prediction.gains import (
     together,
 )
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
+from steer_by_wire.controller.prediction.vehicle_estimator import (
+    STARTS_ANEW_AFTER,
+    EstimatorState,
+    VehicleGains,
+    command_from,
+    estimator_at_rest,
+    model_step,
+    start_estimate,
+)
 from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     augmented_matrix as emulator_matrix,
 )

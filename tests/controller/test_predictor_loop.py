@@ -10,16 +10,16 @@ from steer_by_wire.closed_loop.compiled.engine import BatchRun
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
-from steer_by_wire.controller.analysis.looking_back import Rig
+from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.predictor_loop import (
-    Answers,
     PredictorLoop,
+    Responses,
     stable_constant_delays,
 )
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from tests.support.straight_runs import PUSH, decay_1_s, run_straight
 
@@ -37,19 +37,19 @@ def controller(*overrides: str) -> ControllerSettings:
 def loop_of(
     overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float = 0.0, uplink_ns: int = 0
 ) -> PredictorLoop:
-    settings, rig = controller(*overrides), Rig(vehicle, lag_s, uplink_ns)
-    answers = answers_of(overrides)
+    settings, loop_model = controller(*overrides), LoopModel(vehicle, lag_s, uplink_ns)
+    responses = responses_of(overrides)
     return PredictorLoop(
         design_law(settings),
         settings.loop_delay,
-        rig,
-        answers=answers,
+        loop_model,
+        responses=responses,
     )
 
 
 @cache
-def answers_of(_overrides: tuple[str, ...]) -> Answers:
-    """What a law answers is the same around every vehicle."""
+def responses_of(_overrides: tuple[str, ...]) -> Responses:
+    """A law's responses are the same around every vehicle."""
     return {}
 
 
@@ -119,7 +119,7 @@ def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
     settings, vehicle = controller(), paper_box().nominal
     design, model = design_law(settings), steer_to_lateral_error(vehicle)
     classical = SampledLoop(design, model, settings.period_ns)
-    loop = PredictorLoop(design, settings.loop_delay, Rig(vehicle))
+    loop = PredictorLoop(design, settings.loop_delay, LoopModel(vehicle))
     for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
         expected = classical.closed_loop_poles(delay_ns)
         found = loop.closed_loop_poles(delay_ns)
@@ -161,7 +161,7 @@ def test_periods_without_a_common_multiple_are_refused() -> None:
         PredictorLoop(
             design_law(settings),
             settings.loop_delay,
-            Rig(paper_box().nominal),
+            LoopModel(paper_box().nominal),
         )
 
 

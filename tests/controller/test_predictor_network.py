@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
 from steer_by_wire.controller.interface.law import LawInput, LoopDelay
 from steer_by_wire.controller.laws import predictor as predictor_module
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings

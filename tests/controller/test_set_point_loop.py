@@ -8,11 +8,11 @@ import pytest
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
-from steer_by_wire.controller.analysis.looking_back import Rig
+from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.straight_runs import decay_1_s, run_straight
 
@@ -30,7 +30,7 @@ def loop_of(vehicle: NominalVehicle, *overrides: str) -> PredictorLoop:
     settings = preset(SET_POINT, overrides)
     design = design_law(settings)
     repeated = int(design.params.request_periods)
-    return PredictorLoop(design, settings.loop_delay, Rig(vehicle), 20 * MS, repeated)
+    return PredictorLoop(design, settings.loop_delay, LoopModel(vehicle), 20 * MS, repeated)
 
 
 # Where the slowest mode swings, close to the end of the stable delays: 416 ms at d, 421 ms at c.

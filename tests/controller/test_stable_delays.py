@@ -20,7 +20,7 @@ from steer_by_wire.controller.analysis.stable_delays import (
     stable_delays,
 )
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.laws.design import design_law, required
+from steer_by_wire.controller.laws.assembly import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset

@@ -9,8 +9,8 @@ from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.dbc.secoc.authentication import Authentication, nearest
-from steer_by_wire.dbc.secoc.frame import LAYOUTS, Refused
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
+from steer_by_wire.dbc.secoc.secured_frame import LAYOUTS, Refused
 from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from tests.support.authenticated_ends import (
     COMMAND,

@@ -23,7 +23,8 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.dbc.secoc.authentication import SECOC_DEFINITIONS
-from steer_by_wire.dbc.secoc.frame import (
+from steer_by_wire.dbc.secoc.key_file import cmac_maker
+from steer_by_wire.dbc.secoc.secured_frame import (
     DATA,
     LAYOUTS,
     LONG,
@@ -33,7 +34,6 @@ from steer_by_wire.dbc.secoc.frame import (
     is_secured,
     plain,
 )
-from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from tests.support.authenticated_ends import (

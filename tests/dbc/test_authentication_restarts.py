@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.challenges import KEPT
-from steer_by_wire.dbc.secoc.frame import Refused, plain
+from steer_by_wire.dbc.secoc.secured_frame import Refused, plain
 from steer_by_wire.runtime.frame import Frame
 from tests.support.authenticated_ends import (
     COMMAND,

@@ -11,8 +11,8 @@ import pytest
 
 from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, encode
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
+from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.runtime.settings import SettingsError
 
 pytestmark = pytest.mark.skipif(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from steer_by_wire.dbc.transport_protocol import LENGTH_MAX, segments
+from steer_by_wire.dbc.j1939_transport import LENGTH_MAX, segments
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 
 

@@ -42,9 +42,9 @@ from steer_by_wire.dbc.messages import (
     decode,
     resolutions,
 )
+from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, is_secured
-from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, is_secured
 from steer_by_wire.plant_emulator.node.node import RECEIVED as PLANT_RECEIVES
 from steer_by_wire.plant_emulator.node.node import SENT as PLANT_SENDS
 from steer_by_wire.plant_emulator.node.node import PlantNode

@@ -24,7 +24,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secoc.program import NOBODY
+from steer_by_wire.dbc.secoc.key_option import NOBODY
 from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.frame import Frame

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.dbc.messages import PlantStatus, encode
-from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode

@@ -13,8 +13,8 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
+from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT
 from steer_by_wire.runtime.frame import Frame
 
 KEY = bytes(range(16))

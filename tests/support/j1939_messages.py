@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from steer_by_wire.dbc.transport_protocol import LENGTH_MAX, segments
+from steer_by_wire.dbc.j1939_transport import LENGTH_MAX, segments
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 

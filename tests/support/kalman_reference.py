@@ -1,4 +1,4 @@
-"""The Kalman filter of ``controller.prediction.estimator`` in its reference form, by filterpy.
+"""The Kalman filter of ``prediction.vehicle_estimator`` in its reference form, by filterpy.
 
     x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
     z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)

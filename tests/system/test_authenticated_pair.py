@@ -24,10 +24,10 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
+from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.frame import CONTROLLER, PLANT, Refused, plain
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.dbc.secoc.node import AuthenticatedNode
+from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, Refused, plain
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,

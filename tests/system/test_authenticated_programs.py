@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.dbc.secoc.program import AUTHENTICATED, NOBODY
+from steer_by_wire.dbc.secoc.key_option import AUTHENTICATED, NOBODY
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame

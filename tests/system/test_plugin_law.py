@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
 from steer_by_wire.controller.laws import LawInput, plugin
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, Rejection, decode

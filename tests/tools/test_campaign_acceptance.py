@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.closed_loop.reports.terminal import Finding, finding_lines
 from steer_by_wire.controller.node.law_runner import LawRunner
-from steer_by_wire.controller.node.received import Received
+from steer_by_wire.controller.node.newest_messages import Received
 from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult
 from steer_by_wire.dbc.messages import Rejection
 from steer_by_wire.dbc.reception import Reception

@@ -7,7 +7,7 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
-from steer_by_wire.controller.laws.design import design_law, required
+from steer_by_wire.controller.laws.assembly import design_law, required
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings

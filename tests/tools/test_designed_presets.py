@@ -11,7 +11,7 @@ from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.laws import PAPER_LAWS
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.candidate import (

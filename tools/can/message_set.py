@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.foreign_messages import ListedMessage, read_message_set
-from ...dbc.transport_protocol import GAP_NS, announcement_id, data_id, packets, source_address
+from ...dbc.j1939_transport import GAP_NS, announcement_id, data_id, packets, source_address
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field

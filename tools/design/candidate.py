@@ -24,8 +24,8 @@ from ...controller.filters.settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from ...controller.interface.validity import ValiditySettings
-from ...controller.laws.design import LawDesign, design_law
+from ...controller.interface.designed_ranges import ValiditySettings
+from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.laws.pid import PidSettings
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.prediction.matrix_arithmetic import product
+from ...controller.prediction.matrices import product
 from ...runtime.array_types import FloatArray
 
 _SWEEPS_MAX = 50

@@ -17,7 +17,7 @@ from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.design import LawDesign, steady_steer
+from ...controller.laws.assembly import LawDesign, steady_steer
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.shapes import build_path

@@ -30,7 +30,7 @@ from scipy.linalg import matrix_balance, schur
 
 from ...controller.analysis.linear_system import held_plant, law_system, without_idle_states
 from ...controller.filters.transfer_function import Factor, TransferFunction
-from ...controller.laws.design import LawDesign
+from ...controller.laws.assembly import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 

@@ -11,7 +11,7 @@ from ...closed_loop.parameter_space.drawing import GAIN_LABELS, draw_curves, fil
 from ...closed_loop.parameter_space.gain_boundaries import Window
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.laws.design import design_law, required
+from ...controller.laws.assembly import design_law, required
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .candidate import pd_region, settled_region
 from .design import Design

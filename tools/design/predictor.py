@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.history.loop_delay import LinkSettings
-from ...controller.laws.design import design_law
+from ...controller.laws.assembly import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains import EstimatorSettings
 from ...controller.settings import ControllerSettings

@@ -13,10 +13,10 @@ import numpy as np
 
 from ...closed_loop.compiled.engine import Outcome, run_batch
 from ...closed_loop.compiled.schedule import Plan, plan_run
-from ...controller.analysis.looking_back import Rig
+from ...controller.analysis.loop_signals import LoopModel
 from ...controller.analysis.predictor_loop import PredictorLoop, linear
 from ...controller.filters.nominal_model import NominalVehicle
-from ...controller.laws.design import design_law
+from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
@@ -137,7 +137,7 @@ def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequen
         design_law(linear(settings)),
         settings.loop_delay,
     )
-    loops = [PredictorLoop(design, loop_delay, Rig(vehicle)) for vehicle in task.vehicles]
+    loops = [PredictorLoop(design, loop_delay, LoopModel(vehicle)) for vehicle in task.vehicles]
     return max(
         loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf
         for loop, delay_ns in product(loops, delays_ns)

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from ...closed_loop.parameter_space.d_stability import DStability, d_stability
-from ...controller.interface.limits import LimitSettings
+from ...controller.interface.steer_limits import LimitSettings
 from ...controller.laws import PAPER_LAWS
 from ...controller.laws.predictor import FALLBACK
 from ...controller.laws.settings import LawName

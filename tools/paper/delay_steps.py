@@ -21,8 +21,8 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.nominal_model import steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.interface.law import LawInput
-from ...controller.interface.limits import limit_step
-from ...controller.laws.design import design_law
+from ...controller.interface.steer_limits import limit_step
+from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.path.settings import StraightSettings
 from ...plant_emulator.settings import PlantSettings

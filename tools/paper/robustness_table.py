@@ -26,7 +26,7 @@ from ...controller.analysis.stable_delays import (
     stable_delays,
 )
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.design import design_law
+from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.node import NS_PER_MS
 from .corners import CORNERS, corner_labels, corner_plants

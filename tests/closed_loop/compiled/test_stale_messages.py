@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
 from steer_by_wire.closed_loop.compiled.wire_plan import plan_wire
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading
-from steer_by_wire.controller.laws.design import FADE_RAD_S, design_law
+from steer_by_wire.controller.laws.assembly import FADE_RAD_S, design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.run_figures import ControlSample
 from steer_by_wire.controller.settings import ControllerSettings

@@ -23,7 +23,7 @@ import numpy as np
 
 from steer_by_wire.closed_loop.compiled.compilation import compiled
 from steer_by_wire.controller.analysis.linear_system import LinearSystem, floats_of, law_system
-from steer_by_wire.controller.laws.design import design_law
+from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order

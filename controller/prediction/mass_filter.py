@@ -21,8 +21,8 @@ from math import sqrt
 from typing import NamedTuple
 
 from ..interface.law import History, LoopDelay
-from .estimator import VehicleGains
 from .regression import regressed
+from .vehicle_estimator import VehicleGains
 
 MASS_RATIOS = (0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 """Masses that there are gains for, as multiples of the settings'."""

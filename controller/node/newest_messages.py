@@ -1,7 +1,7 @@
 """The newest received value of each message, and whether it is fresh.
 
 The arrival time of a frame is stored once, by the check of its message's counters. The mode table,
-the law, the delay watch and CONTROLLER_SAFETY all use it.
+the law, the reported delay and CONTROLLER_SAFETY all use it.
 """
 
 from ...dbc.messages import (

@@ -11,16 +11,16 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ..interface.law import History, LawInput, LoopDelay, VehicleReading
-from ..laws.design import LawDesign
+from ..laws.assembly import LawDesign
 from .linear_system import filled, floats_of
-from .looking_back import Timing, rows_read_at
+from .loop_signals import Timing, rows_read_at
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000
 """Time after which a law's filter has settled."""
 
 
-def unit_answers(
+def unit_responses(
     design: LawDesign, params: Any, timing: Timing, tick: int, speed_m_s: float
 ) -> FloatArray:
     """Return the law's state and steer after a tick, by its state before and its input.
@@ -31,20 +31,20 @@ def unit_answers(
     rest = _settled_at_rest(design, params, wire, timing, tick)
     ticks, samples = rows_read_at(timing, tick)
     at_rest = own_floats(rest)
-    answers = [design.step(params, rest, wire.observed(tick))]
+    responses = [design.step(params, rest, wire.observed(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
-        answers.append(design.step(params, filled(rest, moved, float), wire.observed(tick)))
+        responses.append(design.step(params, filled(rest, moved, float), wire.observed(tick)))
     numbers = [(wire.sent_rad, number) for number in ticks]
     for sample in samples:
         numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
     for ring, number in numbers:
         ring[number % _RING] = 1.0
-        answers.append(design.step(params, rest, wire.observed(tick)))
+        responses.append(design.step(params, rest, wire.observed(tick)))
         ring[number % _RING] = 0.0
     if timing.samples_per_state:
-        answers.append(design.step(params, rest, wire.observed(tick, 1.0)))
-    rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in answers]
+        responses.append(design.step(params, rest, wire.observed(tick, 1.0)))
+    rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in responses]
     columns: FloatArray = np.array(rows) - np.array(rest_rows)
     return columns.T
 

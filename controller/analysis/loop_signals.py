@@ -5,7 +5,7 @@ commands act, which command the echo names, and what the controller has received
 the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands
 that are due, samples, the tick, and its command if there is no latency. The response of a tick is
 computed by
-``controller.analysis.unit_answers``.
+``controller.analysis.unit_responses``.
 
 Besides lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
 sends only with some of its samples. Between two of them the law uses the last one.
@@ -20,12 +20,12 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
 from ..history.loop_delay import LoopDelayParams
-from ..prediction.matrix_arithmetic import zero_order_hold
+from ..prediction.matrices import zero_order_hold
 
 BETA, R, PSI, Y, WHEEL = range(5)
 
 
-class Rig(NamedTuple):
+class LoopModel(NamedTuple):
     """The controlled system: a vehicle with an actuator, and its network.
 
     ``actuator_lag_s``  from the command to the wheel, first order; 0 for none [s]
@@ -173,7 +173,7 @@ class Signals:
             self._yaw_rates[self._sample] = self._vehicle[R].copy()
         self._sample += 1
 
-    def decide(self, answer: Callable[[Timing, int], FloatArray]) -> None:
+    def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:
         """Run the law's tick."""
         ticks, samples = rows_read_at(self._timing, self._tick)
         states = self._timing.states_known(self._tick, self._sample)[:1]
@@ -183,7 +183,7 @@ class Signals:
             *(row for sample in samples for row in self._errors[sample]),
             *(self._yaw_rates[sample] for sample in states),
         ]
-        after = answer(self._timing, self._tick) @ np.array(rows)
+        after = respond(self._timing, self._tick) @ np.array(rows)
         self._law, steer = after[:-1], after[-1]
         self._commands[self._tick] = steer
         self._steers.append(steer)
@@ -223,9 +223,9 @@ def rows_read_at(timing: Timing, tick: int) -> tuple[range, range]:
     return range(timing.applied_tick(known), tick), range(known, timing.newest_sample(tick) + 1)
 
 
-def continuous_rig(rig: Rig) -> tuple[FloatArray, FloatArray]:
+def continuous_model(loop_model: LoopModel) -> tuple[FloatArray, FloatArray]:
     """Return vehicle and actuator, SAE 2018-01-1086 (1), from the command."""
-    m, j, c_f, c_r, l_f, l_r, l_s, v = rig.vehicle
+    m, j, c_f, c_r, l_f, l_r, l_s, v = loop_model.vehicle
     a = np.zeros((5, 5))
     a[BETA, BETA] = -(c_r + c_f) / (m * v)
     a[BETA, R] = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
@@ -235,7 +235,7 @@ def continuous_rig(rig: Rig) -> tuple[FloatArray, FloatArray]:
     a[Y, BETA], a[Y, R], a[Y, PSI] = v, l_s, v
     a[BETA, WHEEL], a[R, WHEEL] = c_f / (m * v), c_f * l_f / j
     b = np.zeros(5)
-    if rig.actuator_lag_s == 0.0:
+    if loop_model.actuator_lag_s == 0.0:
         return a[:WHEEL, :WHEEL], a[:WHEEL, WHEEL]
-    a[WHEEL, WHEEL], b[WHEEL] = -1.0 / rig.actuator_lag_s, 1.0 / rig.actuator_lag_s
+    a[WHEEL, WHEEL], b[WHEEL] = -1.0 / loop_model.actuator_lag_s, 1.0 / loop_model.actuator_lag_s
     return a, b

@@ -4,7 +4,7 @@ Both are the sum of downlink and uplink latency, measured by the controller's ow
 
     echo       mean of (arrival of a STEERING_STATUS - sending of the command that it names)
                - control period/2
-    estimate   ``controller.delay_estimation.estimation``, without the echo
+    estimate   ``controller.delay_estimation.delay_estimator``, without the echo
 
 Half a period is subtracted because a command is in effect for a whole period, and the echo may be
 taken at any time in it. If the plant samples at the controller's rate, the echo is always taken at
@@ -20,9 +20,13 @@ from typing import Any
 
 from ...dbc.messages import DelayStatus, EchoState, EstimateState, limits
 from ...runtime.node import NS_PER_S
-from ..delay_estimation.estimation import DelayEstimationParams, DelayEstimator, delay_estimation_of
+from ..delay_estimation.delay_estimator import (
+    DelayEstimationParams,
+    DelayEstimator,
+    delay_estimation_of,
+)
 from ..settings import ControllerSettings
-from .received import Received
+from .newest_messages import Received
 
 _LIMITS = limits(DelayStatus)
 
@@ -58,7 +62,7 @@ class EchoDelay:
         return max(0.0, (self._mean_ns - self._half_period_ns) / NS_PER_S)
 
 
-class DelayWatch:
+class ReportedDelay:
     """Measures the delay in both ways: by ``echo`` and, unless ``params`` is None, by estimate."""
 
     def __init__(self, params: DelayEstimationParams | None, echo: EchoDelay) -> None:
@@ -137,10 +141,10 @@ class DelayWatch:
         }
 
 
-def delay_watch_of(settings: ControllerSettings) -> DelayWatch:
-    """Return the delay watch for the settings; no law uses it."""
+def reported_delay_of(settings: ControllerSettings) -> ReportedDelay:
+    """Return the two measurements that the settings ask for; no law uses them."""
     averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
-    return DelayWatch(
+    return ReportedDelay(
         delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),
         EchoDelay(settings.period_ns, averaging_ns, settings.age_limits.steering_status_ns),
     )

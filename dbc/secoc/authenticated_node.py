@@ -15,7 +15,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import N, View, Wrapper
 from ..messages import CAN_IDS
 from .authentication import Authentication
-from .frame import Refused
+from .secured_frame import Refused
 
 _OUR_IDS = frozenset(CAN_IDS.values())
 

@@ -38,7 +38,7 @@ from ...runtime.settings import Settings
 from ..filters.nominal_model import NominalVehicle
 from ..filters.settings import NominalModelSettings, VehicleModelSettings
 from ..interface.law import VehicleReading
-from .filters import (
+from .comparison_filters import (
     ERROR_WASHOUT_RAD_S,
     DelayFilters,
     FilterStates,

@@ -1,6 +1,6 @@
 """Writes ``generated_layout.py`` from the DBC beside it, to be run after a change of the DBC.
 
-python -m steer_by_wire.dbc.contract.generate
+python -m steer_by_wire.dbc.contract.layout_from_dbc
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from .dbc_file import layouts_of, load_database
 
 FILE = Path(__file__).with_name("generated_layout.py")
 
-_HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``contract.generate``."""
+_HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``contract.layout_from_dbc``."""
 
 from ..codec.layout import MessageLayout, SignalLayout
 

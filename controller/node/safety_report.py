@@ -27,8 +27,8 @@ from ...dbc.messages import (
 )
 from ...runtime.frame import Frame
 from ...runtime.record import new_record
-from ..interface.validity import ValiditySettings, request_of, validity_of
-from .received import SUPERVISED, Received
+from ..interface.designed_ranges import ValiditySettings, request_of, validity_of
+from .newest_messages import SUPERVISED, Received
 
 INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a 500 kbit/s bus, and 20 ms is a seventh of the 150 ms within

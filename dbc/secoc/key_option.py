@@ -17,7 +17,7 @@ from ...runtime.program.thresholds import Ending
 from ...runtime.recording.recording import fd_obstacle
 from ...runtime.settings import Settings, SettingsError
 from ..messages import CAN_IDS, Message
-from .frame import End, Refused
+from .secured_frame import End, Refused
 
 NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --key-file)"
 """Printed on start by a program without a key."""
@@ -66,8 +66,8 @@ def run_secured_node(
     if options.record is not None and (obstacle := fd_obstacle(options.record)):
         raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not at the top: they read the DBC once more, which classic CAN does not need.
+    from .authenticated_node import AuthenticatedNode
     from .key_file import open_authentication
-    from .node import AuthenticatedNode
 
     authentication = open_authentication(options.key_file, end)
     options.fd = True
