@@ -188,7 +188,7 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
         ),
         (
             own("plant.disturbance", "PUSHES", steps=[{"at_s": 1}]),
-            "steps and model exclude each ot",
+            "steps and model exclude each other",
         ),
     ],
 )

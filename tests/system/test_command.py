@@ -153,9 +153,12 @@ def test_what_installs_a_library_comes_from_the_distributions_metadata(
 
 
 def test_every_extra_that_is_named_anywhere_exists() -> None:
-    """In messages and documents; and nothing is installed by a name that no index has."""
+    """In pip's brackets or in words; and nothing is installed by a name that no index has."""
     known = set(metadata(DISTRIBUTION).get_all("Provides-Extra") or ())
-    folders = ("controller", "dbc", "docs", "examples", "runtime", "steer_by_wire", "tools")
+    folders = (
+        *("closed_loop", "controller", "dbc", "docs", "examples", "plant_emulator", "runtime"),
+        *("steer_by_wire", "tests", "tools"),
+    )
     files = [ROOT / "README.md"]
     files += [f for name in folders for f in (ROOT / name).rglob("*") if f.suffix in (".md", ".py")]
     named: dict[str, str] = {}
@@ -164,6 +167,7 @@ def test_every_extra_that_is_named_anywhere_exists() -> None:
         assert not re.search(rf"{DISTRIBUTION}\[[^]]*\](?! @ )", text), file
         for extras in re.findall(rf"(?:'\.|{DISTRIBUTION})\[([a-z0-9,_-]+)\](?:'| @ )", text):
             named |= dict.fromkeys(extras.split(","), file.name)
+        named |= dict.fromkeys(re.findall(r"\bextra `?([a-z0-9]+)[`)]", text), file.name)
     assert len(named) > 4
     assert not {extra: file for extra, file in named.items() if extra not in known}
 

@@ -107,7 +107,7 @@ def test_every_scenario_has_settings_that_both_programs_accept() -> None:
         ({"path": "a ditch"}, "the page: path"),
         ({"plant": "nosuch"}, "preset nosuch: there is none of this name"),
         ({"downlink": {"loss": 2.0}}, "the page: downlink.loss = 2.0"),
-        ({"speling": 1}, "the page: speling"),
+        ({"nosuch": 1}, "the page: nosuch"),
     ],
 )
 def test_a_bad_choice_is_refused_in_one_line(values: dict[str, object], line: str) -> None:
