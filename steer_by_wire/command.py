@@ -69,9 +69,8 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "faults": _tool("faults", "a thousand faulty runs, what detected each; inject, soak"),
         },
         "This machine": {
-            "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
+            "doctor": _tool("doctor", "what this machine has for CAN; which rate it can keep"),
             "with-vcan": _tool("vcan", "run a command with a real vcan0"),
-            "probe": _tool("doctor", "which rate this machine can keep", "measure"),
         },
     }
 )
@@ -87,6 +86,7 @@ FORMER: Mapping[str, str] = MappingProxyType(
         "bits": f"{NAME} can bits",
         "fuzz": "python -m tests.fuzz (in a checkout)",
         "inject": f"{NAME} faults inject",
+        "probe": f"{NAME} doctor --measure",
         "response-times": f"{NAME} can response-times",
         "soak": f"{NAME} faults soak",
     }

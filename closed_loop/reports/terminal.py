@@ -1,8 +1,6 @@
 """What programs show in a terminal."""
 
 from collections.abc import Sequence
-from types import MappingProxyType
-from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import (
@@ -39,31 +37,3 @@ def plain_table(texts: Sequence[str], numbers: Sequence[str], title: str | None 
     for heading in numbers:
         table.add_column(heading, justify="right", no_wrap=True)
     return table
-
-
-class Finding(NamedTuple):
-    """A property that was looked for, and the figure that shows it.
-
-    ``holds``   None where nothing could show it
-    ``advice``  what to do where it is wanted and does not hold; empty for nothing
-    """
-
-    what: str
-    holds: bool | None
-    figure: str
-    advice: str = ""
-
-
-HOLDS = MappingProxyType({True: "ok", False: "NO", None: "-"})
-"""What is printed for a finding."""
-
-
-def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return a line for each finding, with what to do below it."""
-    width = max(len(finding.what) for finding in findings)
-    lines = []
-    for what, holds, figure, advice in findings:
-        lines.append(f"{HOLDS[holds]:2} {what:{width}}  {figure}")
-        if advice:
-            lines.append(f"   {'':{width}}  do: {advice}")
-    return lines

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
-from steer_by_wire.closed_loop.reports.terminal import finding_lines
+from steer_by_wire.closed_loop.reports.findings import finding_lines
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.settings import Settings, load_settings

@@ -37,13 +37,14 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.delay_estimation_study.__main__": (".worker_pool",),
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": (".worker_pool",),
-    "tools.doctor.__main__": (".examine",),
+    "tools.doctor.__main__": (
+        "tools.doctor.checks.examine", "tools.doctor.measurement_report.measure",
+    ),
     "tools.faults.program": (
         ".execute", ".run_live_campaign", ".measure_residual",
     ),
     "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),
-    "tools.doctor.measure": (".probe",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.faults.live.soak": (".run_live_soak",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),

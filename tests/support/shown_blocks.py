@@ -32,7 +32,10 @@ LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
-    (r"^(bus|cockpit|monitor|probe|faults soak) ?|^stress .*--live", "goes on in real time"),
+    (
+        r"^(bus|cockpit|monitor|doctor --measure|faults soak) ?|^stress .*--live",
+        "goes on in real time",
+    ),
     (r"^faults inject (?!--list)|FOLDER|out/gains|out/stress", "needs something of the reader's"),
     (
         r"^(compare|delay-study|demo|design|faults(?! inject)|paper"

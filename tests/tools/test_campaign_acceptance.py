@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.reports.terminal import Finding, finding_lines
+from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.controller.node.law_runner import LawRunner
 from steer_by_wire.controller.node.newest_messages import Received
 from steer_by_wire.dbc.codec.protection import SequenceCheck, SequenceResult

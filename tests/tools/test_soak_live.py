@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
-from steer_by_wire.closed_loop.reports.terminal import Finding
+from steer_by_wire.closed_loop.reports.findings import Finding
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults.injection.babbling_node import GAPS, LOWEST_PRIORITY_IDS

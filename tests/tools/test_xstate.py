@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.doctor import __main__ as doctor_checks
+from steer_by_wire.tools.doctor import checks as doctor_checks
 from steer_by_wire.tools.vcan import uml, xstate
 from steer_by_wire.tools.vcan.request import BackendError
 
@@ -125,13 +125,13 @@ def test_doctor_reports_whether_the_library_is_needed(
     cpuinfo.write_text(content)
     monkeypatch.setattr(uml, "CPUS", cpuinfo)
     finding = doctor_checks.find_uml_library()
-    assert finding.ok
+    assert finding.holds
     assert not finding.advice
-    assert detail in finding.detail
+    assert detail in finding.figure
     xstate.library()
     kept = doctor_checks.find_uml_library()
-    assert kept.ok
-    assert (str(xstate.kept_file()) in kept.detail) is (content is AMX)
+    assert kept.holds
+    assert (str(xstate.kept_file()) in kept.figure) is (content is AMX)
 
 
 def test_doctor_reports_that_gcc_is_missing(
@@ -142,6 +142,6 @@ def test_doctor_reports_that_gcc_is_missing(
     monkeypatch.setattr(uml, "CPUS", cpuinfo)
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     finding = doctor_checks.find_uml_library()
-    assert not finding.ok
-    assert "no gcc" in finding.detail
+    assert not finding.holds
+    assert "no gcc" in finding.figure
     assert finding.advice == "sudo apt-get install gcc libc6-dev"

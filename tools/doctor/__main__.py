@@ -1,285 +1,83 @@
 """Check what this machine has for CAN and real time, and advise how to get what it lacks.
 
-    steer-by-wire doctor [--json]
+    steer-by-wire doctor [--json [FILE]]
+    steer-by-wire doctor --measure [-i INTERFACE -c CHANNEL] [--seconds SECONDS]
+
+``--measure`` measures how punctual the machine is, how fast its bus is, and which rate it can keep:
+as an ordinary program, and with the real-time rights that the host grants. Without ``-i`` the bus
+is chosen as the programs choose it; if that is the emulated bus and none is running, the doctor
+starts its own. On the bus it sends only its own requests and echoes, 0x7FE and 0x7FF, a hundred a
+second each. docs/real_time.md explains how to read the result.
 
 Exit status 0 whatever it finds: a machine without CAN is no mistake.
 """
 
 import argparse
 import json
-import platform
-import shutil
-import socket
-import subprocess
 import sys
-import time
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
-from itertools import pairwise
-from pathlib import Path
-from typing import NamedTuple
+from functools import partial
+from typing import Any
 
-from steer_by_wire.runtime.command_line import DISTRIBUTION, command_parser
-from steer_by_wire.runtime.port.python_can import (
-    BusError,
-    add_bus_arguments,
-    check_openable,
-    choose_bus,
-)
-from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
+from steer_by_wire.runtime.command_line import command_parser, seconds
+from steer_by_wire.runtime.port.python_can import add_bus_arguments
+from steer_by_wire.runtime.program.node_options import add_real_time_arguments
+from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, run_main
-from steer_by_wire.tools.vcan import xstate
-from steer_by_wire.tools.vcan.__main__ import backends
-from steer_by_wire.tools.vcan.request import Request, missing_programs
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.tools.doctor import checks
 
 NAME = "steer-by-wire doctor"
-DETECTION_TIMEOUT_S = 20.0
-"""Time limit for all adapters together: a driver that hangs must not hang us."""
-CLOCK_READINGS = 2000
-CLOCK_STEP_NS_MAX = 100_000
-"""A hundredth of a control period of 10 ms."""
-NO_ADAPTERS = ("virtual", "udp_multicast")
-"""What python-can always detects."""
-CHANNELS_SHOWN_MAX = 4
-CAN_UTILS = ("candump", "cansend", "cangen", "canplayer")
-LIBRARIES = ("python-can", "cantools", "numpy", "scipy", "pydantic")
-OPTIONAL_LIBRARIES = {"matplotlib": "tools", "rich": "tools", "msgpack": "multicast"}
-REAL_TIME_PRIORITY = 50
-"""The default of both programs."""
-
-_NETWORK_INTERFACES = Path("/sys/class/net")
-_ARPHRD_CAN = 280
-_DETECT = """
-import can, json
-print(json.dumps(list(can.detect_available_configs()), default=str))
-"""
-
-
-class Finding(NamedTuple):
-    """The answer to one question.
-
-    ``name``    what was checked
-    ``ok``      whether it is there; True as well for what is merely reported
-    ``detail``  what exactly
-    ``advice``  what to do when it is wanted; empty when there is nothing to do
-    """
-
-    name: str
-    ok: bool
-    detail: str
-    advice: str = ""
-
-
-class Section(NamedTuple):
-    """Findings that belong together."""
-
-    title: str
-    findings: tuple[Finding, ...]
-
-
-def examine() -> tuple[Section, ...]:
-    """Check everything; takes seconds, most of them for the adapters."""
-    return (
-        Section("software", (*_software(),)),
-        Section(
-            "CAN on this machine", (_kernel_can(), *_interfaces(), _programs(), find_adapters())
-        ),
-        Section("ways to a vcan0 (tools/with_vcan)", (*_ways_to_vcan(),)),
-        Section("the programs without -i", (_choice(),)),
-        Section("real time", (*_clocks(), *_rights())),
-    )
-
-
-def _software() -> list[Finding]:
-    extras = OPTIONAL_LIBRARIES.items()
-    return [
-        Finding("Python", True, f"{platform.python_version()} ({sys.executable})"),
-        Finding("system", True, platform.platform()),
-        _library(DISTRIBUTION, "pip install ."),
-        *(_library(name, f"pip install '{name}'") for name in LIBRARIES),
-        *(_library(name, f"pip install '.[{extra}]'") for name, extra in extras),
-    ]
-
-
-def _library(name: str, advice: str) -> Finding:
-    try:
-        return Finding(name, True, version(name))
-    except PackageNotFoundError:
-        return Finding(name, False, "not installed", advice)
-
-
-def _kernel_can() -> Finding:
-    name = "CAN in the kernel"
-    if sys.platform != "linux":
-        return Finding(name, False, "only Linux has it", "use an adapter, or the emulated bus")
-    try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except OSError as error:
-        advice = "sudo modprobe can-raw (on Ubuntu first: sudo apt-get install "
-        advice += "linux-modules-extra-$(uname -r)); or tools/with_vcan; or the emulated bus"
-        return Finding(name, False, f"socket(AF_CAN): {error.strerror}", advice)
-    return Finding(name, True, "socket(AF_CAN) opens")
-
-
-def _interfaces() -> list[Finding]:
-    findings = []
-    for folder in sorted(_NETWORK_INTERFACES.glob("*")):
-        try:
-            if int((folder / "type").read_text()) != _ARPHRD_CAN:
-                continue
-            is_up = bool(int((folder / "flags").read_text(), 16) & 1)
-        except (OSError, ValueError):
-            continue
-        up = f"sudo ip link set {folder.name} up"
-        name = f"interface {folder.name}"
-        findings.append(Finding(name, is_up, "up" if is_up else "down", "" if is_up else up))
-    if findings:
-        return findings
-    advice = "sudo modprobe vcan; sudo ip link add vcan0 type vcan; sudo ip link set vcan0 up"
-    return [Finding("CAN interfaces", False, "none", advice)]
-
-
-def _programs() -> Finding:
-    missing = missing_programs(CAN_UTILS)
-    if missing:
-        advice = "sudo apt-get install can-utils"
-        return Finding("can-utils", False, f"no {', '.join(missing)}", advice)
-    return Finding("can-utils", True, str(shutil.which(CAN_UTILS[0])))
-
-
-def find_adapters() -> Finding:
-    """Ask python-can in a process of its own: drivers may hang, print or crash."""
-    name = "adapters"
-    try:
-        asked = subprocess.run(
-            [sys.executable, "-P", "-c", _DETECT],
-            capture_output=True,
-            text=True,
-            timeout=DETECTION_TIMEOUT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-        found = json.loads(asked.stdout)
-    except subprocess.TimeoutExpired:
-        detail = f"python-can has not answered within {DETECTION_TIMEOUT_S:g} s"
-        return Finding(name, False, detail, "name the interface with -i and -c")
-    except ValueError:
-        return Finding(name, False, "python-can has failed", f"{sys.executable} -c {_DETECT!r}")
-    channels: dict[str, list[str]] = {}
-    for config in found:
-        channels.setdefault(config["interface"], []).append(str(config.get("channel", "")))
-    shown = [_shortened(kind, on) for kind, on in channels.items() if kind not in NO_ADAPTERS]
-    if any(kind not in (*NO_ADAPTERS, "serial") for kind in channels):
-        return Finding(name, True, "; ".join(shown))
-    detail = "; ".join(["python-can detects none", *shown])
-    return Finding(name, False, detail, "docs/interfaces.md names the drivers")
-
-
-def _shortened(interface: str, channels: Sequence[str]) -> str:
-    more = len(channels) - CHANNELS_SHOWN_MAX
-    shown = ", ".join(channels[:CHANNELS_SHOWN_MAX])
-    return f"{interface} {shown}" + (f" and {more} more" if more > 0 else "")
-
-
-def _ways_to_vcan() -> list[Finding]:
-    request = Request(("true",))
-    ways = []
-    for backend in backends():
-        obstacle = backend.obstacle(request)
-        ways.append(Finding(backend.name, not obstacle, obstacle or "possible"))
-    if not ways:
-        return [Finding("vcan0", False, "only on Linux", "use the emulated bus")]
-    if not any(way.ok for way in ways):
-        advice = "sudo apt-get install user-mode-linux kmod can-utils iproute2"
-        ways[-1] = ways[-1]._replace(advice=advice)
-    return [*ways, find_uml_library()]
-
-
-def find_uml_library() -> Finding:
-    """Check whether User Mode Linux needs its library here, and has it."""
-    from ..vcan import uml
-
-    name = "uml's library"
-    if not xstate.is_needed(uml.cpuinfo()):
-        return Finding(name, True, "not needed: a processor without AMX")
-    if xstate.is_kept():
-        return Finding(name, True, f"for processors with AMX: {xstate.kept_file()}")
-    if missing := xstate.obstacle():
-        return Finding(name, False, missing, f"sudo apt-get install {xstate.PACKAGES}")
-    text = f"for processors with AMX: {xstate.COMPILER} compiles it when needed"
-    return Finding(name, True, text)
-
-
-def _choice() -> Finding:
-    parser = argparse.ArgumentParser()
-    add_bus_arguments(parser)
-    try:
-        choice = choose_bus(parser.parse_args([]))
-        check_openable(choice)
-    except BusError as error:
-        return Finding("bus", False, str(error), "give -i and -c, or mend the configuration")
-    advice = "start steer-by-wire bus" if choice.interface == "emulated" else ""
-    return Finding("bus", True, f"{choice.name} ({choice.reason})", advice)
-
-
-def _clocks() -> list[Finding]:
-    info = time.get_clock_info("monotonic")
-    readings = [time.monotonic_ns() for _ in range(CLOCK_READINGS)]
-    steps_ns = sorted(after - before for before, after in pairwise(readings) if after > before)
-    if not steps_ns:
-        return [Finding("clock", False, f"stands still for {CLOCK_READINGS} readings")]
-    resolution_ns, step_ns = round(1e9 * info.resolution), steps_ns[len(steps_ns) // 2]
-    good = max(resolution_ns, step_ns) <= CLOCK_STEP_NS_MAX
-    detail = (
-        f"{info.implementation}, resolution {resolution_ns} ns, two readings {step_ns} ns apart"
-    )
-    advice = "" if good else "choose control periods of many such steps"
-    return [Finding("clock", good, detail, advice)]
-
-
-def _rights() -> list[Finding]:
-    """Request what the programs request; the memory lock stays until we end."""
-    advice = {
-        "real-time priority": "as root, or in /etc/security/limits.d: YOU - rtprio 99",
-        "memory lock": "as root, or in /etc/security/limits.d: YOU - memlock unlimited",
-    }
-    request = RealTimeRequest(priority=REAL_TIME_PRIORITY, lock_memory=True)
-    with real_time(request) as answers:
-        granted = list(answers)
-    return [Finding(*one, "" if one.got else advice.get(one.name, "")) for one in granted]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Examine and print; returns the exit status."""
-    return run_main(NAME, lambda: _examine(arguments))
+    """Examine or measure, and print; returns the exit status."""
+    parser = command_parser(NAME, __doc__, f"{NAME} --measure --json figures.json")
+    parser.add_argument(
+        "--json",
+        type=output_file,
+        nargs="?",
+        const=True,
+        metavar="FILE",
+        help="the results as JSON: in FILE too, or printed alone",
+    )
+    parser.add_argument("--measure", action="store_true", help="measure which rate it can keep")
+    group = parser.add_argument_group("with --measure")
+    group.add_argument(
+        "--seconds",
+        type=seconds,
+        default=1.0,
+        help="duration of each measurement (default: %(default)g)",
+    )
+    group.add_argument(
+        "--no-fast-socketcan",
+        dest="fast_socketcan",
+        action="store_false",
+        help="use python-can for SocketCAN too",
+    )
+    add_real_time_arguments(parser)
+    add_bus_arguments(parser)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
-def _examine(arguments: Sequence[str] | None) -> ExitStatus:
-    parser = command_parser(NAME, __doc__, NAME)
-    parser.add_argument("--json", action="store_true", help="print JSON for other programs")
-    options = parser.parse_args(arguments)
-    sections = examine()
-    print(as_json(sections) if options.json else as_text(sections))
+def _run(options: argparse.Namespace) -> int:
+    record: Any
+    if options.measure:
+        from steer_by_wire.tools.doctor import measurement_report  # needs rich, which may lack
+
+        measured = measurement_report.measure_with_progress(options, NAME)
+        record = measurement_report.record_of(measured)
+        show = partial(measurement_report.show, measured)
+    else:
+        sections = checks.examine()
+        record, show = checks.as_json(sections), partial(print, checks.as_text(sections))
+    if options.json is True:
+        print(json.dumps(record, indent=1))
+        return ExitStatus.OK
+    show()
+    if options.json is not None:
+        write_json(options.json, record)
     return ExitStatus.OK
-
-
-def as_json(sections: Sequence[Section]) -> str:
-    """Return the findings as one JSON object, by the titles of the sections."""
-    content = {one.title: [finding._asdict() for finding in one.findings] for one in sections}
-    return json.dumps(content, indent=1)
-
-
-def as_text(sections: Sequence[Section]) -> str:
-    """Return one line a finding, with what to do below it."""
-    width = max(len(finding.name) for section in sections for finding in section.findings)
-    lines = []
-    for section in sections:
-        lines += ["", section.title]
-        for name, ok, detail, advice in section.findings:
-            lines.append(f"  {'ok' if ok else 'no'} {name:{width}}  {detail}")
-            if advice:
-                lines.append(f"    {'':{width}}   do: {advice}")
-    return "\n".join(lines[1:])
 
 
 if __name__ == "__main__":

@@ -20,12 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from steer_by_wire.closed_loop.reports.terminal import (
-    Finding,
-    counting_bars,
-    finding_lines,
-    plain_console,
-)
+from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, whole_number
 from steer_by_wire.runtime.program.program import ExitStatus, run_main, say

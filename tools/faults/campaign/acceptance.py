@@ -14,7 +14,7 @@ import random
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from ....closed_loop.reports.terminal import Finding
+from ....closed_loop.reports.findings import Finding
 from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
 from ....dbc.messages import Mode as ControllerMode
 from ....runtime.frame import Frame

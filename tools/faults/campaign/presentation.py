@@ -4,8 +4,8 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
-from ....closed_loop.reports.terminal import HOLDS, Finding
 from .grouping import Comparison, Group, in_ms, in_percent
 from .scenario import GOLDEN, laws_of
 from .specification import CampaignSettings

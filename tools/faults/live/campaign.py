@@ -12,8 +12,8 @@ from rich.table import Table as TerminalTable
 
 from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....closed_loop.processes import ProcessError
+from ....closed_loop.reports.findings import Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number
-from ....closed_loop.reports.terminal import Finding
 from ....runtime.port.python_can import BusError
 from ....runtime.program.host import StealClock
 from ....runtime.program.report import write_json

@@ -21,7 +21,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from steer_by_wire.closed_loop.reports.terminal import Finding, finding_lines, plain_table
+from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
+from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, seconds
 from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings

@@ -22,7 +22,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 
 from ....closed_loop.pair_result import CONTROLLER, PLANT
-from ....closed_loop.reports.terminal import Finding
+from ....closed_loop.reports.findings import Finding
 from ....closed_loop.rest_bus_messages import traffic_of
 from ....dbc.messages import CAN_IDS, Mode, PlantStatus
 from ....runtime.bus_model.rest_bus import PeriodicMessage

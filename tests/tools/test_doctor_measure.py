@@ -1,4 +1,4 @@
-"""The host probe: its nodes, its rule and its report; never how fast this machine is."""
+"""``doctor --measure``: its nodes, its rule and its report; never how fast this machine is."""
 
 import json
 import signal
@@ -15,14 +15,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.runtime.program.host import HostAnswer, StealClock
-from steer_by_wire.tools.doctor.measure import (
-    is_kept,
-    judged,
-    rate_kept_hz,
-    record_of,
-    sentences,
-)
-from steer_by_wire.tools.doctor.probe import (
+from steer_by_wire.tools.doctor.measurement import (
     ECHO_ID,
     ORDINARY,
     PERIOD_NS,
@@ -31,9 +24,16 @@ from steer_by_wire.tools.doctor.probe import (
     REQUEST_ID,
     EchoNode,
     Measured,
-    Probe,
+    Measurement,
     RequestNode,
     RoundTrip,
+)
+from steer_by_wire.tools.doctor.measurement_report import (
+    is_kept,
+    judged,
+    rate_kept_hz,
+    record_of,
+    sentences,
 )
 from steer_by_wire.tools.doctor.wake_ups import (
     PRESET,
@@ -48,7 +48,7 @@ from steer_by_wire.tools.doctor.wake_ups import (
 from tests.support.running_program import PATIENCE_S
 
 ORDINARILY = ("--priority", "0", "--no-memory-lock")
-PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.doctor.measure")
+PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.doctor", "--measure")
 
 
 class Clock:
@@ -213,7 +213,9 @@ def measured(rights: str, **changes: Any) -> Measured:
 
 
 def test_what_was_refused_is_said_and_the_rule_with_the_verdict() -> None:
-    text = "\n".join(sentences(Probe("a bus", "AF_CAN", [measured(ORDINARY)], "priority (no)")))
+    text = "\n".join(
+        sentences(Measurement("a bus", "AF_CAN", [measured(ORDINARY)], "priority (no)"))
+    )
     assert "no measurement with real-time rights: priority (no)" in text
     assert "memory lock: refused, no" in text
     assert "rule: a rate is kept if" in text
@@ -222,7 +224,7 @@ def test_what_was_refused_is_said_and_the_rule_with_the_verdict() -> None:
 
 def test_a_round_trip_that_could_not_be_measured_says_why() -> None:
     silent = RoundTrip(summary(0, 0), summary(0, 0), 99, None)
-    probe = Probe(
+    probe = Measurement(
         "a bus",
         "AF_CAN",
         [
@@ -294,7 +296,7 @@ def test_an_interface_that_is_not_there_is_one_line_and_status_3() -> None:
     assert result.returncode == 3
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
-    assert line.startswith("steer-by-wire probe: error: cannot open socketcan nosuchcan0: ")
+    assert line.startswith("steer-by-wire doctor: error: cannot open socketcan nosuchcan0: ")
 
 
 def test_control_c_ends_it_with_one_line_and_status_130() -> None:
@@ -308,7 +310,7 @@ def test_control_c_ends_it_with_one_line_and_status_130() -> None:
         printed, complaint = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert printed == ""
-    assert complaint == "steer-by-wire probe: error: interrupted\n"
+    assert complaint == "steer-by-wire doctor: error: interrupted\n"
 
 
 @pytest.mark.vcan

@@ -1,8 +1,8 @@
-"""The whole probe: wake-ups at every rate and round trips, without rights and with them.
+"""Measures wake-ups at every rate and round trips, without rights and with them.
 
 A round trip is how long a frame takes to another program on the same bus, and its echo back. Both
 ends are nodes in the executor that the programs use, each in a process of its own. The two
-identifiers are the highest, so the probe has the lowest priority on a bus in use.
+identifiers are the highest, so the measurement has the lowest priority on a bus in use.
 """
 
 import argparse
@@ -152,7 +152,7 @@ def _obstacle(receiver: Connection) -> str:
 def _echo(
     options: argparse.Namespace, request: RealTimeRequest, seconds: float, sender: Connection
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the probe, which ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the doctor, which ends us
     stop = StopRequest()
     stop.end_at(time.monotonic_ns() + round(seconds * NS_PER_S))
     try:
@@ -185,7 +185,7 @@ class Measured(NamedTuple):
     obstacle: str
 
 
-class Probe(NamedTuple):
+class Measurement(NamedTuple):
     """The bus, and what was measured on it; ``refused`` is why nothing ran in real time."""
 
     bus: str
@@ -199,11 +199,11 @@ Report = Callable[[str], None]
 
 
 def steps(options: argparse.Namespace) -> int:
-    """Return how many measurements of ``options.seconds`` a probe has."""
+    """Return how many measurements of ``options.seconds`` there are."""
     return (1 + _wants_rights(options)) * (len(RATES_HZ) + 1)
 
 
-def probe(options: argparse.Namespace, report: Report) -> Probe:
+def measure(options: argparse.Namespace, report: Report) -> Measurement:
     """Measure; raises BusError when the bus cannot be opened or fails."""
     with _bus(options) as (bus, opened), shutting_down(opened.port):
         measured = [_measure(bus, opened, ORDINARY, RealTimeRequest(cpu=options.cpu), report)]
@@ -211,7 +211,7 @@ def probe(options: argparse.Namespace, report: Report) -> Probe:
         refused = _refusal(request) if _wants_rights(options) else "not asked for"
         if not refused:
             measured.append(_measure(bus, opened, REAL_TIME, request, report))
-        return Probe(opened.description, opened.driver, measured, refused)
+        return Measurement(opened.description, opened.driver, measured, refused)
 
 
 def _wants_rights(options: argparse.Namespace) -> bool:

@@ -1,18 +1,9 @@
-"""Measure how punctual this machine is, how fast its bus is, and which rate it can keep.
-
-    steer-by-wire probe [-i INTERFACE -c CHANNEL] [--seconds SECONDS] [--json FILE]
-
-Measures twice: as an ordinary program, and with the real-time rights that the host grants. Without
-``-i`` the bus is chosen as the programs choose it; if that is the emulated bus and none is running,
-the probe starts its own. On the bus it sends only its own requests and echoes, 0x7FE and 0x7FF, a
-hundred a second each. docs/real_time.md explains how to read the result.
-"""
+"""Which rate this machine can keep, by what was measured, as a table, sentences and JSON."""
 
 import argparse
 import platform
 import sys
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any
 
 from rich import box
@@ -20,64 +11,25 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from steer_by_wire.runtime.command_line import command_parser, seconds
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
-from steer_by_wire.runtime.port.python_can import add_bus_arguments
-from steer_by_wire.runtime.program.node_options import add_real_time_arguments
-from steer_by_wire.runtime.program.option_types import add_json_argument
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.tools.doctor.probe import REAL_TIME, Measured, Probe, RoundTrip, probe, steps
-from steer_by_wire.tools.doctor.wake_ups import Figures, WakeUps
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node.statistics import DurationSummary, durations_report
+from ...runtime.program.program import say
+from .measurement import REAL_TIME, Measured, Measurement, RoundTrip, measure, steps
+from .wake_ups import Figures, WakeUps
 
-NAME = "steer-by-wire probe"
 WIDTH_MIN = 95
 """Width of the table, whose figures are no use cut short."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the probe; returns the exit status, which does not depend on the verdict."""
-    parser = command_parser(NAME, __doc__, f"{NAME} --json probe.json")
-    parser.add_argument(
-        "--seconds",
-        type=seconds,
-        default=1.0,
-        help="duration of each measurement (default: %(default)g)",
-    )
-    add_json_argument(parser)
-    add_real_time_arguments(parser)
-    add_bus_arguments(parser)
-    parser.add_argument(
-        "--no-fast-socketcan",
-        dest="fast_socketcan",
-        action="store_false",
-        help="use python-can for SocketCAN too",
-    )
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+WIDTH_MIN = 95
+"""Width of the table, whose figures are no use cut short."""
 
 
-def _run(options: argparse.Namespace) -> int:
-    result = _probe_with_progress(options)
-    console = Console(markup=False, highlight=False)
-    console.width = max(console.width, WIDTH_MIN)
-    console.print(
-        f"bus: {result.bus}\n"
-        f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}",
-        soft_wrap=True,
-    )
-    console.print(table_of(result.measured))
-    for sentence in sentences(result):
-        console.print(sentence, soft_wrap=True)
-    if options.json is not None:
-        write_json(options.json, record_of(result))
-    return ExitStatus.OK
-
-
-def _probe_with_progress(options: argparse.Namespace) -> Probe:
+def measure_with_progress(options: argparse.Namespace, name: str) -> Measurement:
+    """Measure, and show how far it is; ``name`` of the program begins its lines."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        return probe(options, lambda what: say(NAME, what, sys.stderr))
+        return measure(options, lambda what: say(name, what, sys.stderr))
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("opening the bus", total=steps(options))
@@ -88,7 +40,21 @@ def _probe_with_progress(options: argparse.Namespace) -> Probe:
             progress.update(task, description=what, advance=int(begun))
             begun = True
 
-        return probe(options, report)
+        return measure(options, report)
+
+
+def show(measured: Measurement) -> None:
+    """Print the table, and what it means."""
+    console = Console(markup=False, highlight=False)
+    console.width = max(console.width, WIDTH_MIN)
+    console.print(
+        f"bus: {measured.bus}\n"
+        f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}",
+        soft_wrap=True,
+    )
+    console.print(table_of(measured.measured))
+    for sentence in sentences(measured):
+        console.print(sentence, soft_wrap=True)
 
 
 LATENESS_SHARE_MAX = 0.1
@@ -164,30 +130,30 @@ def table_of(measured: Sequence[Measured]) -> Table:
     return table
 
 
-def sentences(probe: Probe) -> Iterator[str]:
+def sentences(measurement: Measurement) -> Iterator[str]:
     """Return the rest for people, line by line; the verdict is last."""
-    for measured in probe.measured:
+    for measured in measurement.measured:
         if measured.obstacle:
             yield f"no round trip, {measured.rights}: {measured.obstacle}"
         elif measured.round_trip is not None and not measured.round_trip.everything.samples:
             yield f"no echo, {measured.rights}: is there anybody to acknowledge frames?"
-    if probe.refused:
-        yield f"no measurement with real-time rights: {probe.refused}"
-    for answer in probe.measured[-1].answers:
+    if measurement.refused:
+        yield f"no measurement with real-time rights: {measurement.refused}"
+    for answer in measurement.measured[-1].answers:
         yield f"{answer.name}: {'' if answer.got else 'refused, '}{answer.detail}"
     yield f"rule: {RULE}"
-    for measured in probe.measured:
+    for measured in measurement.measured:
         yield f"verdict, {measured.rights}: {_verdict(measured)}"
 
 
-def record_of(probe: Probe) -> dict[str, Any]:
+def record_of(measurement: Measurement) -> dict[str, Any]:
     """Return everything for JSON, times in seconds."""
     return {
-        "bus": probe.bus,
-        "driver": probe.driver,
-        "real_time_refused": probe.refused or None,
+        "bus": measurement.bus,
+        "driver": measurement.driver,
+        "real_time_refused": measurement.refused or None,
         "rule": RULE,
-        "measured": [_measured_record(measured) for measured in probe.measured],
+        "measured": [_measured_record(measured) for measured in measurement.measured],
     }
 
 
@@ -257,7 +223,3 @@ def _milliseconds(duration_ns: int) -> str:
 
 def _percent(fraction: float | None) -> str:
     return "unknown" if fraction is None else f"{100 * fraction:.1f} %"
-
-
-if __name__ == "__main__":
-    sys.exit(main())
