@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.measurement import REPETITIONS, Line, Measured, Target
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
@@ -65,7 +65,7 @@ def measure(options: argparse.Namespace) -> Measured:
 def lines_of_network(name: str) -> list[Line]:
     """Time runs on a network, with and without the compiler's freedom in arithmetic, in turns."""
     plant, controller = pair_settings(NETWORKS[name])
-    plan = plan_run(plant, controller)
+    plan = schedule_run(plant, controller)
     batch = partial(run_batch, plant, controller, plan)
     fastmath = partial(run_batch, plant, controller, plan, fastmath=True)
     batch()
@@ -74,7 +74,7 @@ def lines_of_network(name: str) -> list[Line]:
     batch_us, fastmath_us = map(list, zip(*pairs, strict=True))
     rates = [1e6 / each_us for each_us in batch_us]
     ratios = [fast_us / each_us for each_us, fast_us in pairs]
-    planning_us = [_each_us(partial(plan_run, plant, controller), 5)]
+    planning_us = [_each_us(partial(schedule_run, plant, controller), 5)]
     return [
         Line(f"batch, {name}", "µs/run", batch_us, batch_us),
         Line(f"batch, one thread, {name}", "runs/s", rates, batch_us, Target(False, 1700.0)),
@@ -86,7 +86,7 @@ def lines_of_network(name: str) -> list[Line]:
 def line_of_virtual_time() -> Line:
     """Compare the nodes in virtual time with compiled runs."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    batch = partial(run_batch, plant, controller, plan_run(plant, controller))
+    batch = partial(run_batch, plant, controller, schedule_run(plant, controller))
     nodes_us = _each_us(partial(run_virtual_pair, plant, controller, None), 1)
     ratio = nodes_us / _each_us(batch, RUNS)
     return Line("the nodes in virtual time / batch", "1", [ratio], [nodes_us])
@@ -95,7 +95,7 @@ def line_of_virtual_time() -> Line:
 def line_of_threads() -> Line:
     """Compare two threads with one, turn by turn."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan = plan_run(plant, controller)
+    plan = schedule_run(plant, controller)
 
     def some_runs(count: int) -> None:
         for _ in range(count):
@@ -118,7 +118,7 @@ def line_of_threads() -> Line:
 def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[str, list[float]]:
     """Return the time of so many runs of a minute, and of ten runs of such lengths [s]: medians."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan = plan_run(plant, controller)
+    plan = schedule_run(plant, controller)
     by_count = [
         1e-6 * _median_us(lambda: run_batch(plant, controller, plan), count) * count
         for count in counts
@@ -126,7 +126,7 @@ def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[s
     by_length = []
     for length_s in lengths_s:
         longer, _ = pair_settings(NETWORKS["80 ms"], length_s)
-        its = plan_run(longer, controller)
+        its = schedule_run(longer, controller)
         each_us = _median_us(partial(run_batch, longer, controller, its), 10)
         by_length.append(1e-5 * each_us)
     return {"by_count": by_count, "by_length": by_length}

@@ -92,10 +92,10 @@ class ControllerTable(NamedTuple):
         """Collect what a compiled run has."""
         ticks = len(batch.tick_s)
         mode = np.zeros(ticks, dtype=np.int64)
-        for segment in batch.plan.segments:
+        for segment in batch.schedule.segments:
             mode[segment.first_tick : segment.last_tick] = segment.mode
         law_rad, *estimates = batch.law_output.T.copy()
-        since_start_ns = batch.plan.tick_ns[:ticks] - batch.plan.motion_start_ns
+        since_start_ns = batch.schedule.tick_ns[:ticks] - batch.schedule.motion_start_ns
         unknown = np.full(ticks, np.nan)
         return cls(
             np.multiply(since_start_ns, 1e-9),

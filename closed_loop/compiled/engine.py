@@ -15,24 +15,39 @@ import numpy as np
 from ...controller.interface.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
+from ...plant_emulator.path.cg_deviation import deviation_behind_m
+from ...plant_emulator.path.path import Path, Pose
+from ...plant_emulator.path.settings import PathSettings
+from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
-from ...plant_emulator.vehicle.motion_parameters import MotionParams
+from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
+from ...plant_emulator.vehicle.motion_parameters import MotionParams, design_motion_arrays
+from ...plant_emulator.vehicle.settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    VehicleSettings,
+)
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError
-from .compilation import compiled_fastmath
+from .compilation import compiled, compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
-from .law_input import Uplink, Wire, on_wire
+from .law_input import Inbox, Uplink, quantised
 from .loop import COMPLETE, LAW_FAILED, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
-from .motion import cg_deviations_m, compiled_motion
-from .schedule import Plan, arrivals_of, plan_run
-from .wire_plan import plan_wire, speed_on_wire
+from .schedule import RunSchedule, arrivals_of, inbox_of, quantised_speed_m_s, schedule_run
 
 _guard = lru_cache(maxsize=256)(design_guard)
 """Kept for the next run with the same rig."""
+
+_MOTIONS_KEPT = 32
+"""Motions cached for the next run with the same rig: about 2 MB each."""
+_INTERVAL = np.dtype(
+    [("start_ns", np.int64), *((name, np.float64) for name in DisturbanceInterval._fields[1:])]
+)
+_POSE = np.dtype([(name, np.float64) for name in Pose._fields])
 
 
 class FaultsNotCompiledError(SettingsError):
@@ -61,9 +76,9 @@ class BatchRun(NamedTuple):
 
     Arrays of shape (samples,), as ``plant_emulator.evaluation.run_record.PlantSample``. Of shape
     (ticks,) or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in
-    the order of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in
-    effect, -1 before the first. ``played_rad`` is what a plan of the law lets act from a sample on,
-    NaN where none does; None for a law that does not plan.
+    the order of ``controller.laws.LawOutput``. ``command`` is the index in the schedule of the
+    command in effect, -1 before the first. ``played_rad`` is what a plan of the law lets act from a
+    sample on, NaN where none does; None for a law that does not plan.
     """
 
     outcome: Outcome
@@ -78,14 +93,14 @@ class BatchRun(NamedTuple):
     sent_rad: FloatArray
     law_output: FloatArray
     played_rad: FloatArray | None
-    plan: Plan
+    schedule: RunSchedule
     motion: MotionParams
 
     @property
     def arc_length_m(self) -> FloatArray:
         """Where on the path each sample was taken."""
-        first = len(self.plan.motion_ns) - len(self.plan.time_s)
-        motion_ns = self.plan.motion_ns[first : first + len(self.time_s)]
+        first = len(self.schedule.motion_ns) - len(self.schedule.time_s)
+        motion_ns = self.schedule.motion_ns[first : first + len(self.time_s)]
         return np.asarray(self.motion.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
 
     @property
@@ -106,24 +121,24 @@ class BatchRun(NamedTuple):
     def command_rad(self) -> FloatArray:
         """The command in effect at each sample, as on the wire; NaN before the first."""
         resolution_rad = resolutions(SteeringCommand)["steer_rad"]
-        sent_at = self.plan.command_tick[self.command[self.command >= 0]]
-        on_wire_rad = np.full(len(self.command), np.nan)
+        sent_at = self.schedule.command_tick[self.command[self.command >= 0]]
+        command_rad = np.full(len(self.command), np.nan)
         raw = np.rint(self.sent_rad[sent_at] / resolution_rad)
-        on_wire_rad[self.command >= 0] = raw * resolution_rad
+        command_rad[self.command >= 0] = raw * resolution_rad
         if self.played_rad is not None:
             # The last value played stays in effect until another command does.
             is_played = np.isfinite(self.played_rad)
             last = np.maximum.accumulate(np.where(is_played, np.arange(len(is_played)), 0))
             is_planned = is_played[last] & (self.command[last] == self.command)
-            on_wire_rad[is_planned] = self.played_rad[last][is_planned]
-        return on_wire_rad
+            command_rad[is_planned] = self.played_rad[last][is_planned]
+        return command_rad
 
     @property
     def downlink_latency_s(self) -> FloatArray:
         """Latency of that command; NaN before the first."""
         latency_s = np.full(len(self.command), np.nan)
         in_effect = self.command[self.command >= 0]
-        latency_s[self.command >= 0] = self.plan.command_latency_ns[in_effect] * 1e-9
+        latency_s[self.command >= 0] = self.schedule.command_latency_ns[in_effect] * 1e-9
         return latency_s
 
     @property
@@ -136,13 +151,13 @@ class BatchRun(NamedTuple):
 def run_batch(
     plant: PlantSettings,
     controller: ControllerSettings,
-    plan: Plan | None = None,
+    schedule: RunSchedule | None = None,
     *,
     fastmath: bool = False,
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 
-    ``plan``      made from the same settings; runs that differ in law, vehicle or path only may
+    ``schedule``  made from the same settings; runs that differ in law, vehicle or path only may
                   share it
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
@@ -163,46 +178,46 @@ def run_batch(
         )
     law = compiled_law(controller, fastmath=fastmath)
     design = law.design
-    plan = plan_run(plant, controller) if plan is None else plan
+    schedule = schedule_run(plant, controller) if schedule is None else schedule
     motion = compiled_motion(plant)
-    wire = plan_wire(plant, controller, plan, motion) if design.looks_back else None
-    records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
-    schedule = Schedule(*plan[:6])
-    world = (motion, _constants(plant, controller, plan), schedule, records, wire)
+    inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
+    records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
+    instants = Schedule(*schedule[:6])
+    world = (motion, _constants(plant, controller, schedule), instants, records, inbox)
     run = _FASTMATH if fastmath else run_segment
     samples, ticks, code = _run(
-        run, law, world, plan, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
+        run, law, world, schedule, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
     )
-    played_rad = None if wire is None or design.plan is None else wire.played_rad
-    return _collected(plan, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
+    played_rad = None if inbox is None or design.plan is None else inbox.played_rad
+    return _collected(schedule, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
 
 def _run(
     run: Any,
     law: CompiledLaw,
-    world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
-    plan: Plan,
+    world: tuple[MotionParams, Constants, Schedule, Records, Inbox | None],
+    schedule: RunSchedule,
     plant: PlantSettings,
     *,
     is_own: bool,
 ) -> tuple[int, int, int]:
-    """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
+    """Run all segments; returns the samples taken, the ticks done, and how the run ended."""
     motion, constants, _, records, _ = world
     design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
-    speed_m_s = 0.0 if design.params_at is None else speed_on_wire(motion.speed_m_s)
+    speed_m_s = 0.0 if design.params_at is None else quantised_speed_m_s(motion.speed_m_s)
     params, memory = law.params_at(speed_m_s), memory_of(law.memory)
     state, state_at = memory.array["state"], memory.address + KEPT_BYTES
     code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
-    segments = plan.segments if len(plan.tick_ns) else ()
+    segments = schedule.segments if len(schedule.tick_ns) else ()
     before, is_start = Mode.WAITING, True
     if not plant.start_on_first_command:
         segments = (Segment(int(Mode.WAITING), 0, 0, False), *segments)
     for segment in segments:
         if segment.mode == Mode.ACTIVE:
-            sample = plan.tick_sample[segment.first_tick]
+            sample = schedule.tick_sample[segment.first_tick]
             if is_start:  # A vehicle that stands on its path; the sensor reads noise alone.
-                error_m = on_wire(plan.noise_m[sample], constants.lateral_error_resolution_m)
+                error_m = quantised(schedule.noise_m[sample], constants.lateral_error_resolution_m)
             else:
                 error_m = float(records.measured_m[sample])
             if before is Mode.HOLDING and design.recovered_state is not None:
@@ -212,7 +227,7 @@ def _run(
                 state[...] = design.initial_state(error_m)
         before = Mode(segment.mode)
         try:
-            samples, ticks, outcome = run(code, *world, segment, is_start, plan.end_ns)
+            samples, ticks, outcome = run(code, *world, segment, is_start, schedule.end_ns)
         except Exception:
             if not is_own:
                 raise
@@ -229,9 +244,11 @@ def _filled(column: FloatArray) -> int:
     return int(np.count_nonzero(np.isfinite(column)))
 
 
-def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
+def _constants(
+    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+) -> Constants:
     table = None if controller.law_record.schedules_demand else controller.validity
-    share = share_of_demand(table, speed_on_wire(plant.vehicle.speed_m_s))
+    share = share_of_demand(table, quantised_speed_m_s(plant.vehicle.speed_m_s))
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,
@@ -239,21 +256,23 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
         lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
         lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
         steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
-        motion_start_ns=plan.motion_start_ns,
+        motion_start_ns=schedule.motion_start_ns,
         share=share,
-        share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, plan),
+        share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),
     )
 
 
-def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> int:
+def _speed_known_ns(
+    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+) -> int:
     rule = controller.counters
-    samples, start_ns = len(plan.sample_ns), plan.motion_start_ns
+    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
     arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns
     return int(arrivals.min(initial=NEVER_NS))
 
 
 def _collected(
-    plan: Plan,
+    schedule: RunSchedule,
     motion: MotionParams,
     r: Records,
     played_rad: FloatArray | None,
@@ -261,21 +280,81 @@ def _collected(
     ticks: int,
     outcome: Outcome,
 ) -> BatchRun:
-    first = len(plan.sample_ns) - len(plan.time_s)
+    first = len(schedule.sample_ns) - len(schedule.time_s)
     window = slice(first, samples)
     return BatchRun(
         outcome=outcome,
-        time_s=plan.time_s[: samples - first],
+        time_s=schedule.time_s[: samples - first],
         lateral_error_m=r.lateral_error_m[window],
         heading_error_rad=r.heading_error_rad[window],
         yaw_rate_rad_s=r.yaw_rate_rad_s[window],
         wheel_angle_rad=r.wheel_angle_rad[window],
         curvature_1_m=r.curvature_1_m[window],
         command=r.command[window],
-        tick_s=plan.tick_s[:ticks],
+        tick_s=schedule.tick_s[:ticks],
         sent_rad=r.sent_rad[:ticks],
         law_output=r.law_output[:ticks],
         played_rad=None if played_rad is None else played_rad[window],
-        plan=plan,
+        schedule=schedule,
         motion=motion,
     )
+
+
+def compiled_motion(plant: PlantSettings) -> MotionParams:
+    """Return the parameters of ``motion_params``; equal rigs share one."""
+    return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
+
+
+@lru_cache(maxsize=_MOTIONS_KEPT)
+def _designed(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: PathSettings,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
+    params = design_motion_arrays(vehicle, actuator, _road(path), disturbance)
+    intervals = np.array([tuple(interval) for interval in params.intervals], dtype=_INTERVAL)
+    arrays: dict[str, Any] = {"intervals": intervals}
+    return params._replace(**arrays)
+
+
+@lru_cache(maxsize=_MOTIONS_KEPT)
+def _road(settings: PathSettings) -> Path:
+    path = build_path(settings)
+    arrays: dict[str, Any] = {
+        name: np.array(getattr(path, name))
+        for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
+    }
+    arrays["pose"] = np.array([tuple(pose) for pose in path.pose], dtype=_POSE)
+    return path._replace(**arrays)
+
+
+@compiled
+def cg_deviations_m(
+    path: Any, arc_length_m: Any, heading_error_rad: Any, lateral_error_m: Any, preview_m: float
+) -> Any:
+    """Return ``path.cg_deviation.cg_deviation_m`` of every sample, shape (samples,)."""
+    deviations_m = np.empty(len(arc_length_m))
+    for sample in range(len(arc_length_m)):
+        piece, along_m = _located(path, arc_length_m[sample])
+        end_piece, end_along_m = _located(path, arc_length_m[sample] - preview_m)
+        deviations_m[sample] = deviation_behind_m(
+            path,
+            piece,
+            along_m,
+            end_piece,
+            end_along_m,
+            heading_error_rad[sample],
+            lateral_error_m[sample],
+            preview_m,
+        )
+    return deviations_m
+
+
+@compiled
+def _located(path: Any, arc_length_m: Any) -> Any:
+    """Return the piece that holds a point, and the point's distance from the piece's start [m]."""
+    lap = arc_length_m // path.length_m if path.closed else 0.0
+    in_lap_m = arc_length_m - lap * path.length_m
+    piece = max(np.searchsorted(path.start_m, in_lap_m, "right") - 1, 0)
+    return piece, in_lap_m - path.start_m[piece]

@@ -17,8 +17,8 @@ from ...runtime.settings import SettingsError
 from .compilation import compiled_anew, compiled_fastmath, compiled_inside
 from .law_input import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
+from .schedule import empty_rings
 from .steps import law_plan, law_step, register_law, register_steps
-from .wire_plan import empty_rings
 
 _numba: Any = numba
 """Untyped, as numba has no types for some of it."""

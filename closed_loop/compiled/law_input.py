@@ -1,8 +1,8 @@
 """The input of a law that looks back in a compiled run, tick by tick, besides the newest error.
 
-Most laws read only the newest error and their last command: their wire is None, which costs
-nothing. For a law that looks back, the messages of each sample are recorded when it is taken, and
-passed in order of arrival (``closed_loop.compiled.wire_plan``) to the steps of
+Most laws read only the newest error and their last command: their inbox is None, which
+costs nothing. For a law that looks back, the messages of each sample are recorded when it is taken,
+and passed in their order of arrival (``closed_loop.compiled.schedule``) to the steps of
 ``controller.history.history``.
 """
 
@@ -57,14 +57,14 @@ class Uplink(IntEnum):
 _LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _ = map(int, Uplink)
 
 
-class Wire(NamedTuple):
+class Inbox(NamedTuple):
     """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
 
     ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
-    ``measured_*``      as on the wire, like ``wheel_rad``; written during the run
+    ``measured_*``      as on the inbox, like ``wheel_rad``; written during the run
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
-    ``buffer``          the plan that the plant plays, as on the wire: values of its row
+    ``buffer``          the plan that the plant plays, as on the inbox: values of its row
     ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
     ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
     """
@@ -99,7 +99,7 @@ class Wire(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What the controller knows of the wire.
+    """What the controller has received.
 
     ``arrivals``    messages that have arrived so far
     ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
@@ -127,7 +127,7 @@ NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
 @compiled_inline
-def on_wire(value: float, resolution: float) -> float:
+def quantised(value: float, resolution: float) -> float:
     """Return a value as a signal carries it: ``round(value / resolution) * resolution``.
 
     It is rounded as a float, because converting to an integer and back costs more than the law.
@@ -136,8 +136,8 @@ def on_wire(value: float, resolution: float) -> float:
     return float((np.rint(value / resolution) + 0.0) * resolution)
 
 
-def _choosing(with_wire: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
-    """Return a function for compiled code: ``with_wire``, or a constant where the wire is None."""
+def _choosing(with_inbox: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
+    """Return a function for compiled code: ``with_inbox``, or a constant without an inbox."""
 
     def chosen(*_: Any) -> Any:
         raise NotImplementedError("for compiled code")
@@ -145,8 +145,8 @@ def _choosing(with_wire: Callable[..., Any], without: Any = None) -> Callable[..
     def constant(*_: Any) -> Any:
         return without
 
-    def of_type(wire: Any, *_: Any) -> Callable[..., Any]:
-        return constant if isinstance(wire, types.NoneType) else with_wire
+    def of_type(inbox: Any, *_: Any) -> Callable[..., Any]:
+        return constant if isinstance(inbox, types.NoneType) else with_inbox
 
     overload(chosen, strict=False, jit_options={"forceinline": True})(of_type)
     return chosen
@@ -163,114 +163,120 @@ def _in_one_turn(angle_rad: float) -> float:
     return rest_rad
 
 
-def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
+def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> None:
     _, yaw_rate_rad_s, heading_rad, _, wheel_rad, _, curvature_1_m, _, _, _ = z
-    heading_rad = _in_one_turn(heading_rad + w.heading_noise_rad[sample])
-    yaw_rate_rad_s = yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
-    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -w.yaw_rate_rad_s_max), w.yaw_rate_rad_s_max)
-    curvature_1_m = min(max(curvature_1_m, -w.curvature_1_m_max), w.curvature_1_m_max)
-    wheel_rad = min(max(wheel_rad, -w.wheel_rad_max), w.wheel_rad_max)
-    w.measured_heading_rad[sample] = on_wire(heading_rad, w.heading_resolution_rad)
-    w.measured_yaw_rate_rad_s[sample] = on_wire(yaw_rate_rad_s, w.yaw_rate_resolution_rad_s)
-    w.measured_curvature_1_m[sample] = on_wire(curvature_1_m, w.curvature_resolution_1_m)
-    w.wheel_rad[sample] = on_wire(wheel_rad, w.wheel_resolution_rad)
-    w.status[sample] = status_of(guard, False)
+    heading_rad = _in_one_turn(heading_rad + inbox.heading_noise_rad[sample])
+    yaw_rate_rad_s = yaw_rate_rad_s + inbox.yaw_rate_noise_rad_s[sample]
+    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -inbox.yaw_rate_rad_s_max), inbox.yaw_rate_rad_s_max)
+    curvature_1_m = min(max(curvature_1_m, -inbox.curvature_1_m_max), inbox.curvature_1_m_max)
+    wheel_rad = min(max(wheel_rad, -inbox.wheel_rad_max), inbox.wheel_rad_max)
+    inbox.measured_heading_rad[sample] = quantised(heading_rad, inbox.heading_resolution_rad)
+    inbox.measured_yaw_rate_rad_s[sample] = quantised(
+        yaw_rate_rad_s, inbox.yaw_rate_resolution_rad_s
+    )
+    inbox.measured_curvature_1_m[sample] = quantised(curvature_1_m, inbox.curvature_resolution_1_m)
+    inbox.wheel_rad[sample] = quantised(wheel_rad, inbox.wheel_resolution_rad)
+    inbox.status[sample] = status_of(guard, False)
 
 
-def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
+def _take_arrivals(inbox: Inbox, x: Known, s: Any, r: Any, now_ns: int) -> Known:
     arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
-    params, rings = w.params, w.rings
-    while arrivals < len(w.arrival_ns) and w.arrival_ns[arrivals] <= now_ns:
-        came_ns, sample = w.arrival_ns[arrivals], w.arrival_sample[arrivals]
-        message, counter = w.arrival_message[arrivals], sample % COUNTERS
+    params, rings = inbox.params, inbox.rings
+    while arrivals < len(inbox.arrival_ns) and inbox.arrival_ns[arrivals] <= now_ns:
+        came_ns, sample = inbox.arrival_ns[arrivals], inbox.arrival_sample[arrivals]
+        message, counter = inbox.arrival_message[arrivals], sample % COUNTERS
         if message == _LATERAL_ERROR:
-            error_m, heading_rad = r.measured_m[sample], w.measured_heading_rad[sample]
+            error_m, heading_rad = r.measured_m[sample], inbox.measured_heading_rad[sample]
             errors = error_step(
                 params, rings, errors, echoes, counter, error_m, heading_rad, came_ns
             )
         elif message == _STEERING_STATUS:
             command = r.command[sample]
             applied = s.command_tick[command] % COMMAND_COUNTERS if command >= 0 else 0
-            code, wheel_rad = w.status[sample], w.wheel_rad[sample]
+            code, wheel_rad = inbox.status[sample], inbox.wheel_rad[sample]
             echoes = echo_step(
                 params, rings, echoes, errors, commands, counter, applied, code, wheel_rad, came_ns
             )
         elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, came_ns
         else:
-            speed_m_s = w.speed_m_s if vehicle_sample >= 0 else 0.0
-            ahead_1_m = w.path_ahead_1_m[sample // w.samples_per_path]
+            speed_m_s = inbox.speed_m_s if vehicle_sample >= 0 else 0.0
+            ahead_1_m = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
             path_end = path_step(
-                params, rings, path_end, errors, counter, w.path_spacing_m, ahead_1_m, speed_m_s
+                params, rings, path_end, errors, counter, inbox.path_spacing_m, ahead_1_m, speed_m_s
             )
         arrivals += 1
     return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end)
 
 
-def _take_command(w: Wire, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
-    commands = command_step(w.rings, x.commands, tick, sent_rad, is_planned)
+def _take_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
+    commands = command_step(inbox.rings, x.commands, tick, sent_rad, is_planned)
     return Known(
         x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns, x.path_end
     )
 
 
-def _write_plan(w: Wire, limits: SteerLimits, acting: int, tick: int, before_rad: float) -> None:
+def _write_plan(
+    inbox: Inbox, limits: SteerLimits, acting: int, tick: int, before_rad: float
+) -> None:
     if acting >= 0:
-        row = w.rings.plans[tick & (len(w.rings.plans) - 1)]
-        limit_plan(limits, w.periods_per_sample, before_rad, acting, row)
+        row = inbox.rings.plans[tick & (len(inbox.rings.plans) - 1)]
+        limit_plan(limits, inbox.periods_per_sample, before_rad, acting, row)
 
 
-def _carries_plan(w: Wire, tick: int) -> bool:
-    row = w.rings.plans[tick & (len(w.rings.plans) - 1)]
-    if len(w.rings.plans) == 1 or row[1] == 0.0:
+def _carries_plan(inbox: Inbox, tick: int) -> bool:
+    row = inbox.rings.plans[tick & (len(inbox.rings.plans) - 1)]
+    if len(inbox.rings.plans) == 1 or row[1] == 0.0:
         return False
-    w.buffer[0], w.buffer[1] = row[0], row[1]
+    inbox.buffer[0], inbox.buffer[1] = row[0], row[1]
     for index in range(2, ROW_LENGTH):
-        w.buffer[index] = on_wire(row[index], w.steer_resolution_rad)
+        inbox.buffer[index] = quantised(row[index], inbox.steer_resolution_rad)
     return True
 
 
-def _play(w: Wire, sample: int) -> float:
-    age, spacing = (sample - int(w.buffer[0])) % COUNTERS, int(w.buffer[1])
+def _play(inbox: Inbox, sample: int) -> float:
+    age, spacing = (sample - int(inbox.buffer[0])) % COUNTERS, int(inbox.buffer[1])
     if has_run_out(age, spacing):
         return math.nan
-    values_rad: Any = w.buffer[2:]
+    values_rad: Any = inbox.buffer[2:]
     return planned_rad(age, spacing, values_rad)
 
 
-def _record_played(w: Wire, sample: int, steer_rad: float) -> None:
-    w.played_rad[sample] = steer_rad
+def _record_played(inbox: Inbox, sample: int, steer_rad: float) -> None:
+    inbox.played_rad[sample] = steer_rad
 
 
-def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
+def _note_now(inbox: Inbox, now: Any, x: Known, tick: int, now_ns: int) -> None:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
-        speed_m_s = w.speed_m_s
-        yaw_rate_rad_s = w.measured_yaw_rate_rad_s[x.vehicle_sample]
-        curvature_1_m = w.measured_curvature_1_m[x.vehicle_sample]
-        is_stale = now_ns - x.vehicle_ns > w.params.limits.vehicle_state_ns
-    loop_delay = loop_delay_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns)
+        speed_m_s = inbox.speed_m_s
+        yaw_rate_rad_s = inbox.measured_yaw_rate_rad_s[x.vehicle_sample]
+        curvature_1_m = inbox.measured_curvature_1_m[x.vehicle_sample]
+        is_stale = now_ns - x.vehicle_ns > inbox.params.limits.vehicle_state_ns
+    loop_delay = loop_delay_at(
+        inbox.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns
+    )
     write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay))
 
 
-record_wire = _choosing(_record)
-"""(wire, sample, linear, guard): records the signals of a sample other than the lateral error."""
+record_signals = _choosing(_record)
+"""(inbox, sample, linear, guard): records the signals of a sample other than the lateral error."""
 take_arrivals = _choosing(_take_arrivals)
-"""(wire, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
+"""(inbox, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
 take_command = _choosing(_take_command)
-"""(wire, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
+"""(inbox, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
 write_plan = _choosing(_write_plan)
-"""(wire, limits, acting, tick, before_rad): limits the plan of a tick, if there is one."""
+"""(inbox, limits, acting, tick, before_rad): limits the plan of a tick, if there is one."""
 carries_plan = _choosing(_carries_plan, without=False)
-"""(wire, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
+"""(inbox, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
 play = _choosing(_play, without=math.nan)
-"""(wire, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
+"""(inbox, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
 record_played = _choosing(_record_played)
-"""(wire, sample, steer_rad): records what a plan lets act at a sample."""
-nothing_known = _choosing(lambda _wire: NOTHING_KNOWN)
-"""(wire): returns the knowledge at the start."""
-wire_history = _choosing(lambda wire: history_of(wire.rings), without=NO_HISTORY)
-"""(wire): returns the history that laws read."""
+"""(inbox, sample, steer_rad): records what a plan lets act at a sample."""
+nothing_known = _choosing(lambda _inbox: NOTHING_KNOWN)
+"""(inbox): returns the knowledge at the start."""
+inbox_history = _choosing(lambda inbox: history_of(inbox.rings), without=NO_HISTORY)
+"""(inbox): returns the history that laws read."""
 note_now = _choosing(_note_now)
-"""(wire, now, known, tick, now_ns): writes what is known at a tick."""
+"""(inbox, now, known, tick, now_ns): writes what is known at a tick."""

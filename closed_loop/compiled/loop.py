@@ -35,15 +35,15 @@ from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
     NOW_UNKNOWN,
     carries_plan,
+    inbox_history,
     note_now,
     nothing_known,
-    on_wire,
     play,
+    quantised,
     record_played,
-    record_wire,
+    record_signals,
     take_arrivals,
     take_command,
-    wire_history,
     write_plan,
 )
 from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
@@ -62,7 +62,7 @@ def _plant_until(
     c: Constants,
     s: Schedule,
     r: Records,
-    wire: Any,
+    inbox: Any,
     x: Progress,
     ticks_done: int,
     to_ns: int,
@@ -84,30 +84,30 @@ def _plant_until(
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers = True, False, False
-        # The test for a wire is decided when compiling, and removes the branch where there is none.
-        if arrives or (wire is not None and plays):
+        # The test for an inbox is decided when compiling, which removes the branch without one.
+        if arrives or (inbox is not None and plays):
             if arrives:
                 at_ns, by, has_come = command_ns, command, True
                 command += 1
                 tick = s.command_tick[of]
                 plan, is_new = -1, False
-                if carries_plan(wire, tick):
+                if carries_plan(inbox, tick):
                     plan, is_new = by, True
                     continue
-                on_wire_rad = on_wire(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
+                command_rad = quantised(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
             else:
                 at_ns, by, has_come = sample_ns, plan, is_new
                 is_new, played = False, sample
-                on_wire_rad = play(wire, sample)
-                if not math.isfinite(on_wire_rad):
+                command_rad = play(inbox, sample)
+                if not math.isfinite(command_rad):
                     plan = -1
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
-            guard, steers = guard_command(c.guard, guard, on_wire_rad, motion_ns, has_come)
+            guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
             if steers:
                 in_effect = by
                 if not arrives:
-                    record_played(wire, sample, on_wire_rad)
+                    record_played(inbox, sample, command_rad)
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
             guard, steers = guard_timer(c.guard, guard, motion_ns)
@@ -131,13 +131,13 @@ def _plant_until(
             r.curvature_1_m[at] = curvature_1_m
             r.command[at] = in_effect
             reading_m = error_m + s.noise_m[at]
-            record_wire(wire, sample, linear, guard)
+            record_signals(inbox, sample, linear, guard)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 buffered = plan, is_new, played
                 x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                 return x, LEFT_RANGE
-            r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
+            r.measured_m[at] = quantised(reading_m, c.lateral_error_resolution_m)
 
 
 @compiled_unchecked
@@ -147,7 +147,7 @@ def run_segment(
     c: Constants,
     s: Schedule,
     r: Records,
-    wire: Any,
+    inbox: Any,
     segment: Segment,
     is_start: bool,
     end_ns: int,
@@ -159,13 +159,13 @@ def run_segment(
 
     Returns the samples taken and the ticks done so far, and how it ended.
     """
-    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    p, s, r, inbox = borrowed(p), borrowed(s), borrowed(r), borrowed(inbox)
     x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1)
-    kept = Kept(x, 0.0, 0.0, nothing_known(wire))
+    kept = Kept(x, 0.0, 0.0, nothing_known(inbox))
     place = at(law.kept, kept)
     if not is_start:
         kept = read(place)
-    kept, ticks, outcome = _run_ticks(law, p, c, s, r, wire, segment, kept, end_ns)
+    kept, ticks, outcome = _run_ticks(law, p, c, s, r, inbox, segment, kept, end_ns)
     write(place, kept)
     return kept.plant.sample, ticks, outcome
 
@@ -177,25 +177,25 @@ def _run_ticks(
     c: Constants,
     s: Schedule,
     r: Records,
-    wire: Any,
+    inbox: Any,
     segment: Segment,
     kept: Kept,
     end_ns: int,
 ) -> tuple[Kept, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     x, sent_rad, fade_rad, known = kept
-    history, now_known = placed(wire_history(wire)), placed(NOW_UNKNOWN)
+    history, now_known = placed(inbox_history(inbox)), placed(NOW_UNKNOWN)
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
-        x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
+        x, outcome = _plant_until(p, c, s, r, inbox, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
-        known = take_arrivals(wire, known, s, r, to_ns)
+        known = take_arrivals(inbox, known, s, r, to_ns)
         wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            note_now(wire, now_known, known, tick, to_ns)
+            note_now(inbox, now_known, known, tick, to_ns)
             observed = (law.params, law.state, history, now_known, error_m, sent_rad)
             output = called(law.step, NO_OUTPUT, observed)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
@@ -219,6 +219,6 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[now] = sent_rad
-        write_plan(wire, c.limits, acting, tick, before_rad)
-        known = take_command(wire, known, tick, sent_rad, acting >= 0)
+        write_plan(inbox, c.limits, acting, tick, before_rad)
+        known = take_command(inbox, known, tick, sent_rad, acting >= 0)
     return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

@@ -107,7 +107,7 @@ class Progress(NamedTuple):
 
 class Kept(NamedTuple):
     """What stays from segment to segment, besides the law's state: the plant, the command last
-    sent, the rest of the fade [rad], and what the controller knows of the wire; None for a law that
+    sent, the rest of the fade [rad], and what the controller has received; None for a law that
     does not look back.
     """
 

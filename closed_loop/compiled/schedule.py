@@ -7,21 +7,36 @@ mode it is in, also follow from the arrivals alone; the controller's own classes
 The two status messages are left out, because control does not depend on them.
 """
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...controller.history.history import RING_SIZE, HistoryParams, Rings
+from ...controller.history.plan import ROW_LENGTH
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
-from ...dbc.messages import LateralError, Message, Mode, PathAhead, SteeringStatus, VehicleState
+from ...dbc.messages import (
+    LateralError,
+    Message,
+    Mode,
+    PathAhead,
+    SteeringPlan,
+    SteeringStatus,
+    VehicleState,
+    limits,
+    resolutions,
+)
 from ...dbc.reception import cycle_ns
 from ...plant_emulator.network.random_streams import Stream, first_uniforms
+from ...plant_emulator.sensors.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.vehicle.motion_parameters import MotionParams
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
-from ...runtime.node import NEVER_NS
-from .law_input import Uplink
+from ...runtime.node import NEVER_NS, NS_PER_S
+from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
 from .network import Frames, normal_scores, passages
 from .steps import register_steps
@@ -35,8 +50,11 @@ _MESSAGES: dict[Uplink, type[Message]] = {
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """A network that delivers none of this many samples counts as one that loses every frame."""
 
+_UPLINKS_KEPT = 8
+"""Uplinks cached for the next run on the same network: half a megabyte each."""
 
-class Plan(NamedTuple):
+
+class RunSchedule(NamedTuple):
     """The instants of a run; ``loop_records.Schedule`` describes the first arrays.
 
     ``motion_ns``  time of motion at each sample, 0 before it
@@ -72,8 +90,8 @@ class NothingArrivesError(ValueError):
     """No measurement reaches the controller, so that it never steers and the run never ends."""
 
 
-def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
-    """Plan a run. Raises NothingArrivesError."""
+def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSchedule:
+    """RunSchedule a run. Raises NothingArrivesError."""
     register_steps()
     first_tick_ns = _first_tick_ns(plant, controller)
     motion_start_ns = first_tick_ns if plant.start_on_first_command else 0
@@ -95,7 +113,7 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     # The sample at the instant of the first command is taken before that command.
     is_moving = sample_ns >= motion_start_ns + int(plant.start_on_first_command)
     motion_ns = np.maximum(sample_ns - motion_start_ns, 0)
-    return Plan(
+    return RunSchedule(
         tick_ns=tick_ns,
         tick_sample=arrivals.sample[in_use],
         command_due_ns=down.due_ns[through],
@@ -202,3 +220,110 @@ def sensor_noise(plant: PlantSettings, samples: int, columns: slice) -> list[Flo
     uniforms = first_uniforms(plant.seed, Stream.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
     scores = map(normal_scores, uniforms[columns])
     return [deviation * each for deviation, each in zip(deviations, scores, strict=True)]
+
+
+def inbox_of(
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    schedule: RunSchedule,
+    motion: MotionParams,
+) -> Inbox:
+    """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
+    samples = len(schedule.sample_ns)
+    network = plant_network(plant)
+    received = _received(network, controller.counters, samples, schedule.motion_start_ns)
+    error, state = resolutions(LateralError), resolutions(VehicleState)
+    ranges = limits(VehicleState)
+    return Inbox(
+        HistoryParams(controller.loop_delay, controller.age_limits),
+        empty_rings(keeps_plans=controller.law_record.plan is not None),
+        *received,
+        measured_heading_rad=np.empty(samples),
+        measured_yaw_rate_rad_s=np.empty(samples),
+        measured_curvature_1_m=np.empty(samples),
+        wheel_rad=np.empty(samples),
+        status=np.empty(samples, dtype=np.int64),
+        speed_m_s=quantised_speed_m_s(motion.speed_m_s),
+        heading_resolution_rad=error["heading_error_rad"],
+        yaw_rate_resolution_rad_s=state["yaw_rate_rad_s"],
+        yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
+        curvature_resolution_1_m=state["preview_curvature_1_m"],
+        curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
+        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
+        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
+        steer_resolution_rad=resolutions(SteeringPlan)["steer_0_rad"],
+        periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
+        buffer=np.zeros(ROW_LENGTH),
+        samples_per_path=samples_per_vehicle_state(plant.sensor_period_ns),
+        path_spacing_m=_path_spacing_m(plant),
+        path_ahead_1_m=_paths_ahead_1_m(plant, schedule, motion),
+        played_rad=np.full(samples if controller.law_record.plan is not None else 0, np.nan),
+    )
+
+
+def _path_spacing_m(plant: PlantSettings) -> float:
+    """Return the spacing of PATH_AHEAD as the wire carries it, 0 where it is not sent [m]."""
+    if plant.path_ahead is None:
+        return 0.0
+    wanted_m = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
+    return float(quantised(wanted_m, resolutions(PathAhead)["path_spacing_m"]))
+
+
+def _paths_ahead_1_m(
+    plant: PlantSettings, schedule: RunSchedule, motion: MotionParams
+) -> FloatArray:
+    """Return the values of each PATH_AHEAD, as on the wire; shape (messages, values)."""
+    if plant.path_ahead is None:
+        return np.empty((0, VALUES))
+    every = samples_per_vehicle_state(plant.sensor_period_ns)
+    spacing = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
+    rows = [
+        curvatures_ahead_1_m(motion.path, motion.speed_m_s * (motion_ns / NS_PER_S), spacing)
+        for motion_ns in schedule.motion_ns[::every].tolist()
+    ]
+    resolution_1_m = resolutions(PathAhead)["curvature_0_1_m"]
+    return np.asarray(np.rint(np.array(rows) / resolution_1_m) * resolution_1_m)
+
+
+def quantised_speed_m_s(speed_m_s: float) -> float:
+    """Return the speed as VEHICLE_STATE carries it [m/s]."""
+    highest_m_s = limits(VehicleState)["speed_m_s"].maximum
+    return float(quantised(min(speed_m_s, highest_m_s), resolutions(VehicleState)["speed_m_s"]))
+
+
+def plant_network(plant: PlantSettings) -> PlantSettings:
+    """Return the settings with everything at its default except the network."""
+    return PlantSettings(
+        seed=plant.seed,
+        duration_s=plant.duration_s,
+        sensor_period_ms=plant.sensor_period_ms,
+        start_on_first_command=plant.start_on_first_command,
+        sensor_noise=plant.sensor_noise,
+        latency=plant.latency,
+        path_ahead=plant.path_ahead,
+    )
+
+
+def empty_rings(*, keeps_plans: bool) -> Rings:
+    """Return the initial rings of ``BusHistory``, as arrays."""
+    arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
+    arrays["plans"] = np.zeros((RING_SIZE if keeps_plans else 1, ROW_LENGTH))
+    for name in ("has_error", "is_overruled"):
+        arrays[name] = np.zeros(RING_SIZE, dtype=np.bool_)
+    for name in ("applied_tick", "command_tick"):
+        arrays[name] = np.full(RING_SIZE, -1)
+    return Rings(**arrays)
+
+
+@lru_cache(maxsize=_UPLINKS_KEPT)
+def _received(
+    plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
+) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the first arrays of ``Inbox``, from ``arrival_ns`` on; runs share them."""
+    each = [arrivals_of(message, plant, rule, samples, motion_start_ns) for message in Uplink]
+    message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
+    sample = np.concatenate([arrivals.sample for arrivals in each])
+    arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
+    order = np.lexsort((message, sample, arrival_ns))
+    heading_rad, yaw_rate_rad_s = sensor_noise(plant, samples, slice(1, 3))
+    return arrival_ns[order], message[order], sample[order], heading_rad, yaw_rate_rad_s

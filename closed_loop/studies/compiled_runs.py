@@ -23,7 +23,7 @@ from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ..compiled.engine import Outcome, run_batch
 from ..compiled.network import Frames, passages
-from ..compiled.schedule import NothingArrivesError, Plan, plan_run
+from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from .figures import (
     CG_STRIDE,
     COLUMNS,
@@ -57,7 +57,7 @@ class Losses(NamedTuple):
     measurements: IntArray
 
 
-def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
+def losses_of(plant: PlantSettings, plan: RunSchedule) -> Losses:
     """Return what is lost in a run; overtaken frames are not counted.
 
     The latency lines draw losses from a stream of their own, independent of the latencies. So the
@@ -85,7 +85,7 @@ def _may_lose(line: LatencySettings) -> bool:
 
 
 def _lost(
-    line: LatencySettings, seed: int, channel: Stream, came_ns: IntArray, plan: Plan
+    line: LatencySettings, seed: int, channel: Stream, came_ns: IntArray, plan: RunSchedule
 ) -> BoolArray:
     bare = line.model_copy(
         update={
@@ -132,7 +132,7 @@ class Network(NamedTuple):
                  last, which shows whether the steering has gone to its safe state
     """
 
-    plan: Plan
+    plan: RunSchedule
     losses: Losses
     latency: dict[Hashable, LatencyFigures]
 
@@ -220,7 +220,7 @@ class Computer:
             if found is not None:
                 self._networks.move_to_end(key)
                 return found
-        plan = plan_run(plant, controller)
+        plan = schedule_run(plant, controller)
         made = Network(plan, losses_of(plant, plan), {})
         with self._lock:
             self._networks[key] = made
@@ -229,12 +229,12 @@ class Computer:
         return made
 
 
-def _samples_before_motion(plant: PlantSettings, plan: Plan) -> int:
+def _samples_before_motion(plant: PlantSettings, plan: RunSchedule) -> int:
     start_ns = plan.motion_start_ns + plant.start_on_first_command
     return int(np.searchsorted(plan.sample_ns, start_ns))
 
 
-def _acted(plan: Plan, ticks: int, samples: int) -> int:
+def _acted(plan: RunSchedule, ticks: int, samples: int) -> int:
     """Return how many commands of the first ticks reached the actuator by the last sample."""
     if samples == 0:
         return 0

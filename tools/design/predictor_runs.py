@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...closed_loop.compiled.engine import Outcome, run_batch
-from ...closed_loop.compiled.schedule import Plan, plan_run
+from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...controller.analysis.loop_signals import LoopModel
 from ...controller.analysis.predictor_loop import PredictorLoop, linear
 from ...controller.filters.nominal_model import NominalVehicle
@@ -74,7 +74,7 @@ def runs(
             ).model_copy(update={"sensor_noise": noise})
             for path, vehicle in product(course.paths, task.vehicles)
         ]
-        plan = plan_run(plants[0], settings)
+        plan = schedule_run(plants[0], settings)
         return list(
             task.pool.map(lambda plant: _run(plant, settings, plan, task.table.ignore_s), plants)
         )
@@ -82,7 +82,9 @@ def runs(
     return [of_latency(latency) for latency in latencies]
 
 
-def _run(plant: PlantSettings, settings: ControllerSettings, plan: Plan, ignore_s: float) -> Run:
+def _run(
+    plant: PlantSettings, settings: ControllerSettings, plan: RunSchedule, ignore_s: float
+) -> Run:
     run = run_batch(plant, settings, plan)
     if run.outcome is not Outcome.COMPLETE:
         return Run(LEFT_M, LEFT_M, LEFT_M, run.sent_rad)

@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.compiled.compilation import sources
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
-from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, plan_run
+from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
 from steer_by_wire.closed_loop.compiled.steps import step_functions
 from steer_by_wire.controller.laws.followed_point import FollowedPoint
 from steer_by_wire.controller.settings import controller_preset
@@ -210,7 +210,7 @@ def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:
         ["latency.uplink.loss=0.5", "latency.uplink.burst_frames=120"], duration_s=30.0
     )
     controller = controller_preset("practical_pd_ddob", ["supervision.hold_ms=100"])
-    modes = {segment.mode for segment in plan_run(plant, controller).segments}
+    modes = {segment.mode for segment in schedule_run(plant, controller).segments}
     assert modes == {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
     assert_same_as_nodes(plant, controller)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.studies.factors import replicate_seed
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.latency_distributions import QUANTILES, Distribution
@@ -124,7 +124,7 @@ def test_a_run_that_meets_a_limit_is_reported() -> None:
 
 def test_on_the_grid_every_command_arrives_at_a_tick_and_none_earlier_than_it_would() -> None:
     plant = plant_settings(GAMMA)
-    plan = plan_run(plant, PD)
+    plan = schedule_run(plant, PD)
     rounded = on_grid(plant, PD, plan)
     assert np.all(rounded.command_due_ns % PERIOD_NS == 0)
     assert np.all(np.diff(rounded.command_tick) > 0)

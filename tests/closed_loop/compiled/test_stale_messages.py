@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.compiled.law_input import Uplink, Wire
-from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
-from steer_by_wire.closed_loop.compiled.wire_plan import plan_wire
+from steer_by_wire.closed_loop.compiled.law_input import Inbox, Uplink
+from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, inbox_of, schedule_run
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.interface.law import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import FADE_RAD_S, design_law
@@ -46,7 +45,7 @@ def settings_of(law: str, overrides: Sequence[str] = ()) -> ControllerSettings:
     return preset(name, (*tables, *overrides))
 
 
-def age_ns(wire: Wire, message: Uplink, plan: Plan) -> NDArray[np.int64]:
+def age_ns(wire: Inbox, message: Uplink, plan: RunSchedule) -> NDArray[np.int64]:
     """The age of a message at each tick, -1 before the first."""
     arrival_ns = wire.arrival_ns[wire.arrival_message == message]
     newest = np.searchsorted(arrival_ns, plan.tick_ns, side="right") - 1
@@ -60,8 +59,8 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
 ) -> None:
     rig, controller = plant((*BURSTS, *CIRCLE), 8.0), settings_of(law, limits)
     run = assert_same_as_nodes(rig, controller)
-    plan = plan_run(rig, controller)
-    wire = plan_wire(rig, controller, plan, run.motion)
+    plan = schedule_run(rig, controller)
+    wire = inbox_of(rig, controller, plan, run.motion)
     is_active = np.zeros(len(plan.tick_ns), dtype=np.bool_)
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:

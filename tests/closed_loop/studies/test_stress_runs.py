@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
 from steer_by_wire.closed_loop.studies.figures import COLUMNS
 from steer_by_wire.closed_loop.studies.result_files import Store
@@ -282,7 +282,7 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
     law = controller_preset("practical_pd")
     node = PlantNode(plant, 0)
     run_virtual_nodes(node, ControllerNode(law, 0), None, None, never)
-    plan = plan_run(plant, law)
+    plan = schedule_run(plant, law)
     lost = losses_of(plant, plan)
     report = node.report()
     assert lost.commands[len(run_batch(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.schedule import plan_run
+from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
@@ -179,7 +179,7 @@ def normal(mean_s: float, spread_s: float, loss: float) -> list[str]:
 def entered(overrides: Sequence[str]) -> dict[GuardMode, int]:
     """How often each mode is found after a command and was not after the one before, in 60 s."""
     plant = plant_settings(overrides, 60.0)
-    plan = plan_run(plant, controller_preset("practical_predictor"))
+    plan = schedule_run(plant, controller_preset("practical_predictor"))
     arrivals_ns = (plan.command_due_ns - plan.motion_start_ns).tolist()
     params = design_guard(plant.safety, plant.vehicle, plant.actuator)
     modes = [answer.mode for answer in answers_to(params, ((ns, False) for ns in arrivals_ns))]

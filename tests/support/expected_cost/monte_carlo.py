@@ -16,7 +16,7 @@ import numpy as np
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.network import Frames, passages
-from steer_by_wire.closed_loop.compiled.schedule import Plan, plan_run
+from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, schedule_run
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.random_streams import Stream
 from steer_by_wire.plant_emulator.network.settings import Order
@@ -69,11 +69,11 @@ def monte_carlo_costs(
     limited = [0] * len(controllers)
     for seed in run_seeds:
         seeded = plant.model_copy(update={"seed": seed})
-        plans: dict[object, Plan] = {}
+        plans: dict[object, RunSchedule] = {}
         for place, controller in enumerate(controllers):
             key = (controller.period_ns, controller.supervision)
             if key not in plans:
-                plan = plan_run(seeded, controller)
+                plan = schedule_run(seeded, controller)
                 plans[key] = on_grid(seeded, controller, plan) if is_on_grid else plan
             run = run_batch(seeded, controller, plans[key])
             errors_m[place].append(run.lateral_error_m)
@@ -90,7 +90,7 @@ def _cost(errors_m: list[FloatArray], limited: int) -> MonteCarloCost:
     )
 
 
-def on_grid(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Plan:
+def on_grid(plant: PlantSettings, controller: ControllerSettings, plan: RunSchedule) -> RunSchedule:
     """Return a plan whose commands arrive at control ticks, the first at or after their time.
 
     Of commands that arrive at once the newest acts, and none acts after a newer one.
