@@ -28,8 +28,8 @@ from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node.node import RECEIVED, SENT, ControllerNode
-from .node.summary import QUANTITIES, controller_summary, verdict_text
-from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle, sparse_measurements
+from .node.summary import QUANTITIES, contradictions, controller_summary, verdict_text
+from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
@@ -147,17 +147,5 @@ def conclude(settings: ControllerSettings, node: ControllerNode) -> None:
     report = node.report()
     for heading, text in controller_summary(report):
         say(NAME, f"{heading} {text}")
-    age_s = report["sample_age"]["mean_s"]
-    # Of as many measurements as ticks, the newest is never older than a period; of few, it is half
-    # a sensor period old on average.
-    is_rare = age_s * settings.rate_hz > 1.5
-    if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
+    for warning in contradictions(settings, report):
         say(NAME, warning, sys.stderr)
-    seen = report["sensor_period"]
-    if seen is not None and seen["times_wrong"]:
-        say(
-            NAME,
-            f"the plant's sensor period was about {1e3 * seen['measured_s']:.3g} ms, but "
-            f"link.sensor_period_ms = {1e3 * seen['setting_s']:g}: the law did without the delay",
-            sys.stderr,
-        )

@@ -57,23 +57,6 @@ class ControllerSettings(LawSettings):
         return counters_of(self.supervision, self.period_ns)
 
 
-def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) -> str:
-    """Return a warning where the law differentiates measurements rarer than its ticks, else "".
-
-    An unfiltered derivative then acts in the first tick after each measurement only. The paper's
-    presets are such laws at 1 kHz.
-    """
-    period_s, pd = settings.period_ns / NS_PER_S, settings.pd
-    is_ideal = pd is not None and pd.derivative_filter_rad_s is None and pd.derivative != "kalman"
-    if not is_ideal or sensor_period_s < 1.5 * period_s:
-        return ""
-    return (
-        f"warning: measurements about every {1e3 * sensor_period_s:.3g} ms for a control period of"
-        f" {1e3 * period_s:.3g} ms make this another law, as its derivative has no filter; set the"
-        f" plant's sensor_period_ms = {1e3 * period_s:.3g}"
-    )
-
-
 def controller_preset(name: str, overrides: Sequence[str] = ()) -> ControllerSettings:
     """Return the settings of a preset, with ``overrides`` as for ``load_settings`` on top.
 

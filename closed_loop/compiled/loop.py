@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ...controller.interface.steer_limits import limit_step, ramp_step
+from ...controller.interface.fading import difference_step, ramp_step
+from ...controller.interface.steer_limits import limit_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
     guard_command,
@@ -201,10 +202,10 @@ def _run_ticks(
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
             if not math.isfinite(asked_rad):
                 return Kept(x, sent_rad, fade_rad, known), tick, LAW_FAILED
-            if is_recovery and tick == first_tick:
-                fade_rad = sent_rad - asked_rad
-            else:
-                fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
+            continues_hold = is_recovery and tick == first_tick
+            fade_rad = difference_step(
+                c.ramp_step_rad, fade_rad, sent_rad, asked_rad, continues_hold
+            )
             if law.plan != 0 and fade_rad == 0.0:
                 acting = called(law.plan, acting, observed)
             wanted_rad = asked_rad + fade_rad

@@ -28,8 +28,9 @@ from ...controller.history.history import (
     path_step,
 )
 from ...controller.history.plan import limit_plan
+from ...controller.interface.fading import difference_step, ramp_step
 from ...controller.interface.law import Law, LawInput
-from ...controller.interface.steer_limits import limit_step, ramp_step
+from ...controller.interface.steer_limits import limit_step
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
 from ...controller.laws.followed_point import (
@@ -61,6 +62,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_plan,
     has_run_out,
     planned_rad,
+    difference_step,
     ramp_step,
     history_of,
     error_step,

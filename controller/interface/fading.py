@@ -1,16 +1,26 @@
-"""A value that fades instead of jumping when it comes from another of two sources.
+"""Fades: a command, or a part of one, continues without a jump when its source changes.
 
-At a change the difference to the previous value is added, and then reduced step by step.
+At the change the whole difference to the last value is added to the new source's. From then on the
+difference moves towards zero by at most a step in each period. These fade:
+
+    at supervision.ramp_rad_s   the law's command after a hold (``controller.node.law_runner``)
+    at FADE_RAD_S               from one law to its fallback, and from one set of gains to another;
+                                steer that a law derives from a VEHICLE_STATE that is now stale
+    at FADE_M_S                 a set point derived from such a VEHICLE_STATE
+
+The ramp of SAFE_STOP moves the last command to zero by the same step, ``ramp_step``.
 """
 
 from typing import NamedTuple
 
 from ...runtime.record import new_record
-from .steer_limits import ramp_step
+
+FADE_RAD_S = 0.2
+FADE_M_S = 0.1
 
 
 class Fading(NamedTuple):
-    """The last value, which of the sources it came from, and the difference still to fade."""
+    """The last value, which of two sources it came from, and the difference still to fade."""
 
     value: float
     source: bool
@@ -22,7 +32,27 @@ NOTHING = Fading(0.0, False, 0.0)
 
 def fading_step(step: float, x: Fading, wanted: float, source: bool) -> Fading:
     """Advance one period towards ``wanted``; at most ``step`` of a difference fades."""
-    difference = ramp_step(step, x.difference)
-    if source != x.source:
-        difference = x.value - wanted
+    difference = difference_step(step, x.difference, x.value, wanted, source != x.source)
     return new_record(Fading, (wanted + difference, source, difference))
+
+
+def difference_step(
+    step: float, difference: float, last: float, wanted: float, is_new_source: bool
+) -> float:
+    """Return what to add to ``wanted`` in this period.
+
+    ``difference``  what was added in the period before
+    ``last``        the value of the period before
+    """
+    if is_new_source:
+        return last - wanted
+    return ramp_step(step, difference)
+
+
+def ramp_step(step: float, value: float) -> float:
+    """Move a value towards zero by at most ``step``, and never across it."""
+    if value > step:
+        return value - step
+    if value < -step:
+        return value + step
+    return 0.0

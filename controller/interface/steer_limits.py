@@ -70,12 +70,3 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
 def limit_name(p: SteerLimits, steer_rad: float) -> str:
     """Return which limit decided about a command that is not the wanted one."""
     return "angle" if abs(steer_rad) >= p.steer_rad_max else "rate"
-
-
-def ramp_step(step_rad: float, value_rad: float) -> float:
-    """Move an angle towards zero by at most ``step_rad``, and never across it [rad]."""
-    if value_rad > step_rad:
-        return value_rad - step_rad
-    if value_rad < -step_rad:
-        return value_rad + step_rad
-    return 0.0

@@ -8,6 +8,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
+from ..interface.fading import FADE_M_S, FADE_RAD_S
 from ..interface.law import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..prediction.gains import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
@@ -24,13 +25,6 @@ from .plugin import Guard
 
 if TYPE_CHECKING:
     from .settings import LawSettings
-
-FADE_RAD_S = 0.2
-"""Fading rate of the difference between two laws when one takes over from the other, and of the
-steer that a law derives from VEHICLE_STATE when that is stale."""
-
-FADE_M_S = 0.1
-"""Fading rate of a set point when VEHICLE_STATE is stale."""
 
 FILTER_SETTLES_S = 1.0
 """Time after which the Kalman filter knows yaw rate and side slip from any initial state."""

@@ -42,9 +42,9 @@ from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
-from ..interface.fading import NOTHING, Fading, fading_step
+from ..interface.fading import FADE_RAD_S, NOTHING, Fading, fading_step
 from ..interface.law import Law, LawInput, LawOutput, LookingBack, LoopDelay
-from .assembly import FADE_RAD_S, steady_steer, vehicle_of
+from .assembly import steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 
 if TYPE_CHECKING:

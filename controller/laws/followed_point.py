@@ -64,7 +64,7 @@ class FollowedPointState(NamedTuple):
 
     law: Any
     set_point_m: float
-    observed: Fading
+    shown: Fading
 
 
 def ahead_of_cg_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
@@ -111,7 +111,7 @@ def followed_point_after_hold(
 ) -> FollowedPointState:
     """Return the state after a hold, with the law's; the set point continues."""
     return FollowedPointState(
-        recovered(x.law, lateral_error_m - x.observed.value), x.set_point_m, x.observed
+        recovered(x.law, lateral_error_m - x.shown.value), x.set_point_m, x.shown
     )
 
 
@@ -130,7 +130,7 @@ def followed_point_step(
     part = min(p.period_s * vehicle.speed_m_s / p.set_point.distance_m, 1.0)
     set_point_m = x.set_point_m + part * (steady_set_point_m(p.set_point, vehicle) - x.set_point_m)
     shown = fading_step(
-        p.fade_step_m, x.observed, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
+        p.fade_step_m, x.shown, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
     )
     error_m = observed.lateral_error_m - shown.value
     own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.link, observed.history)

@@ -23,8 +23,8 @@ from ...dbc.messages import LawNumber
 from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..history.loop_delay import LoopDelayParams
+from ..interface.fading import FADE_RAD_S, difference_step
 from ..interface.law import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
-from ..interface.steer_limits import ramp_step
 from ..prediction.gains import Feedback, design_schedule, together
 from ..prediction.measured_vehicle import (
     SET,
@@ -44,7 +44,7 @@ from ..prediction.vehicle_estimator import (
     estimator_at_rest,
     start_estimate,
 )
-from .assembly import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, vehicle_of
+from .assembly import FILTER_SETTLES_S, filter_opening, vehicle_of
 from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
@@ -134,11 +134,11 @@ def predictor_step(
             ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
             steer_rad = steer_for(gains, ahead)
             output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
-    fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
     # The steps between two masses are small, and a plan does not fade.
-    if is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice:
-        fade_rad = x.steer_rad - output.steer_rad
-    steer_rad = output.steer_rad + fade_rad
+    is_new = is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice
+    wanted_rad = output.steer_rad
+    fade_rad = difference_step(p.fade_step_rad, x.fade_rad, x.steer_rad, wanted_rad, is_new)
+    steer_rad = wanted_rad + fade_rad
     after = (estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad)
     return new_record(PredictorState, after), new_record(LawOutput, (steer_rad, *output[1:]))
 

@@ -12,8 +12,8 @@ from ...dbc.messages import Mode
 from ...runtime.record import new_record
 from ..history.history import BusHistory
 from ..interface.designed_ranges import share_of_demand
+from ..interface.fading import difference_step
 from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
-from ..interface.steer_limits import ramp_step
 from ..laws.assembly import design_law
 from ..settings import ControllerSettings
 from .newest_messages import Received
@@ -53,7 +53,8 @@ class LawRunner:
         self._validity = None if settings.law_record.schedules_demand else settings.validity
         self._share = 1.0
         self._state: Any = None
-        self._fade_rad: float | None = 0.0  # None: to be taken from the next output
+        self._fade_rad = 0.0
+        self._continues_hold = False  # until the next output
         self._ramp_step_rad = ramp_step_rad
 
     @property
@@ -82,7 +83,7 @@ class LawRunner:
         else:
             self._state = recovered(self._state, lateral_error_m)
         # Before the first command there is no held command to continue from.
-        self._fade_rad = 0.0 if before is Mode.WAITING else None
+        self._fade_rad, self._continues_hold = 0.0, before is not Mode.WAITING
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
@@ -96,10 +97,10 @@ class LawRunner:
         self.acting = -1
         if isfinite(steer_rad):
             self._state, self.output = state, output
-            if self._fade_rad is None:
-                self._fade_rad = sent_rad - steer_rad
-            elif self._fade_rad != 0.0:
-                self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
+            self._fade_rad = difference_step(
+                self._ramp_step_rad, self._fade_rad, sent_rad, steer_rad, self._continues_hold
+            )
+            self._continues_hold = False
             if design.plan is not None and self._fade_rad == 0.0:
                 self.acting = design.plan(self._params, state, observed)
             command_rad = steer_rad + self._fade_rad

@@ -33,8 +33,9 @@ from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.record import new_record
 from ..interface.designed_ranges import NOT_FORWARD_M_S
+from ..interface.fading import ramp_step
 from ..interface.law import VehicleReading
-from ..interface.steer_limits import limit_name, limit_step, ramp_step
+from ..interface.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .law_runner import LawRunner
@@ -42,20 +43,16 @@ from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
 from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
-from .safety_report import SafetyFacts, SafetyWatch
-from .status_frames import StatusFrames
+from .safety_report import SafetyReport, must_stop
+from .status_frames import STATUS_PERIOD_NS, StatusFrames
 from .view import controller_view
 
-__all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
+__all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
 _NO_FAULT = ControllerFault.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
-_NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
 _ERROR_ID = CAN_IDS[LateralError]
-
-STATUS_PERIOD_NS = 100_000_000
-"""Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 
 
 class ControllerNode:
@@ -88,8 +85,8 @@ class ControllerNode:
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._delay = reported_delay_of(settings)
         self._statuses = StatusFrames(settings.law_record.number)
-        self._steering_acts = True
-        self._safety = SafetyWatch(settings.validity, self._received, start_ns)
+        self._steering = _NO_COMMAND
+        self._safety = SafetyReport(settings.validity, self._received, start_ns)
         self._figures = RunFigures(start_ns, samples_max)
 
     @property
@@ -151,9 +148,9 @@ class ControllerNode:
                 self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
             if mode is not _WAITING:
                 frames.append(self._command_frame(mode, now_ns, period, before_rad))
-            facts = self._safety_facts(now_ns)
-            is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
-            self.finished = facts.fault is not _NO_FAULT and sent_rad == 0.0
+            fault = self._fault
+            is_safety_due = self._safety.on_tick(fault, self._must_stop, now_ns)
+            self.finished = fault is not _NO_FAULT and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             self._safety.judge_validity(self._delay.echo_s(now_ns))
@@ -206,7 +203,7 @@ class ControllerNode:
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
             **self._figures.report(self._failure),
-            "stale": self._statuses.safety.went_stale,
+            "stale": self._safety.went_stale,
             "sensor_period": None if law.memory is None else law.memory.sensor_period(),
             "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),
             "accepted": reception.accepted,
@@ -224,7 +221,7 @@ class ControllerNode:
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
         code = status.status
-        self._steering_acts = code < _NOBODY_STEERS_FROM
+        self._steering = code
         if code is _NO_COMMAND:
             return
         echo = self._commands.sent.on_echo(status.applied_counter)
@@ -281,17 +278,17 @@ class ControllerNode:
             figures.keep(ControlSample(now_ns, mode, *seen, law.output, steer_rad))
         return frame
 
-    def _safety_facts(self, now_ns: int) -> SafetyFacts:
-        """Return the facts that CONTROLLER_SAFETY must report in time."""
-        fault, supervisor = _NO_FAULT, self._supervisor
+    @property
+    def _fault(self) -> ControllerFault:
+        """The fault it has detected in itself, as reported on the bus."""
         if self._law.is_distrusted:
-            fault = ControllerFault.LAW_FAILED
-        elif self._overruns.failure:
-            fault = ControllerFault.OVERRUNS
-        is_stopping = supervisor.mode is _SAFE_STOP or not supervisor.goes_forward
-        must_stop = is_stopping or not self._steering_acts
-        return self._safety.facts_at(fault, must_stop, now_ns)
+            return ControllerFault.LAW_FAILED
+        return ControllerFault.OVERRUNS if self._overruns.failure else _NO_FAULT
+
+    @property
+    def _must_stop(self) -> bool:
+        supervisor = self._supervisor
+        return must_stop(supervisor.mode, supervisor.goes_forward, self._steering)
 
     def _safety_frame(self, now_ns: int) -> Frame:
-        lost = self._received.reception.lost
-        return self._statuses.safety.frame(self._safety_facts(now_ns), lost, now_ns)
+        return self._safety.frame(self._fault, self._must_stop, now_ns)

@@ -1,11 +1,13 @@
-"""Content of CONTROLLER_SAFETY, and when it is sent between its cycles.
+"""CONTROLLER_SAFETY: what it reports, and what makes it leave at once.
 
-    at the next tick   a message becomes stale, a fault is detected, or more is asked of the
-                       vehicle's drive. This must be on the bus
-                       within the fault tolerant time, of which the age limit leaves one period
-    at intervals       any other change since the last report, such as a refused frame or a
-                       message that is back: at the first tick INTERVAL_NS after the last report.
-                       Without this limit a flood of bad frames would cause a flood of reports
+    every STATUS_PERIOD_NS   in any case (``controller.node.status_frames``)
+    at the next tick         a message has become stale, a fault is detected, or more is asked of
+                             the vehicle's drive. This must be on the bus within the fault tolerant
+                             time, of which the age limit leaves one period
+    at intervals             any other change since the last report, such as a refused frame or a
+                             message that is back: at the first tick INTERVAL_NS after the last
+                             report. Without this limit a flood of bad frames would cause a flood
+                             of reports
 
 A message that stops and returns repeatedly is reported as stale again only after it was reported as
 back, so that the number of reports is bounded. Lost frames alone wait for the next cycle, because a
@@ -19,9 +21,11 @@ from ...dbc.messages import (
     ControllerFault,
     ControllerSafety,
     Freshness,
+    Mode,
     MotionRequest,
     SecondSender,
     Sender,
+    SteeringStatusCode,
     Validity,
     limits,
 )
@@ -35,6 +39,10 @@ INTERVAL_NS = 20_000_000
 which a refusal must be reported."""
 _AGES = ("lateral_error", "steering_status", "vehicle_state")
 _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
+_ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
+_NO_OTHER = SecondSender.NONE
+_NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
+"""From this code on the steering follows nobody's commands."""
 
 
 class SafetyFacts(NamedTuple):
@@ -50,9 +58,9 @@ class SafetyFacts(NamedTuple):
     motion_request: MotionRequest
 
     def is_worse_than(self, reported: "SafetyFacts") -> bool:
-        """Whether more went wrong since the last report, or more is asked of the vehicle's drive.
+        """Whether a report must leave at once.
 
-        More went wrong where a message has become stale or a fault was detected.
+        A message has become stale, a fault was detected, or more is asked of the vehicle's drive.
         """
         return (
             self.fault is not reported.fault
@@ -68,54 +76,22 @@ class SafetyFacts(NamedTuple):
                 yield name
 
 
-class SafetyStatus:
-    """Keeps the last reported facts, and makes the frames."""
-
-    def __init__(self) -> None:
-        self._before: SafetyFacts | None = None
-        self._went_stale = dict.fromkeys(_AGES, 0)
-        self._reported: SafetyFacts | None = None
-        self._reported_ns = 0
-        self._sender = Sender(ControllerSafety)
-
-    @property
-    def went_stale(self) -> Mapping[str, int]:
-        """How often each message has become stale."""
-        return dict(self._went_stale)
-
-    def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
-        """Process the facts of a tick; returns whether to report them before the next cycle."""
-        before, reported = self._before, self._reported
-        if facts is before and facts is reported:
-            return False
-        if before is not None and facts != before:
-            for name in facts.newly_stale(before):
-                self._went_stale[name] += 1
-        self._before = facts
-        if reported is None or facts == reported:
-            return False
-        return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
-
-    def frame(self, facts: SafetyFacts, lost: int, now_ns: int) -> Frame:
-        """Return the frame that reports ``facts`` and the frames lost so far."""
-        self._reported, self._reported_ns = facts, now_ns
-        counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
-        return self._sender.frame((*counts, *facts[1:]))
+def must_stop(mode: Mode, goes_forward: bool, steering: SteeringStatusCode) -> bool:
+    """Whether the vehicle must stop, because nobody steers it or soon will not."""
+    is_stopping = mode is Mode.SAFE_STOP or not goes_forward
+    return is_stopping or steering >= _NOBODY_STEERS_FROM
 
 
-_ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
-_NO_OTHER = SecondSender.NONE
-
-
-class SafetyWatch:
-    """Keeps the facts.
+class SafetyReport:
+    """Finds the facts anew where something may have changed, and makes the frames.
 
     ``table``     what the settings were designed for
     ``received``  what has come
     ``start_ns``  when the controller starts [ns]
 
-    ``facts``     as found last
-    ``validity``  whether speed and delay are within the table, as judged last
+    ``facts``       as found last
+    ``validity``    whether speed and delay are within the table, as judged last
+    ``went_stale``  how often each message has become stale
     """
 
     def __init__(self, table: ValiditySettings | None, received: Received, start_ns: int) -> None:
@@ -129,10 +105,20 @@ class SafetyWatch:
             self.validity,
             MotionRequest.NONE,
         )
-        self._seen: tuple[Any, ...] = ()
+        self._found_from: tuple[Any, ...] = ()
         """What the facts were found from, besides times."""
         self._fresh_until_ns = -1
-        """End of the facts' validity, if that has not changed [ns]."""
+        """Until when the facts hold, if that has not changed [ns]."""
+        self._before: SafetyFacts | None = None
+        self._went_stale = dict.fromkeys(_AGES, 0)
+        self._reported: SafetyFacts | None = None
+        self._reported_ns = 0
+        self._sender = Sender(ControllerSafety)
+
+    @property
+    def went_stale(self) -> Mapping[str, int]:
+        """How often each message has become stale."""
+        return dict(self._went_stale)
 
     def judge_validity(self, delay_s: float | None) -> None:
         """Compare the speed and a delay, None if unknown, with the table."""
@@ -140,17 +126,40 @@ class SafetyWatch:
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
         self.validity = validity_of(self._table, speed_m_s, delay_s)
 
-    def facts_at(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> SafetyFacts:
-        """Return the facts.
+    def on_tick(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> bool:
+        """Find the facts of a tick; returns whether to report them before the next cycle."""
+        facts = self._facts_at(fault, must_stop, now_ns)
+        before, reported = self._before, self._reported
+        if facts is before and facts is reported:
+            return False
+        if before is not None and facts != before:
+            for name in facts.newly_stale(before):
+                self._went_stale[name] += 1
+        self._before = facts
+        if reported is None or facts == reported:
+            return False
+        return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
+
+    def frame(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> Frame:
+        """Return the frame that reports the present facts and the frames lost so far.
 
         ``fault``      what the controller has detected in itself
         ``must_stop``  whether the vehicle must, whatever the validity
         """
+        facts, lost = self._facts_at(fault, must_stop, now_ns), self._received.reception.lost
+        self._reported, self._reported_ns = facts, now_ns
+        counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
+        return self._sender.frame((*counts, *facts[1:]))
+
+    def _facts_at(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> SafetyFacts:
+        """Return the facts."""
         received, validity = self._received, self.validity
-        seen = (received.reception.refused, received.unauthenticated, fault, validity, must_stop)
-        if now_ns <= self._fresh_until_ns and seen == self._seen:
+        found_from = (
+            received.reception.refused, received.unauthenticated, fault, validity, must_stop
+        )  # fmt: skip
+        if now_ns <= self._fresh_until_ns and found_from == self._found_from:
             return self.facts
-        self._seen = seen
+        self._found_from = found_from
         request = request_of(validity, must_stop=must_stop)
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)

@@ -1,4 +1,7 @@
-"""The frames that report the controller's state, for monitoring."""
+"""The frames that report the controller's state, for monitoring, every STATUS_PERIOD_NS.
+
+CONTROLLER_SAFETY alone leaves in between as well: ``controller.node.safety_report`` decides when.
+"""
 
 from ...dbc.messages import (
     ControllerStatus,
@@ -11,17 +14,17 @@ from ...dbc.messages import (
 )
 from ...runtime.frame import Frame
 from ..interface.law import LawOutput
-from .safety_report import SafetyStatus
 
+STATUS_PERIOD_NS = 100_000_000
+"""Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 _LIMITS = limits(ControllerStatus)
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1
 
 
 class StatusFrames:
-    """Makes CONTROLLER_STATUS and DELAY_STATUS; ``safety`` makes CONTROLLER_SAFETY."""
+    """Makes CONTROLLER_STATUS and DELAY_STATUS."""
 
     def __init__(self, law: LawNumber) -> None:
-        self.safety = SafetyStatus()
         self._law = law
         self._statuses, self._delays = Sender(ControllerStatus), Sender(DelayStatus)
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from steer_by_wire.controller.interface.law import LawInput, LawOutput
 from steer_by_wire.controller.laws.assembly import LawDesign
 from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, SentCommands
-from steer_by_wire.controller.node.node import STATUS_PERIOD_NS, ControllerNode
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,

@@ -114,7 +114,7 @@ def test_a_controller_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyP
     def jumping(
         law: LawRunner, received: Received, sent_rad: float, period: int, now_ns: int
     ) -> float | None:
-        law._fade_rad = 0.0
+        law._fade_rad, law._continues_hold = 0.0, False
         return run(law, received, sent_rad, period, now_ns)
 
     monkeypatch.setattr(LawRunner, "run", jumping)

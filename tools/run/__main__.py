@@ -24,8 +24,9 @@ from steer_by_wire.closed_loop.threaded_pair import run_threaded_nodes
 from steer_by_wire.closed_loop.virtual_bus import SharedBus, virtual_wire, with_clocks
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.node.summary import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
-from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements
+from steer_by_wire.controller.settings import ControllerSettings, on_bus
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults

@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
-from ....controller.node.node import STATUS_PERIOD_NS
+from ....controller.node.status_frames import STATUS_PERIOD_NS
 from ....controller.settings import ControllerSettings
 from ....controller.supervision import NO_LIMIT_NS
 from ....dbc.codec.protection import COUNTERS, SequenceRule
