@@ -227,12 +227,27 @@ def document_row(signal: Signal) -> str:
     return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells)
 
 
+def rows_of(line: str) -> list[str]:
+    """Return the rows that a line stands for: ``A_0 to A_9 | 8, 16, ..., 80`` stands for ten."""
+    alike = re.match(r"\| (\w+_)0 to \1(\d+) \| (\d+), (\d+), \.\.\., (\d+)( \|.*)", line)
+    if alike is None:
+        return [line]
+    name, last = alike[1], int(alike[2])
+    first, second, end = (int(alike[group]) for group in (3, 4, 5))
+    starts = range(first, end + 1, second - first)
+    assert len(starts) == last + 1, line
+    return [f"| {name}{index} | {start}{alike[6]}" for index, start in enumerate(starts)]
+
+
 @pytest.mark.parametrize("definition", DATABASE.messages, ids=lambda message: str(message.name))
 def test_the_document_describes_every_signal_as_the_dbc_does(definition: Definition) -> None:
     heading = f"### {definition.name} 0x{definition.frame_id:X}\n"
     assert heading in DOCUMENT
     section = DOCUMENT.split(heading)[1].split("\n#")[0]
-    rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_0-9]{3,} \|", line)]
+    lines = [
+        line for line in section.splitlines() if re.match(r"\| [A-Z_0-9]{3,} (?:\||to )", line)
+    ]
+    rows = [row for line in lines for row in rows_of(line)]
     expected = [document_row(signal) for signal in payload_signals(definition)]
     assert [row[: len(start)] for row, start in zip(rows, expected, strict=True)] == expected
 
