@@ -10,9 +10,7 @@ from scipy.special import ellipe
 from steer_by_wire.closed_loop.pair_result import rms
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
-from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.tools.paper import published
-from steer_by_wire.tools.paper.both_rows_attempts import CURVATURE, error_answers
 from steer_by_wire.tools.paper.continuous_runs import (
     PATH,
     DrivenEllipse,
@@ -35,23 +33,12 @@ from steer_by_wire.tools.paper.delay_runs import (
     mean_before,
     peak,
 )
-from steer_by_wire.tools.paper.delay_steps import largest_filter_rad_s, reference_step
+from steer_by_wire.tools.paper.derivative_filter import largest_filter_rad_s
 from steer_by_wire.tools.paper.simulation import thinned
 from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, corner_run
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
-
-
-@pytest.mark.parametrize("observer", [NO_OBSERVER, order_2(5.0)])
-def test_the_loop_of_the_readings_is_the_one_that_the_table_is_compared_with(
-    observer: Observer,
-) -> None:
-    with_dob = observer is not NO_OBSERVER
-    vehicles = paper_box().vertices()
-    answers = [error_answers(one, with_dob=with_dob, wavelength_m=40.0) for one in vehicles]
-    row_m = [rms(answer[:, CURVATURE]) for answer in answers]
-    assert row_m == pytest.approx(table_2_row(observer, PATH), rel=1e-9)
 
 
 def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
@@ -139,21 +126,6 @@ def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> No
     first_m, second_m = ends_m[(*FILTER, *WASHOUT, *TYPE_2)]
     assert abs(first_m) < 2e-4
     assert abs(second_m - first_m) < 1e-5
-
-
-def test_a_reference_step_of_the_cdob_ends_where_the_gains_at_rest_say() -> None:
-    """At rest (18) is C G/(1 + C G_n), the two integrators leave G/G_n: the models' ratio."""
-    plant = delayed_plant(1.0)
-    controller = controller_preset("paper_pd_cdob", FILTER)
-    step = reference_step(plant, controller, 0.1, 0.08, 20.0)
-    assert step.error_m[-1] == pytest.approx(0.1 * (gain_ratio_at_rest() - 1.0), abs=2e-4)
-
-
-def test_a_reference_step_without_delay_is_followed_by_pd() -> None:
-    step = reference_step(delayed_plant(1.0), controller_preset("paper_pd"), 0.1, 0.0, 15.0)
-    assert step.error_m[0] == -0.1
-    assert abs(step.error_m[-1]) < 1e-3
-    assert step.time_s[-1] == pytest.approx(14.999)
 
 
 def test_of_latencies_drawn_for_every_command_only_the_short_ones_come_through() -> None:

@@ -1,1 +1,4 @@
-"""Compute the figures and tables of SAE 2018-01-1086 with this project's models and laws."""
+"""``steer-by-wire paper``: the figures and tables of SAE 2018-01-1086, published beside reproduced.
+
+What design uses too is in ``closed_loop/parameter_space``. Begin with ``__main__.py``.
+"""

@@ -1,9 +1,8 @@
-"""Table II: RMS tracking errors of PD and PD+DOB in the four corners, and attempts to explain them.
+"""Table II: RMS tracking errors of PD and PD+DOB in the four corners.
 
 Values are compared as printed, with four digits. The PD row is reproduced within 0.0002 m once C_r
 has its zero back. The PD+DOB row is not: (11) with Q of (20) at 5 rad/s leaves a thirtieth of the
-error, the table only a good half. `continuous_runs` has what else was tried; none of it is
-adopted.
+error, the table only a good half. `docs/paper.md` tells what else was tried.
 """
 
 from collections.abc import Sequence
@@ -17,8 +16,7 @@ from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.settings import controller_preset
 from ...runtime.array_types import FloatArray
 from . import published
-from .both_rows_attempts import BothRows, both_rows_attempts
-from .continuous_runs import PATH, PD, attempts, order_2, pd_row_attempts, table_2_row
+from .continuous_runs import PATH, PD, order_2, table_2_row
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate
 
@@ -70,20 +68,16 @@ def simulated_row(label: str, preset: str, rear_cornering_stiffness_n_rad: float
 
 
 def table_2() -> Reproduction:
-    """Return the table with either rear cornering stiffness, and what was tried for its DOB."""
+    """Return the table with either rear cornering stiffness."""
     pd = _rows("PD", "paper_pd", [column.pd_m for column in published.TABLE_2])
     dob = _rows("PD+DOB", "paper_pd_dob", [column.pd_dob_m for column in published.TABLE_2])
-    tried = [Row(*attempt) for attempt in attempts()]
     comparisons = (
         *_comparisons(pd),
         _mass_trend("C_r = 500,000 N/rad", pd[0], pd[1]),
         _mass_trend("C_r = 50,000 N/rad", pd[0], pd[2]),
-        *(_attempt(pd[0], f"PD, tried: {label}", row) for label, row in pd_row_attempts()),
         *_comparisons(dob),
         _reduction(pd, dob),
         _is_reduced(pd[1], dob[1]),
-        *(_attempt(dob[0], f"PD+DOB, tried: {label}", row) for label, row in tried),
-        *(_attempt_at_both(pd[0], dob[0], both) for both in both_rows_attempts()),
     )
     return Reproduction(
         "table_2",
@@ -92,10 +86,7 @@ def table_2() -> Reproduction:
         "ω_c = 5 rad/s; sampled at 1 kHz, no delay. Columns: 4 km/h 1600 kg, 4 km/h 5000 kg, "
         "7 km/h 1600 kg, 7 km/h 5000 kg. Row “continuous”: the same loop as one rational function, "
         "without sampling and without the nodes.",
-        (
-            Picture("table_2", _draw(pd, dob), _columns([*pd, *dob])),
-            Picture("table_2_attempts", _draw_attempts(dob[0], tried), _columns([dob[0], *tried])),
-        ),
+        (Picture("table_2", _draw(pd, dob), _columns([*pd, *dob])),),
         comparisons,
         verdict_of(comparisons, is_corrected=True),
         _WHY,
@@ -119,25 +110,6 @@ def _comparisons(rows: Sequence[Row]) -> list[Comparison]:
     """
     deciding, *others = (_against(rows[0], row) for row in rows[1:])
     return [deciding._replace(decides=NUMBER), *others]
-
-
-def _attempt(theirs: Row, label: str, rms_m: tuple[float, ...]) -> Comparison:
-    """Return how far an attempt is off; it is not a result, so it has no verdict."""
-    return _against(theirs, Row(label, rms_m))._replace(agrees=None)
-
-
-def _attempt_at_both(pd: Row, dob: Row, tried: BothRows) -> Comparison:
-    """Return how far a reading of both rows is off, and what 3400 kg more change in the second."""
-    rows = Row("", tried.pd_m), Row("", tried.pd_dob_m)
-    more_m = _mass_changes_m(rows[1])
-    return Comparison(
-        f"both rows, tried: {tried.label}",
-        f"PD {_text(pd)}, PD+DOB {_text(dob)}",
-        f"PD {_text(rows[0])}, PD+DOB {_text(rows[1])}; off by {100.0 * tried.worst_share:.1f} % at"
-        f" most; 1600 → 5000 kg changes PD+DOB by {more_m[0]:+.4f} and {more_m[1]:+.4f} m instead"
-        f" of {_mass_changes_m(dob)[0]:+.4f} and {_mass_changes_m(dob)[1]:+.4f} m",
-        None,
-    )
 
 
 def _against(theirs: Row, ours: Row) -> Comparison:
@@ -217,20 +189,6 @@ def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:
         axes.grid(visible=False, axis="x")
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    return figure
-
-
-def _draw_attempts(theirs: Row, tried: Sequence[Row]) -> Figure:
-    figure = Figure(figsize=(10.5, 4.8))
-    axes = figure.subplots()
-    places = np.arange(4)
-    axes.plot(places, theirs.rms_m, "o-", color="black", lw=2.5, label="published")
-    for row, colour, marker in zip(tried, (*COLOURS[:4], "#56B4E9", "0.6"), "svD^Px", strict=False):
-        axes.plot(places, row.rms_m, marker=marker, color=colour, lw=1.2, label=row.label)
-    axes.set_xticks(places, _corner_labels())
-    axes.set(ylabel="RMS lateral error [m]", ylim=(0.0, None))
-    axes.set_title("PD+DOB row: what was tried, none adopted")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     return figure
 
 
