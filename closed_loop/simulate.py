@@ -31,8 +31,7 @@ from ..runtime.settings import (
     read_preset,
     with_values,
 )
-from .run import Run
-from .run_tables import ControllerTable, PlantTable
+from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})

@@ -10,9 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .closed_loop.run import Run
-    from .closed_loop.run_tables import ControllerTable, PlantTable, Track
     from .closed_loop.simulate import controller_presets, plant_presets, simulate
+    from .closed_loop.simulated_run import ControllerTable, PlantTable, Run, Track
     from .closed_loop.studies.run_study import run_study
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
@@ -46,9 +45,8 @@ _NAMES = {
     ),
     "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
-    "closed_loop.run_tables": ("ControllerTable", "PlantTable", "Track"),
     "runtime.settings": ("Settings", "SettingsError"),
-    "closed_loop.run": ("Run",),
+    "closed_loop.simulated_run": ("ControllerTable", "PlantTable", "Run", "Track"),
     "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
     "closed_loop.studies.run_study": ("run_study",),
 }

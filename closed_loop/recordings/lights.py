@@ -101,20 +101,24 @@ def _controller(status: ControllerStatus | None, safety: ControllerSafety | None
     return _light("Controller", status and status.mode, _MODES, "CONTROLLER_STATUS")
 
 
-def _measurements(safety: ControllerSafety | None) -> Light:
-    if safety is None:
-        return Light("Measurements", OFF, "SILENT", "no CONTROLLER_SAFETY on the bus")
+def measurements_that_are(freshness: Freshness, safety: ControllerSafety) -> list[str]:
+    """Return the names of the measurements that the controller reports to be so fresh."""
     of_messages = {
         "LATERAL_ERROR": safety.lateral_error_freshness,
         "STEERING_STATUS": safety.steering_status_freshness,
         "VEHICLE_STATE": safety.vehicle_state_freshness,
     }
+    return [name for name, its in of_messages.items() if its is freshness]
+
+
+def _measurements(safety: ControllerSafety | None) -> Light:
+    if safety is None:
+        return Light("Measurements", OFF, "SILENT", "no CONTROLLER_SAFETY on the bus")
     for freshness, level, words in (
         (Freshness.STALE, BAD, "older than its age limit"),
         (Freshness.NEVER_SEEN, NOTICE, "never received by the controller"),
     ):
-        names = [name for name, its in of_messages.items() if its is freshness]
-        if names:
+        if names := measurements_that_are(freshness, safety):
             return Light("Measurements", level, freshness.name, f"{', '.join(names)}: {words}")
     return Light("Measurements", GOOD, "FRESH", "all three messages are young enough")
 

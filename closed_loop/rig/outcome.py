@@ -18,7 +18,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from ..pair_result import PairFiles, Trace, rms
-from ..recordings.file_analysis import analyse_files
+from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 
 _LATE = 1.8

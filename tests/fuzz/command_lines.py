@@ -31,7 +31,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     ),
     "plant_emulator.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
-    "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
+    "tools.analyze.__main__": ("tools.analyze.report.draw_pictures",),
     "tools.run.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
     "tools.compare_laws.__main__": (".compare",),
     "tools.delay_estimation_study.__main__": (".worker_pool",),

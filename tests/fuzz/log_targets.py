@@ -22,7 +22,7 @@ from typing import Any
 
 import can
 
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.dbc.codec.codec import (
     FILE,

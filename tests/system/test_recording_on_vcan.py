@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import running, wait_until

@@ -11,7 +11,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes import launched_broker
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
 from steer_by_wire.tools.cockpit.replay import read_replay

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.lights import Known, Light, lights_of
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,

@@ -29,8 +29,8 @@ from steer_by_wire.closed_loop.recordings.bus_listener import (
     MissingLibraryError,
     ParquetTable,
 )
-from steer_by_wire.closed_loop.recordings.file_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
@@ -57,7 +57,7 @@ from steer_by_wire.tools.analyze.report import report_html
 from steer_by_wire.tools.analyze.result import Result, print_results
 
 if TYPE_CHECKING:
-    from steer_by_wire.tools.analyze.smoothed import SmoothedTable
+    from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
 NAME = "steer-by-wire analyze"
 
@@ -195,7 +195,7 @@ def _analyse(
                 paths, options.channel, exports, advance, rules, options.preview_m
             )
         # Only a report needs matplotlib, and an error in the file should be reported before that.
-        from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
+        from steer_by_wire.tools.analyze.report import draw_pictures, draw_smoothed
 
         if smoothed:
             figures["smoothed"] = smoothed[0].figures
@@ -231,7 +231,7 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
     table = {"kind": "vehicle", **read_table(options.smooth, "vehicle")}
     vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(options.smooth), table))
     # Only a smoother needs filterpy, which imports most of scipy.
-    from steer_by_wire.tools.analyze.smoothed import SmoothedTable
+    from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
     return [SmoothedTable(folder / "smoothed.csv", vehicle)]
 

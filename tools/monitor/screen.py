@@ -4,16 +4,24 @@ import math
 
 from rich.text import Text
 
-from ...closed_loop.recordings.live_view import MessageView, View
-from ...closed_loop.recordings.recent import Spread, Strip
-from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness, SecondSender
+from ...closed_loop.recordings.lights import (
+    BAD,
+    GOOD,
+    NOTICE,
+    OFF,
+    Known,
+    lights_of,
+    measurements_that_are,
+)
+from ...closed_loop.recordings.live_view import MessageView, Spread, Strip, View
+from ...dbc.messages import EchoState, EstimateState, Freshness, SecondSender
 from .keys import LatencyChoice
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _ASCII_BLOCKS = "_.-=+*#@"
 _ONE_MS = 1e3
-_MODE_STYLES = {"ACTIVE": "bold green", "HOLDING": "bold yellow", "SAFE_STOP": "bold red"}
+_STYLES = {GOOD: "bold green", NOTICE: "bold yellow", BAD: "bold red", OFF: "bold"}
 
 
 def screen_lines(
@@ -101,14 +109,14 @@ def _title(view: View, bus: str, width: int) -> Text:
 
 
 def _state(view: View) -> Text:
-    mode, law, skipped = "not received", "", "-"
+    law, skipped = "", "-"
     if view.controller is not None:
-        mode, law = view.controller.mode.name, f" {view.controller.law.name}"
-        skipped = str(view.controller.skipped_ticks)
-    actuator = "not received" if view.steering is None else view.steering.status.name
-    text = Text("controller ").append(mode, style=_MODE_STYLES.get(mode, "bold"))
+        law, skipped = f" {view.controller.law.name}", str(view.controller.skipped_ticks)
+    known = Known(view.controller, view.safety, view.delay, view.steering, view.plant, {})
+    controller, _, _, actuator, *_ = lights_of(known)
+    text = Text("controller ").append(controller.state, style=_STYLES[controller.level])
     text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
-    text.append("   actuator ").append(actuator, style="bold")
+    text.append("   actuator ").append(actuator.state, style=_STYLES[actuator.level])
     return text.append(f"   {view.frames_per_s:.0f} frames/s")
 
 
@@ -247,16 +255,8 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    safety = view.safety
-    if safety is None:
-        return _second_senders(view)
-    stale = "".join(
-        f", {name.upper()} stale"
-        for name in ("lateral_error", "steering_status", "vehicle_state")
-        if getattr(safety, f"{name}_freshness") is Freshness.STALE
-    )
-    fault = "" if safety.fault is ControllerFault.NONE else f", fault {safety.fault.name}"
-    return stale + fault + _second_senders(view)
+    stale = [] if view.safety is None else measurements_that_are(Freshness.STALE, view.safety)
+    return "".join(f", {name} stale" for name in stale) + _second_senders(view)
 
 
 def _second_senders(view: View) -> str:

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.durations import History
-from steer_by_wire.closed_loop.recordings.latency import relative_uplink
+from steer_by_wire.closed_loop.recordings.latency import History, relative_uplink
 from steer_by_wire.dbc.messages import LateralError, encode
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry

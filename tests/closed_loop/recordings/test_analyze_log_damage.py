@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.candump_text import Logged
-from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
+from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, open_log
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.analysis import CG_DEVIATION
+from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry

@@ -1,21 +1,21 @@
-"""Takes the frames of one log, one at a time, and returns its figures at the end."""
+"""The figures of one log, which may be several files: frames in, one at a time, figures out."""
 
 import heapq
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from .bus_listener import NAMES, BusListener, ReceivedMessage
-from .candump_text import CLOCK_STARTED_NS
-from .durations import Durations, History
+from .bus_listener import NAMES, BusListener, Export, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
-from .latency import Latencies
+from .latency import Durations, History, Latencies
+from .log_file import CLOCK_STARTED_NS, LogError, open_log
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
@@ -264,3 +264,62 @@ def _date(time_ns: int | None) -> str | None:
     if time_ns is None or time_ns < CLOCK_STARTED_NS:
         return None
     return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="microseconds")
+
+
+PROGRESS_FRAMES = 5_000
+"""Frames between two reports of progress."""
+
+
+class AnalysedLog(NamedTuple):
+    """The figures of a log, ready for JSON, and the data of its pictures."""
+
+    figures: dict[str, Any]
+    analysis: LogAnalysis
+
+
+def analyse_files(
+    paths: Sequence[Path],
+    channel: str | None = None,
+    exports: Sequence[Export] = (),
+    advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
+    rules: VerdictRules | None = None,
+    preview_m: float = PREVIEW_M,
+) -> AnalysedLog:
+    """Read the files of one log, one after the other.
+
+    ``channel``  the only one to analyse, where the log has several
+    ``exports``  receive every message; the caller closes them
+    ``advance``  called now and then with a file and how much of it was read (None: unknown)
+    ``rules``    of the verdict
+    ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
+
+    Raises LogError if a file cannot be read at all, or has no frame of the channel.
+    """
+    analysis = LogAnalysis(rules, preview_m)
+    unreadable, first_unreadable = 0, ""
+    channels: dict[str, None] = {}
+    for path in paths:
+        log = open_log(path)
+        for number, (time_ns, its_channel, frame) in enumerate(log):
+            if number % PROGRESS_FRAMES == 0:
+                advance(str(path), log.fraction_read)
+            channels[its_channel] = None
+            if channel not in (None, its_channel):
+                continue
+            taken = analysis.take(time_ns, frame)
+            if taken is not None:
+                for export in exports:
+                    export.write(time_ns, *taken)
+        unreadable += log.unreadable
+        first_unreadable = first_unreadable or log.first_unreadable
+    figures = {
+        "files": [str(path) for path in paths],
+        "channels": sorted(filter(None, channels)),
+        "unreadable": unreadable,
+        "first_unreadable": first_unreadable,
+        **analysis.figures(),
+    }
+    if channel is not None and not figures["frames"]:
+        there = ", ".join(figures["channels"]) or "none is named"
+        raise LogError(f"{paths[0]}: no frame of channel {channel}; in the log: {there}")
+    return AnalysedLog(figures, analysis)

@@ -1,0 +1,260 @@
+"""One run of plant emulator and controller: its tables, settings, figures and picture.
+
+Time 0 is the start of motion. The plant is sampled once per sensor period and the controller once
+per control period, so each has a table of its own; an array of a table has shape (rows,).
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..controller.node.run_figures import ControlSample
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
+from ..plant_emulator.path.shapes import build_path
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.array_types import FloatArray, IntArray
+from ..runtime.command_line import installation
+from ..runtime.settings.toml_text import dump_toml
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .compiled.engine import BatchRun
+
+
+class PlantTable(NamedTuple):
+    """The true state of the rig, one row per sensor period; NaN where there is no value.
+
+    Compiled runs have no ``uplink_latency_s`` and no ``side_slip_rad``: NaN.
+    """
+
+    time_s: FloatArray  #: since the start of motion
+    arc_length_m: FloatArray  #: of the path, beside the preview point
+    lateral_error_m: FloatArray  #: at the preview point, without noise, to the left positive
+    heading_error_rad: FloatArray
+    yaw_rate_rad_s: FloatArray
+    command_rad: FloatArray  #: in effect, as it was on the wire
+    wheel_angle_rad: FloatArray
+    downlink_latency_s: FloatArray  #: of the command in effect
+    uplink_latency_s: FloatArray  #: of the measurement that left last
+    curvature_1_m: FloatArray  #: of the path, beside the preview point
+    side_slip_rad: FloatArray
+    cg_deviation_m: FloatArray  #: of the centre of gravity from the path, to the left positive
+
+    @classmethod
+    def of_samples(cls, samples: Sequence[PlantSample]) -> "PlantTable":
+        """Collect the samples of a plant node."""
+        return cls(*np.array(samples, dtype=np.float64).reshape(-1, len(cls._fields)).T.copy())
+
+    @classmethod
+    def of_batch(cls, batch: "BatchRun") -> "PlantTable":
+        """Collect what a compiled run has."""
+        unknown = np.full(len(batch.time_s), np.nan)
+        return cls(*(getattr(batch, name, unknown) for name in cls._fields))
+
+
+class ControllerTable(NamedTuple):
+    """What the controller knew and decided, one row per control period from the first command on.
+
+    Compiled runs have no ``measured_m`` and no ``sample_age_s``: NaN.
+    """
+
+    time_s: FloatArray  #: since the start of motion
+    mode: IntArray  #: Mode: 1 is ACTIVE
+    measured_m: FloatArray  #: the newest lateral error that has arrived
+    sample_age_s: FloatArray  #: since that error arrived
+    law_rad: FloatArray  #: what the law asked for, before limits
+    sent_rad: FloatArray  #: the command, after limits
+    disturbance_rad: FloatArray  #: d̂ of the DOB
+    network_disturbance_rad: FloatArray  #: d̂_n of the CDOB
+    compensated_error_m: FloatArray  #: y_fb: the error the law steers by
+
+    @classmethod
+    def of_samples(
+        cls, samples: Sequence[ControlSample], motion_start_ns: int
+    ) -> "ControllerTable":
+        """Collect the samples of a controller node."""
+        columns = np.array(
+            [
+                (
+                    (sample.time_ns - motion_start_ns) * 1e-9,
+                    sample.lateral_error_m,
+                    sample.sample_age_ns * 1e-9,
+                    sample.law_output.steer_rad,
+                    sample.sent_steer_rad,
+                    *sample.law_output[1:],
+                )
+                for sample in samples
+            ],
+            dtype=np.float64,
+        )
+        time_s, *others = columns.reshape(-1, len(cls._fields) - 1).T.copy()
+        mode = np.array([sample.mode for sample in samples], dtype=np.int64)
+        return cls(time_s, mode, *others)
+
+    @classmethod
+    def of_batch(cls, batch: "BatchRun") -> "ControllerTable":
+        """Collect what a compiled run has."""
+        ticks = len(batch.tick_s)
+        mode = np.zeros(ticks, dtype=np.int64)
+        for segment in batch.schedule.segments:
+            mode[segment.first_tick : segment.last_tick] = segment.mode
+        law_rad, *estimates = batch.law_output.T.copy()
+        since_start_ns = batch.schedule.tick_ns[:ticks] - batch.schedule.motion_start_ns
+        unknown = np.full(ticks, np.nan)
+        return cls(
+            np.multiply(since_start_ns, 1e-9),
+            mode,
+            unknown,
+            unknown,
+            law_rad,
+            batch.sent_rad,
+            *estimates,
+        )
+
+
+class Track(NamedTuple):
+    """The run seen from above, one row per sensor period: preview point, and path beside it."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    path_x_m: FloatArray
+    path_y_m: FloatArray
+
+
+class Run(NamedTuple):
+    """One run of plant emulator and controller.
+
+    ``plant``, ``controller``  what happened, as arrays
+    ``*_settings``             all that determines the run
+    ``*_report``               as the programs write them; empty for a compiled run
+    ``engine``                 virtual or compiled
+    ``outcome``                complete, or what ended the run early
+    """
+
+    plant: PlantTable
+    controller: ControllerTable
+    plant_settings: PlantSettings
+    controller_settings: ControllerSettings
+    plant_report: Mapping[str, Any]
+    controller_report: Mapping[str, Any]
+    engine: str
+    outcome: str
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """Root mean square of the preview point's lateral error; 0 without samples."""
+        return _rms_m(self.plant.lateral_error_m)
+
+    @property
+    def lateral_error_peak_m(self) -> float:
+        """Largest magnitude of the lateral error; 0 without samples."""
+        return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))
+
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
+        return _rms_m(self.plant.cg_deviation_m)
+
+    @property
+    def cg_deviation_peak_m(self) -> float:
+        """Largest magnitude of the deviation of the centre of gravity; 0 without samples."""
+        return float(np.max(np.abs(self.plant.cg_deviation_m), initial=0.0))
+
+    def track(self) -> Track:
+        """Return the run seen from above; takes about 20 µs a row."""
+        path = build_path(self.plant_settings.path)
+        rows = zip(*self.plant, strict=True)
+        places = [place(path, PlantSample(*map(float, row))) for row in rows]
+        return Track(*np.array(places).reshape(-1, len(PlacedSample._fields)).T.copy())
+
+    def to_pandas(self) -> tuple[Any, Any]:
+        """Return both tables as pandas frames, by ``time_s``; raises ValueError without pandas."""
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ValueError(f"to_pandas() needs pandas: {installation('pandas')}") from error
+        plant, controller = (
+            pd.DataFrame(table._asdict()).set_index("time_s")
+            for table in (self.plant, self.controller)
+        )
+        return plant, controller
+
+    def plot(self) -> "Figure":
+        """Draw error, steer, estimates and latency; raises ValueError if a library is missing.
+
+        Save the figure by ``run.plot().savefig("run.png")``.
+        """
+        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
+        title = (
+            f"{self.controller_settings.law}, seed {self.plant_settings.seed}: "
+            f"preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm"
+        )
+        try:
+            return _drawn(title, self.plant, self.controller)
+        except ImportError as error:
+            library = (error.name or "").partition(".")[0]
+            raise ValueError(f"plot() needs {library}: {installation(library)}") from error
+
+    def save(self, folder: str | Path) -> None:
+        """Write settings and tables: plant.toml, controller.toml, plant.csv, controller.csv.
+
+        ``simulate(folder / "plant.toml", folder / "controller.toml")`` repeats the run.
+        Raises OSError.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, settings, table in (
+            ("plant", self.plant_settings, self.plant),
+            ("controller", self.controller_settings, self.controller),
+        ):
+            (folder / f"{name}.toml").write_text(dump_toml(settings), encoding="utf-8")
+            with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(table._fields)
+                writer.writerows(zip(*(column.tolist() for column in table), strict=True))
+
+
+def _rms_m(values_m: FloatArray) -> float:
+    # One by one from the start, as the plant's report adds them up.
+    squares = np.cumsum(np.square(values_m))
+    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
+
+
+def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figure":
+    """Draw lateral error, steer, estimates and latency over time."""
+    from matplotlib.figure import Figure
+
+    from .reports.plot_style import COLOURS, plot_style
+
+    with plot_style():
+        figure = Figure(figsize=(9.0, 8.0), dpi=110)
+        error, steer, estimates, latency = figure.subplots(4, 1, sharex=True)
+        for values_m, label, colour in (
+            (plant.lateral_error_m, "preview point", COLOURS[1]),
+            (plant.cg_deviation_m, "centre of gravity", COLOURS[0]),
+        ):
+            error.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
+        error.axhline(0.0, color="black", lw=0.6)
+        error.set(ylabel="off the path [mm]", title=title)
+        steer.step(controller.time_s, controller.sent_rad, where="post", label="sent", lw=1.0)
+        steer.plot(plant.time_s, plant.wheel_angle_rad, label="wheel", lw=1.0)
+        steer.set(ylabel="steer [rad]")
+        for values, label in (
+            (controller.disturbance_rad, "disturbance (DOB)"),
+            (controller.network_disturbance_rad, "network disturbance (CDOB)"),
+        ):
+            if np.any(values):
+                estimates.plot(controller.time_s, values, label=label, lw=1.0)
+        estimates.set(ylabel="estimates [rad]")
+        latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.5, label="downlink")
+        latency.plot(plant.time_s, 1e3 * plant.uplink_latency_s, ".", ms=2.5, label="uplink")
+        latency.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
+        for axes in (error, steer, estimates, latency):
+            if axes.get_legend_handles_labels()[1]:
+                axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2, markerscale=3.0)
+    return figure
