@@ -14,90 +14,15 @@ from typing import Any, NamedTuple
 
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
-from .codec.codec import EncodeError, Rejection, codecs_of
-from .codec.layout import SignalRange
+from .codec.codec import EncodeError as EncodeError
+from .codec.codec import Rejection as Rejection
+from .codec.codec import codecs_of
+from .codec.layout import SignalRange as SignalRange
 from .codec.protection import COUNTERS, id_mark, mark_in
-from .contract.enumerations import (
-    ControllerFault,
-    Direction,
-    EchoState,
-    EstimateState,
-    Freshness,
-    LatencyModel,
-    LawNumber,
-    Mode,
-    MotionRequest,
-    SafetyState,
-    SecondSender,
-    SteeringStatusCode,
-    Validity,
-)
+from .contract.enumerations import *  # noqa: F403  all are names of this module too
 from .contract.generated_layout import LAYOUTS
-from .contract.records import (
-    MESSAGE_TYPES,
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
-    DisturbanceConfig,
-    GroundTruth,
-    LatencyConfig,
-    LateralError,
-    Message,
-    PathAhead,
-    PlantStatus,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    VehicleState,
-)
-
-__all__ = [
-    "CAN_IDS",
-    "COMMAND_COUNTERS",
-    "CYCLE_TIMES_MS",
-    "DATA_IDS",
-    "MESSAGE_TYPES",
-    "ControllerFault",
-    "ControllerSafety",
-    "ControllerStatus",
-    "Decoded",
-    "DelayStatus",
-    "Direction",
-    "DisturbanceConfig",
-    "EchoState",
-    "EncodeError",
-    "EstimateState",
-    "Freshness",
-    "GroundTruth",
-    "LatencyConfig",
-    "LatencyModel",
-    "LateralError",
-    "LawNumber",
-    "Message",
-    "Mode",
-    "MotionRequest",
-    "PathAhead",
-    "PlantStatus",
-    "Rejection",
-    "SafetyState",
-    "SecondSender",
-    "SignalRange",
-    "SteeringCommand",
-    "SteeringPlan",
-    "SteeringStatus",
-    "SteeringStatusCode",
-    "Validity",
-    "VehicleState",
-    "decode",
-    "encode",
-    "encode_not_available",
-    "frame_of",
-    "limits",
-    "packing",
-    "rejection_of",
-    "resolutions",
-    "unpacking",
-]
+from .contract.records import *  # noqa: F403
+from .contract.records import MESSAGE_TYPES, Message, SteeringCommand
 
 
 class Decoded(NamedTuple):
@@ -114,6 +39,14 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
 )
 """The identifier each message is sent under."""
+
+_SENDERS = {layout.name: layout.sender for layout in LAYOUTS}
+
+
+def sent_by(node: str) -> tuple[type[Message], ...]:
+    """Return the messages that a node of the DBC alone sends: CONTROLLER, PLANT or TOOL."""
+    return tuple(kind for name, kind in MESSAGE_TYPES.items() if _SENDERS[name] == node)
+
 
 DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
     {kind: codec.data_id for kind, codec in _CODECS.items() if codec.data_id is not None}

@@ -5,17 +5,13 @@ the law, the reported delay and CONTROLLER_SAFETY all use it.
 """
 
 from ...dbc.messages import (
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
     Freshness,
     LateralError,
     Message,
     PathAhead,
-    SteeringCommand,
-    SteeringPlan,
     SteeringStatus,
     VehicleState,
+    sent_by,
 )
 from ...dbc.reception import Reception
 from ..interface.law import NO_VEHICLE, VehicleReading
@@ -26,13 +22,7 @@ SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleSt
 """The messages without which the controller falls back."""
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
-SENT: tuple[type[Message], ...] = (
-    SteeringCommand,
-    SteeringPlan,
-    ControllerStatus,
-    ControllerSafety,
-    DelayStatus,
-)
+SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
 
 

@@ -43,6 +43,7 @@ class SignalLayout(NamedTuple):
 class MessageLayout(NamedTuple):
     """One message.
 
+    ``sender``         the node that alone sends it, as named in the DBC
     ``length``         of its payload [bytes]
     ``cycle_time_ms``  0 if it is not sent cyclically
     ``data_id``        of E2E profile 5; None if the message is not protected
@@ -50,6 +51,7 @@ class MessageLayout(NamedTuple):
     """
 
     name: str
+    sender: str
     can_id: int
     length: int
     cycle_time_ms: int

@@ -68,9 +68,11 @@ def field_name(message: Message, signal: Signal) -> str:
 
 def _message_layout(message: Message) -> MessageLayout:
     data_id = _data_id(message)
+    (sender,) = message.senders
     header = header_bits(message.name) if data_id is not None else {}
     return MessageLayout(
         name=message.name,
+        sender=sender,
         can_id=message.frame_id,
         length=message.length,
         cycle_time_ms=message.cycle_time or 0,

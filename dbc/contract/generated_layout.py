@@ -11,13 +11,15 @@ def _signals(*rows: tuple[object, ...]) -> tuple[SignalLayout, ...]:
 
 
 LAYOUTS: tuple[MessageLayout, ...] = (
-    MessageLayout("STEERING_COMMAND", can_id=0x100, length=8, cycle_time_ms=10, data_id=0x5100,
+    MessageLayout("STEERING_COMMAND", sender="CONTROLLER",
+        can_id=0x100, length=8, cycle_time_ms=10, data_id=0x5100,
         signals=_signals(
         ("STEER", "steer_rad", 24, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
         ("COMMAND_COUNTER", "command_counter", 42, 16, False, 1, 0, 65535, "", None),
         ("STEERING_COMMAND_MODE", "mode", 58, 3, False, 1, 0, 3, "", None),
     )),
-    MessageLayout("STEERING_PLAN", can_id=0x101, length=48, cycle_time_ms=0, data_id=0x5101,
+    MessageLayout("STEERING_PLAN", sender="CONTROLLER",
+        can_id=0x101, length=48, cycle_time_ms=0, data_id=0x5101,
         signals=_signals(
         ("PLAN_NUMBER", "plan_number", 24, 16, False, 1, 0, 65535, "", None),
         ("STEERING_PLAN_MODE", "mode", 40, 3, False, 1, 0, 3, "", None),
@@ -42,27 +44,31 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("STEER_16", "steer_16_rad", 343, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
         ("STEER_17", "steer_17_rad", 361, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
     )),
-    MessageLayout("LATERAL_ERROR", can_id=0x110, length=8, cycle_time_ms=10, data_id=0x5110,
+    MessageLayout("LATERAL_ERROR", sender="PLANT",
+        can_id=0x110, length=8, cycle_time_ms=10, data_id=0x5110,
         signals=_signals(
         ("LATERAL_ERROR_LATERAL_ERROR", "lateral_error_m", 24, 25, True, 5e-06, -83.886075,
          83.886075, "m", -16777216),
         ("HEADING_ERROR", "heading_error_rad", 49, 15, True, 0.0002, -3.2766, 3.2766, "rad",
          -16384),
     )),
-    MessageLayout("STEERING_STATUS", can_id=0x120, length=8, cycle_time_ms=10, data_id=0x5120,
+    MessageLayout("STEERING_STATUS", sender="PLANT",
+        can_id=0x120, length=8, cycle_time_ms=10, data_id=0x5120,
         signals=_signals(
         ("WHEEL_ANGLE", "wheel_angle_rad", 24, 18, True, 1e-05, -1.31071, 1.31071, "rad", None),
         ("APPLIED_COUNTER", "applied_counter", 42, 16, False, 1, 0, 65535, "", None),
         ("STATUS", "status", 58, 3, False, 1, 0, 6, "", None),
     )),
-    MessageLayout("VEHICLE_STATE", can_id=0x130, length=8, cycle_time_ms=20, data_id=0x5130,
+    MessageLayout("VEHICLE_STATE", sender="PLANT",
+        can_id=0x130, length=8, cycle_time_ms=20, data_id=0x5130,
         signals=_signals(
         ("SPEED", "speed_m_s", 24, 14, False, 0.005, 0, 81.915, "m/s", None),
         ("YAW_RATE", "yaw_rate_rad_s", 38, 13, True, 0.0005, -2.0475, 2.0475, "rad/s", None),
         ("PREVIEW_CURVATURE", "preview_curvature_1_m", 51, 13, True, 5e-05, -0.20475, 0.20475,
          "1/m", None),
     )),
-    MessageLayout("PATH_AHEAD", can_id=0x140, length=48, cycle_time_ms=0, data_id=0x5140,
+    MessageLayout("PATH_AHEAD", sender="PLANT",
+        can_id=0x140, length=48, cycle_time_ms=0, data_id=0x5140,
         signals=_signals(
         ("PATH_SAMPLE", "path_sample", 24, 8, False, 1, 0, 255, "", None),
         ("PATH_SPACING", "path_spacing_m", 32, 8, False, 0.05, 0.05, 12.75, "m", None),
@@ -93,7 +99,8 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("CURVATURE_24", "curvature_24_1_m", 352, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
         ("CURVATURE_25", "curvature_25_1_m", 365, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
     )),
-    MessageLayout("CONTROLLER_STATUS", can_id=0x300, length=8, cycle_time_ms=100, data_id=0x5300,
+    MessageLayout("CONTROLLER_STATUS", sender="CONTROLLER",
+        can_id=0x300, length=8, cycle_time_ms=100, data_id=0x5300,
         signals=_signals(
         ("CONTROLLER_STATUS_MODE", "mode", 24, 3, False, 1, 0, 3, "", None),
         ("LAW", "law", 27, 5, False, 1, 0, 9, "", None),
@@ -102,7 +109,8 @@ LAYOUTS: tuple[MessageLayout, ...] = (
          "rad", None),
         ("SKIPPED_TICKS", "skipped_ticks", 56, 8, False, 1, 0, 255, "", None),
     )),
-    MessageLayout("CONTROLLER_SAFETY", can_id=0x304, length=8, cycle_time_ms=100, data_id=0x5304,
+    MessageLayout("CONTROLLER_SAFETY", sender="CONTROLLER",
+        can_id=0x304, length=8, cycle_time_ms=100, data_id=0x5304,
         signals=_signals(
         ("CONTROLLER_SAFETY_REJECTED", "rejected", 24, 12, False, 1, 0, 4095, "", None),
         ("CONTROLLER_SAFETY_LOST", "lost", 36, 12, False, 1, 0, 4095, "", None),
@@ -114,7 +122,8 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("VALIDITY", "validity", 59, 3, False, 1, 0, 4, "", None),
         ("MOTION_REQUEST", "motion_request", 62, 2, False, 1, 0, 2, "", None),
     )),
-    MessageLayout("DELAY_STATUS", can_id=0x308, length=8, cycle_time_ms=100, data_id=0x5308,
+    MessageLayout("DELAY_STATUS", sender="CONTROLLER",
+        can_id=0x308, length=8, cycle_time_ms=100, data_id=0x5308,
         signals=_signals(
         ("ECHO_DELAY", "echo_delay_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("ESTIMATED_DELAY", "estimated_delay_s", 36, 12, False, 0.0005, 0, 2.0475, "s", None),
@@ -122,7 +131,8 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("ESTIMATE_STATE", "estimate_state", 50, 2, False, 1, 0, 2, "", None),
         ("CONFIDENCE", "confidence", 52, 7, False, 0.01, 0, 1, "", None),
     )),
-    MessageLayout("PLANT_STATUS", can_id=0x310, length=8, cycle_time_ms=100, data_id=0x5310,
+    MessageLayout("PLANT_STATUS", sender="PLANT",
+        can_id=0x310, length=8, cycle_time_ms=100, data_id=0x5310,
         signals=_signals(
         ("DOWNLINK_LATENCY", "downlink_latency_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("UPLINK_LATENCY", "uplink_latency_s", 36, 12, False, 0.0005, 0, 2.0475, "s", None),
@@ -131,11 +141,13 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("SAFETY", "safety", 59, 3, False, 1, 0, 4, "", None),
         ("PLANT_STATUS_SECOND_SENDER", "second_sender", 62, 2, False, 1, 0, 3, "", None),
     )),
-    MessageLayout("GROUND_TRUTH", can_id=0x314, length=8, cycle_time_ms=0, data_id=0x5314,
+    MessageLayout("GROUND_TRUTH", sender="PLANT",
+        can_id=0x314, length=8, cycle_time_ms=0, data_id=0x5314,
         signals=_signals(
         ("CG_DEVIATION", "cg_deviation_m", 24, 25, True, 5e-06, -83.886075, 83.886075, "m", None),
     )),
-    MessageLayout("LATENCY_CONFIG", can_id=0x320, length=7, cycle_time_ms=0, data_id=None,
+    MessageLayout("LATENCY_CONFIG", sender="TOOL",
+        can_id=0x320, length=7, cycle_time_ms=0, data_id=None,
         signals=_signals(
         ("DIRECTION", "direction", 0, 2, False, 1, 1, 3, "", None),
         ("MODEL", "model", 4, 4, False, 1, 0, 4, "", None),
@@ -143,7 +155,8 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("SPREAD", "spread_s", 24, 16, False, 0.0001, 0, 6.5535, "s", None),
         ("LOSS", "loss", 40, 14, False, 0.0001, 0, 1, "", None),
     )),
-    MessageLayout("DISTURBANCE_CONFIG", can_id=0x324, length=7, cycle_time_ms=0, data_id=None,
+    MessageLayout("DISTURBANCE_CONFIG", sender="TOOL",
+        can_id=0x324, length=7, cycle_time_ms=0, data_id=None,
         signals=_signals(
         ("SIDE_FORCE", "side_force_n", 0, 16, True, 1, -32767, 32767, "N", None),
         ("YAW_MOMENT", "yaw_moment_n_m", 16, 16, True, 1, -32767, 32767, "N m", None),

@@ -35,7 +35,8 @@ def generated_text() -> str:
 def _message_text(layout: MessageLayout) -> str:
     data_id = None if layout.data_id is None else f"{layout.data_id:#06x}"
     return (
-        f'    MessageLayout("{layout.name}", can_id={layout.can_id:#05x}, length={layout.length},'
+        f'    MessageLayout("{layout.name}", sender="{layout.sender}",\n'
+        f"        can_id={layout.can_id:#05x}, length={layout.length},"
         f" cycle_time_ms={layout.cycle_time_ms}, data_id={data_id},\n"
         "        signals=_signals(\n" + "".join(map(_signal_text, layout.signals)) + "    )),\n"
     )

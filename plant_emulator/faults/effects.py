@@ -18,27 +18,28 @@ from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from .settings import FaultKind, FaultSettings, fields_of, message_types_of
+from .settings import (
+    MESSAGES_OF,
+    FaultDirection,
+    FaultKind,
+    FaultSettings,
+    fields_of,
+    message_types_of,
+)
 
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2
 RECORDED_MAX = 100_000
 """Frames that a replay or a delay stores: ten seconds of all messages at the highest rates."""
 
+_DOWN, _UP = (MESSAGES_OF[direction] for direction in FaultDirection)
 _MOVED_TO: Mapping[int, int] = MappingProxyType(
     {
-        CAN_IDS[wrong]: CAN_IDS[right]
-        for wrong, right in (
-            (messages.SteeringCommand, messages.ControllerStatus),
-            (messages.SteeringPlan, messages.ControllerStatus),
-            (messages.ControllerStatus, messages.SteeringCommand),
-            (messages.ControllerSafety, messages.SteeringCommand),
-            (messages.DelayStatus, messages.SteeringCommand),
-            (messages.LateralError, messages.SteeringStatus),
-            (messages.SteeringStatus, messages.LateralError),
-            (messages.VehicleState, messages.LateralError),
-            (messages.PlantStatus, messages.LateralError),
-        )
+        **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),
+        **dict.fromkeys(map(CAN_IDS.__getitem__, _UP), CAN_IDS[messages.LateralError]),
+        CAN_IDS[messages.SteeringCommand]: CAN_IDS[messages.ControllerStatus],
+        CAN_IDS[messages.SteeringPlan]: CAN_IDS[messages.ControllerStatus],
+        CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
     }
 )
 """The identifier that replaces that of a message, as a wrong one."""

@@ -117,21 +117,13 @@ SIGNAL_FAULTS = frozenset(
 
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
-        FaultDirection.DOWNLINK: (
-            messages.SteeringCommand,
-            messages.SteeringPlan,
-            messages.ControllerStatus,
-            messages.ControllerSafety,
-            messages.DelayStatus,
-        ),
-        FaultDirection.UPLINK: (
-            messages.LateralError,
-            messages.SteeringStatus,
-            messages.VehicleState,
-            messages.PlantStatus,
+        FaultDirection.DOWNLINK: messages.sent_by("CONTROLLER"),
+        FaultDirection.UPLINK: tuple(
+            kind for kind in messages.sent_by("PLANT") if messages.CYCLE_TIMES_MS[kind]
         ),
     }
 )
+"""The plant's optional messages, which are in no cycle, arrive without faults."""
 
 
 class FaultSettings(Settings):

@@ -30,18 +30,13 @@ from ...dbc.codec.protection import SequenceResult
 from ...dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
-    GroundTruth,
     LatencyConfig,
-    LateralError,
     Message,
-    PathAhead,
-    PlantStatus,
     Rejection,
     SafetyState,
     SteeringCommand,
     SteeringPlan,
-    SteeringStatus,
-    VehicleState,
+    sent_by,
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
@@ -68,14 +63,7 @@ STEERING = (SteeringCommand, SteeringPlan)
 """Commands: a plan and a command take each other's place."""
 RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
-SENT: tuple[type[Message], ...] = (
-    LateralError,
-    SteeringStatus,
-    VehicleState,
-    PathAhead,
-    PlantStatus,
-    GroundTruth,
-)
+SENT = sent_by("PLANT")
 """What the plant alone sends."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEERING}
