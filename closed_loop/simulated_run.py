@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class PlantTable(NamedTuple):
-    """The true state of the rig, one row per sensor period; NaN where there is no value.
+    """The true state of the plant, one row per sensor period; NaN where there is no value.
 
     Compiled runs have no ``uplink_latency_s`` and no ``side_slip_rad``: NaN.
     """

@@ -26,8 +26,8 @@ SLICE_NS = 1_000_000_000
 class VirtualPair(NamedTuple):
     """Both nodes of a run that begins at 0.
 
-    ``plant``  the rig itself, with its samples
-    ``edge``   the rig with the faults of its settings: the node on the bus
+    ``plant``  the plant itself, with its samples
+    ``edge``   the plant behind the faults of its settings: the node on the bus
     """
 
     plant: PlantNode

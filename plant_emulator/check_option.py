@@ -1,6 +1,6 @@
-"""What ``steer-by-wire plant --check`` prints: the settings in effect, and what the rig would do.
+"""What ``steer-by-wire plant --check`` prints: the settings in effect, and what follows from them.
 
-The text as a whole is a settings file again: all but the settings are TOML comments.
+The text is a valid settings file: everything but the settings is a TOML comment.
 """
 
 import math
@@ -87,7 +87,7 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     largest_1_m = float(np.abs(curvature_1_m).max())
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
-    # Not positive above a critical speed.
+    # Not positive from the critical speed on.
     steer_m = _wheelbase_m(vehicle) + understeer_gradient_s2_m(vehicle) * speed_m_s**2
     if vehicle.model is not None or steer_m <= 0.0:
         return

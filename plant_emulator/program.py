@@ -1,4 +1,4 @@
-"""Program ``steer-by-wire plant``: the rig on a CAN bus, in real time.
+"""Program ``steer-by-wire plant``: the plant on a CAN bus, in real time.
 
 steer-by-wire plant --preset paper_nominal -i socketcan -c vcan0 --set latency.downlink.mean_s=0.08
 """
@@ -62,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
         print(check_text(settings), end="")
         return ExitStatus.OK
     params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
-    # Without a trace, samples would only take memory.
+    # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(
         NAME,

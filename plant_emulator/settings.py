@@ -1,4 +1,4 @@
-"""The settings of the plant emulator."""
+"""``PlantSettings``: all settings of the plant emulator, in one table for each subject."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
 
 
 class PlantSettings(Settings):
-    """One run of the rig; its random numbers depend on these settings only."""
+    """One run of the plant; its random numbers depend on these settings alone."""
 
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     duration_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
@@ -56,17 +56,18 @@ class PlantSettings(Settings):
     disturbance: DisturbanceSettings = DisturbanceSettings()
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     path_ahead: PathAheadSettings | None = None
-    """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller sees the curve it is in."""
+    """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller knows only the curvature
+    beside the preview point."""
     ground_truth: bool = False
-    """Send GROUND_TRUTH with each sample, for monitors and logs."""
+    """Whether GROUND_TRUTH is sent with each sample, for monitors and logs."""
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
     verdict: VerdictRules = VerdictRules()
     """Thresholds of the verdict on the run."""
     overruns: OverrunSettings = OverrunSettings()
-    """Of the sensors; beyond these the plant counts as too slow, and ends safely."""
+    """Overruns of the sensors; with more, the plant counts as too slow and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
-    """Injected on the way to and from the plant (``plant_emulator.faults.stage``)."""
+    """Injected into the frames to and from the plant (``plant_emulator.faults.stage``)."""
 
     @property
     def duration_ns(self) -> int:

@@ -40,10 +40,10 @@ from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import RunSchedule, arrivals_of, inbox_of, quantised_speed_m_s, schedule_run
 
 _guard = lru_cache(maxsize=256)(design_guard)
-"""Kept for the next run with the same rig."""
+"""Kept for the next run with the same plant."""
 
 _MOTIONS_KEPT = 32
-"""Motions cached for the next run with the same rig: about 2 MB each."""
+"""Motions cached for the next run with the same plant: about 2 MB each."""
 _INTERVAL = np.dtype(
     [("start_ns", np.int64), *((name, np.float64) for name in DisturbanceInterval._fields[1:])]
 )
@@ -173,7 +173,7 @@ def run_batch(
         )
     if plant.vehicle.model is not None:
         raise OwnVehicleNotCompiledError(
-            f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the rig's own equations"
+            f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
     law = compiled_law(controller, fastmath=fastmath)
@@ -301,7 +301,7 @@ def _collected(
 
 
 def compiled_motion(plant: PlantSettings) -> MotionParams:
-    """Return the parameters of ``motion_params``; equal rigs share one."""
+    """Return the parameters of ``motion_params``; equal plants share one."""
     return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
 
 

@@ -1,4 +1,4 @@
-"""What ``--fail-if`` may name of a run of the plant, read from the plant's report."""
+"""The quantities of a run of the plant that ``--fail-if`` may name, read from its report."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

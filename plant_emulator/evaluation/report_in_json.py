@@ -43,7 +43,7 @@ def motion_report(
 
 
 def reception_report(reception: Reception) -> Mapping[str, Any]:
-    """Return what came of the frames on arrival; ``rejected`` ones were refused, by cause."""
+    """Return how many received frames were accepted, and by cause how many were refused."""
     return {
         "accepted": reception.accepted,
         "lost_on_the_bus": reception.lost,

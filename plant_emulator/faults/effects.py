@@ -42,7 +42,7 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
         CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
     }
 )
-"""The identifier that replaces that of a message, as a wrong one."""
+"""The wrong identifier that replaces that of a message."""
 
 
 def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:

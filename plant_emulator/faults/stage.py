@@ -7,7 +7,7 @@ Frames delayed by a delay spike are passed on when they are due, past the faults
 fault draws from its own stream, so that it does not change the draws of other faults, latency or
 noise: until the first onset a run is the same as without faults, bit for bit.
 
-The clock of the onsets starts with the first command or plan that arrives, as motion does.
+Onsets count from the first command or plan that arrives, with which the motion starts.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What the network does to one frame: how long it takes, or that it is lost, or comes twice.
+"""What the network does to one frame: its latency, its loss, its duplicate.
 
 For every frame two uniforms are drawn, in this order, whether they are needed or not:
 
@@ -26,7 +26,7 @@ class LatencyDraw:
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
 
-    ``constant_ns``  latency of every frame, whatever is drawn [ns]; empty where draws decide
+    ``constant_ns``  the one latency of all frames [ns]; empty where draws decide
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class LatencyDraw:
         self._score = 0.0
         self._score_ns: int | None = None
         self._frames_drawn = 0
-        """Frames whose uniforms have been drawn: those that decide nothing can wait."""
+        """Frames whose uniforms have been drawn; uniforms that decide nothing are drawn later."""
         self.constant_ns = self._constant_ns()
 
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
@@ -64,9 +64,9 @@ class LatencyDraw:
         self.constant_ns = self._constant_ns()
 
     def catch_up(self, frames: int) -> None:
-        """Draw what frames of the constant latency left, so that the next meets its own draws.
+        """Draw what frames of constant latency did not need, so that the next frame gets its own.
 
-        ``frames``  that came so far
+        ``frames``  how many have come so far
         """
         deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
         self._frames_drawn = frames
@@ -115,7 +115,7 @@ class LatencyDraw:
 
     def _correlated(self, u: float, now_ns: int) -> float:
         """Return the uniform of the AR(1) process, which starts in its stationary state."""
-        # Before the first frame lies all the time in the world: its score is drawn freely.
+        # Infinitely long after any other frame, the first score is independent.
         elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
         self._score = correlated_score(self._score, u, elapsed_s, self._settings.correlation_time_s)
         self._score_ns = now_ns

@@ -19,7 +19,7 @@ from .latency_draw import LatencyDraw
 from .settings import LatencySettings, Order
 
 _BLOCK = 256
-"""Frames after which all is done that can wait."""
+"""Frames after which deferred draws and statistics are made."""
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
 
@@ -34,7 +34,7 @@ Passage = tuple[int, int, Sequence[tuple[int, Item]]]
     frames   the key and the item of each
 """
 _FRAMES_MAX = 8
-"""More than come together."""
+"""More frames than ever come together."""
 
 
 class LineCounts(NamedTuple):
@@ -56,7 +56,7 @@ class LatencyLine(Generic[Item]):
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
 
-    ``next_due_ns``  when the next frame is due [ns]; NEVER_NS with none waiting
+    ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class LatencyLine(Generic[Item]):
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
         self._in_turn: deque[Passage[Item]] = deque()
-        """Those of one constant latency."""
+        """Waiting frames, all of one constant latency."""
         self._waiting: list[tuple[int, int, int, int, Item]] = []
         """Due time, number, arrival, key and item of each other frame; a heap."""
         self.next_due_ns = NEVER_NS
@@ -177,7 +177,7 @@ class LatencyLine(Generic[Item]):
         newest, newest_wins = self._newest_released, self._newest_wins
         while waiting:
             due_ns, sequence, came_ns, key, item = waiting[0]
-            if sequence < newest[key]:  # older than what has left: nobody waits for it
+            if sequence < newest[key]:  # a newer one of the same key has left
                 self._superseded += 1
             elif due_ns > now_ns:
                 self.next_due_ns = due_ns
@@ -200,7 +200,7 @@ class LatencyLine(Generic[Item]):
         return latencies_ns
 
     def _separate(self) -> None:
-        """Prepare the waiting frames for being overtaken."""
+        """Move the waiting frames to the heap, where others can overtake them."""
         for due_ns, came_ns, frames in self._in_turn:
             for key, item in frames:
                 self._sequence += 1
@@ -209,7 +209,7 @@ class LatencyLine(Generic[Item]):
         self._in_turn.clear()
 
     def _settle(self) -> None:
-        """Do what can wait: draw what decides nothing, and count durations."""
+        """Make the deferred draws and statistics."""
         self._draw.catch_up(self._pushed)
         self._settled += len(self._latencies_ns)
         self._latency.record_all(self._latencies_ns)

@@ -5,7 +5,7 @@ A two-state Markov chain steps once per frame (Gilbert 1960, Elliott 1963):
     good ⇄ burst      P(good → burst) = p,   P(burst → good) = r = 1 / burst_frames
     lost with probability k in the good state, h in a burst
 
-Instead of p, the settings have what a user can measure: the long-run share of lost frames
+Instead of p the settings give what a user can measure, the long-run share of lost frames:
 
     loss = (1 − π) k + π h,      π = p / (p + r), the share of frames in a burst
 

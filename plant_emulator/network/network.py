@@ -14,7 +14,7 @@ class Network:
     """Both lines of a run; their random numbers depend on its ``seed`` only.
 
     ``measured_latency_s``  latency of the last measurement that left [s]
-    ``configured``          what LATENCY_CONFIG has changed last; None before the first
+    ``configured``          the newest LATENCY_CONFIG; None before the first
     """
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:

@@ -1,6 +1,6 @@
 """Seeded random streams: one per purpose, so that switching one on does not shift another.
 
-Every stream is a function of the run's seed and its channel alone. Two runs with the same seed
+Every stream depends on the run's seed and its purpose alone. Two runs with the same seed
 meet the same jitter and the same noise, whatever law closes the loop.
 """
 
@@ -29,19 +29,19 @@ class Stream(IntEnum):
     FAULTS = 5
 
 
-def uniforms(seed: int, channel: Stream, member: int | None = None) -> Iterator[float]:
-    """Return the endless stream of uniforms in (0, 1) of one channel, or of one of its members."""
-    generator = _generator(seed, channel, *([] if member is None else [member]))
+def uniforms(seed: int, stream: Stream, member: int | None = None) -> Iterator[float]:
+    """Return the endless stream of uniforms in (0, 1) of one purpose, or of one of its members."""
+    generator = _generator(seed, stream, *([] if member is None else [member]))
     return chain.from_iterable(
         np.maximum(generator.random(BLOCK), SMALLEST).tolist() for _ in repeat(None)
     )
 
 
-def first_uniforms(seed: int, channel: Stream, count: int) -> NDArray[np.float64]:
+def first_uniforms(seed: int, stream: Stream, count: int) -> NDArray[np.float64]:
     """Return the first ``count`` numbers of the same stream, shape (count,)."""
-    return np.maximum(_generator(seed, channel).random(count), SMALLEST)
+    return np.maximum(_generator(seed, stream).random(count), SMALLEST)
 
 
-def _generator(seed: int, channel: Stream, *member: int) -> np.random.Generator:
+def _generator(seed: int, stream: Stream, *member: int) -> np.random.Generator:
     # By name, because numpy may change the generator of `default_rng`.
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel, *member])))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, stream, *member])))

@@ -1,7 +1,7 @@
-"""Disturbances that a tool sets while the vehicle drives, in place of those of the settings.
+"""Live disturbances: a tool sets them by DISTURBANCE_CONFIG, in place of those of the settings.
 
-A friction that the run has not met yet costs the plant its transition tables, some tens of
-milliseconds in which it senses nothing. One that a step of the settings names costs nothing.
+A friction that no step of the settings names needs new transition tables. Computing them takes some
+tens of milliseconds, in which the plant senses nothing.
 """
 
 from ...dbc.messages import DisturbanceConfig
@@ -11,12 +11,12 @@ from ..vehicle.motion_parameters import MotionParams, transitions, vehicle_param
 
 
 class LiveDisturbances:
-    """Holds what a tool has asked for until the motion has come to that time.
+    """Holds the newest request until the motion has reached its time.
 
-    Beside the tables of the settings it keeps those of one friction more, the newest: what a bus
-    brings must not fill the memory.
+    Besides the tables of the settings it keeps those of the newest friction only, so that requests
+    cannot fill the memory.
 
-    ``is_asked``  whether there is something that has not been taken
+    ``is_asked``  whether there is a request that has not been taken
     """
 
     def __init__(self, settings: PlantSettings, params: MotionParams) -> None:
@@ -28,14 +28,14 @@ class LiveDisturbances:
         self.is_asked = False
 
     def ask(self, config: DisturbanceConfig) -> None:
-        """Take what a tool asks for; the newest counts."""
+        """Take the request of a tool; only the newest counts."""
         self._asked, self.is_asked = config, True
 
     def params(self) -> MotionParams:
-        """Return the motion's parameters with what was asked for, from now on."""
+        """Return the parameters of the motion from now on, with the requested disturbance."""
         asked, self._asked, self.is_asked = self._asked, None, False
         if asked is not None:
-            # Rounded, so that 1 - 0.7 is the 0.3 of somebody's settings.
+            # Rounded, so that 1 - 0.7 equals a 0.3 in the settings.
             load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
             interval = disturbance_interval(0, load, self._arm_m, self._vehicle)
             if interval.friction != self._friction:
@@ -46,7 +46,7 @@ class LiveDisturbances:
         return self._params
 
     def _find_tables(self, interval: DisturbanceInterval) -> None:
-        """Take the tables of a friction from the settings, or compute them in place of others."""
+        """Find the tables of a friction among those of the settings, or compute them."""
         designed = self._designed
         self._friction = interval.friction
         for known, rows in zip(designed.intervals, designed.first_rows, strict=True):

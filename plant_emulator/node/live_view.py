@@ -1,4 +1,4 @@
-"""What the plant emulator shows of itself while it runs: a row for each thing worth a line."""
+"""What the plant shows of itself while it runs: its states, its counts, and a line of figures."""
 
 from collections.abc import Mapping
 
@@ -50,7 +50,7 @@ def plant_view(
 
 
 def _controller(command: SteeringCommand | None) -> str:
-    """Return what the controller says of itself with the command in effect, unless it steers."""
+    """Return the mode that the command in effect reports; empty if the controller steers."""
     if command is None or command.mode is Mode.ACTIVE:
         return ""
     return f"the controller reports {command.mode.name}"

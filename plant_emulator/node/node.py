@@ -5,10 +5,10 @@ each at its exact time and not at that of the tick, in this order at one instant
 
 1. commands leave the downlink for the steering's control unit, which sets the wheel's target
 2. the control unit reacts to missing commands (``plant_emulator.steering.hold_and_fallback``)
-3. a plan of commands gives the one for this sample (``plant_emulator.steering.plan_buffer``), the
-   sensors sample, and their messages enter the uplink
+3. a plan gives its command for this sample (``plant_emulator.steering.plan_buffer``), the sensors
+   sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
-5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
+5. PLANT_STATUS is sent by the plant itself, without the uplink's latency
 6. disturbances that a tool has set begin to act
 
 A late tick therefore changes when frames leave, but not how the vehicle moves: a command acts from
@@ -70,7 +70,7 @@ _STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEER
 
 
 class PlantNode:
-    """The rig on the bus.
+    """The plant on the bus.
 
     ``start_ns``     first sample [ns]
     ``params``       from ``motion_params``, which takes tens of milliseconds; computed here unless
@@ -178,6 +178,7 @@ class PlantNode:
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
             guard_ns = self.motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
+            # Their minimum; ``min`` would take 5 % of a tick longer.
             due_ns = status_timing.deadline_ns
             if command_ns < due_ns:
                 due_ns = command_ns

@@ -19,7 +19,7 @@ from ..network.network import Network
 
 PERIOD_NS = 100_000_000
 INTERVAL_NS = 20_000_000
-"""As CONTROLLER_SAFETY, with which the other side reports its own changes."""
+"""As for CONTROLLER_SAFETY, by which the controller reports its own changes."""
 _NO_MORE_LIMITING = (SafetyState.LIMITING, SafetyState.NORMAL)
 _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 _LATENCY_S_MAX = limits(PlantStatus)["downlink_latency_s"].maximum
@@ -61,10 +61,10 @@ class PlantStatusFrames:
 
 
 class PlantStatusTiming:
-    """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns].
+    """Keeps which SAFETY was reported last, and when; the first cycle begins at ``start_ns`` [ns].
 
     ``deadline_ns``  when PLANT_STATUS is due next [ns]
-    ``settled``      the state that needs no call of ``on_state``; None where every state does
+    ``settled``      the state for which ``on_state`` need not be called; None: for every state
     """
 
     def __init__(self, start_ns: int) -> None:

@@ -1,11 +1,11 @@
-"""Self-supervision of the plant: a fault detected here ends the run, through the SAFE_STATE.
+"""Faults that the plant detects in itself: each ends the run, through the SAFE_STATE.
 
     fault                                                                found at
-    its sensors do not keep their rate (``runtime.node.overruns``)            a sample
-    the vehicle's state is not finite (``plant_emulator.vehicle.moving_vehicle``)        any event
-    a command that came through is not finite                            that command
+    the sensors do not keep their rate (``runtime.node.overruns``)            a sample
+    the vehicle's state is not finite (``vehicle.moving_vehicle``)            any event
+    a command that passed reception is not finite                             that command
 
-None of these is caused by network or controller: the plant's own measurements, or its wheel, are no
+Neither network nor controller causes these: the plant's own measurements, or its wheel, are no
 longer reliable. The first fault stays, and is reported on the bus for at least REPORTING_NS.
 """
 
@@ -14,8 +14,8 @@ from ...runtime.node.overruns import OverrunSettings, OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 
 REPORTING_NS = NS_PER_S
-"""Shortest time from a fault to the end of the run. Ten PLANT_STATUS report it, and STEERING_STATUS
-even with a long latency. With ``fallback = "keep"`` there is nothing else to wait for."""
+"""Shortest time from a fault to the end of the run: long enough for ten PLANT_STATUS, and for a
+STEERING_STATUS with a long latency. With ``fallback = "keep"`` nothing else delays the end."""
 NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
 NOT_FINITE_COMMAND = "a command that came through was not finite"
 
@@ -24,7 +24,7 @@ class SelfDetectedFault:
     """Keeps the first fault that the plant has detected in itself.
 
     ``failure``      that fault, for good; empty while there is none
-    ``reported_ns``  when it will have been reported for long enough [ns]; NEVER_NS without one
+    ``reported_ns``  when it has been reported for long enough [ns]; NEVER_NS without one
     """
 
     def __init__(self, overruns: OverrunSettings) -> None:

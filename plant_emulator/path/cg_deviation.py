@@ -1,8 +1,8 @@
 """Deviation of the centre of gravity (CG) from the path.
 
-The rig's lateral error is that of the preview point, d ahead of the CG. On a bend the two differ by
-decimetres: a preview point held on the path leaves the CG inside it. In the frame of the path
-beside the preview point, x along it, the CG is at
+The lateral error on the bus is that of the preview point, d ahead of the CG. On a bend the two
+differ by decimetres: a preview point held on the path leaves the CG inside it. In the frame of the
+path beside the preview point, x along it, the CG is at
 
     (-d cos Δψ, y - d sin Δψ)
 
@@ -18,7 +18,7 @@ from .path import Path, Pose, along_clothoid, locate
 _TURN_SHORT_RAD = 0.05
 _HERE = Pose(0.0, 0.0, 0.0)
 _NODE = 0.21132486540518712
-"""Two Gauss nodes, this far from either end, are off by 2e-9 of the length over such a turn."""
+"""Of two Gauss nodes from either end; over such a turn their error is 2e-9 of the length."""
 
 Placed = tuple[float, float, float]
 """x [m], y [m] and heading [rad]: the values of a Pose."""
@@ -51,7 +51,7 @@ def cg_deviation_m(
 
 
 def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Placed:
-    """Return the same as ``along_clothoid``, in less time where the piece hardly turns."""
+    """Return the pose of ``along_clothoid``, by two Gauss nodes where the piece hardly turns."""
     bend_rad = length_m * curvature_1_m
     turn_rad = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
     if not (
@@ -104,7 +104,7 @@ def deviation_behind_m(
     cos_end, sin_end = cos(end_rad), sin(end_rad)
     ahead_m = x_m * cos_end + y_m * sin_end
     aside_m = y_m * cos_end - x_m * sin_end
-    # Beyond these bounds, far off the path, no point of it is near.
+    # Far off the path the expansion does not hold; the bounds keep it finite.
     if ahead_m > preview_m:
         ahead_m = preview_m
     elif ahead_m < -preview_m:

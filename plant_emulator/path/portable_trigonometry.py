@@ -1,6 +1,6 @@
 """Sine and cosine of arrays by + − × in a fixed order: the same bits on every processor.
 
-Those of numpy and of the C library differ between processors in their instructions and rounding.
+Sine and cosine of numpy and of the C library depend on the processor's instructions.
 The error is at most 2 units in the last place for angles of a few turns. Angles are reduced by
 quarter turns in two parts (the first has 33 bits, so that its multiples are exact), then the
 minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``) apply for |x| <=

@@ -1,7 +1,7 @@
-"""The paths of the rig: straight, circle, ellipse, single and double lane change.
+"""The shapes of a path: straight, circle, ellipse, single and double lane change.
 
-ellipse: SAE 2018-01-1086, Fig. 14, from the end of the major axis (where it bends most), to the
-left. Its curvature is interpolated as described in `plant_emulator.path.curve_to_path`.
+ellipse: SAE 2018-01-1086, Fig. 14, to the left, from the end of the major axis, where it bends
+most. Its curvature is interpolated (`plant_emulator.path.curve_to_path`).
 
 lane changes: clothoids with the curvatures 0, κ, 0, −κ, 0 at equal distances, so that the heading
 returns to its old value. The double one has the proportions of ISO 3888-1: 30 m to the other lane,
@@ -35,7 +35,7 @@ ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
 
 _ELLIPSES_KEPT = 8
-"""For the next run on the same: each takes about 30 ms."""
+"""Ellipses cached for the next run: each takes about 30 ms to compute."""
 
 _EAST = Pose(0.0, 0.0, 0.0)
 

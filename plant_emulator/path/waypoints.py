@@ -21,7 +21,7 @@ POINTS_MIN = 4
 POINTS_MAX = 10_000
 COORDINATE_MAX_M = 1e6
 DISTANCE_MIN_M = 1e-3
-"""Of neighbouring points: nearer ones fall into one where the path has become long."""
+"""Smallest distance between neighbours: on a long path, nearer points would coincide."""
 
 
 def waypoint_path(file: FilePath, *, closed: bool) -> Path:

@@ -1,1 +1,5 @@
-"""What the sensors report: their noise, their messages, the path ahead."""
+"""What the sensors send: which frame at which sample, with which noise, and the path ahead.
+
+Not here: the motion that they sample (``vehicle``), and the latency of the frames (``network``).
+Begin at ``sampling.py``.
+"""

@@ -1,4 +1,4 @@
-"""What the sensors send: LATERAL_ERROR and STEERING_STATUS at every sample, the others at some."""
+"""What is sent at a sample: LATERAL_ERROR and STEERING_STATUS always, the others at some."""
 
 from ...dbc.messages import (
     CAN_IDS,

@@ -1,4 +1,4 @@
-"""The steering's control unit, behind the latency line: the guard, its counts and its status."""
+"""The steering's control unit, behind the latency line: its target, its status, its counts."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -54,8 +54,7 @@ class SteeringUnit:
     ``target_rad``   target of the wheel
     ``limit``        the name of the limit that decides about it now; empty for none
     ``deadline_ns``  when `on_timer` is due [ns]
-    ``safety``       what PLANT_STATUS would say now: LIMITING for any intervention since it was
-                     taken
+    ``safety``       what PLANT_STATUS would say now: LIMITING after any intervention since the last
     """
 
     def __init__(self, params: GuardParams) -> None:

@@ -1,10 +1,10 @@
-"""Steering guard: follows, limits or replaces the commands that arrive, and reacts to silence.
+"""Hold and fallback: which command the wheel follows, and what replaces it in silence.
 
     mode         the wheel's target                                  until
     NO_COMMAND   straight                                            the first command
     FOLLOWING    the newest command, within the safety limits        silence: HOLDING
-    HOLDING      the last one or its plan; the newest again, faded,  recovery, or ``hold_ns`` of
-                 as they come                                        silence: FALLBACK
+    HOLDING      the last command or plan; each new command, faded   recovery, or ``hold_ns`` of
+                                                                     silence: FALLBACK
     FALLBACK     ramps to zero, or is kept                           recovery
     SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
 
@@ -12,29 +12,29 @@ Silence is the time since the last command arrived at the actuator, behind the l
 steering's control unit is. The unit cannot distinguish a network that delays or loses commands from
 a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
 
-The values of a plan after its first are no commands that arrive: they move the target, for
-``plan_ns`` and until FALLBACK, and neither delay the reaction to silence nor count as recovery.
+Only the first value of a plan counts as a command that arrives. The later ones move the target for
+``plan_ns`` and until FALLBACK; they neither delay the reaction to silence nor count as recovery.
 
 Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
-each damaged frame among them: the good ones have to be the majority. The target never jumps: its
+each damaged frame among them. The target never jumps: its
 difference to the first command followed is added to the command and fades out at the ramp rate.
-After FALLBACK this is the command that ends it. In HOLDING it is the first one that comes: a
-network with jitter, where newer commands overtake, has such gaps all the time, and waiting for a
-run after each would add to its delay. Another silence before the recovery restarts the run, and the
+After FALLBACK that is the command that completes the recovery. In HOLDING it is the first one to
+arrive: jitter with overtaking causes such gaps all the time, and waiting for a run of commands
+after each would add to the delay. Another silence before the recovery restarts the run, and the
 fade from its present value.
 
-The clock of ``hold_ns`` stops while the newest command is younger than ``silence_ns``, and runs
-otherwise, or while damaged frames have used up the run. Only the end of HOLDING resets it, so that
-occasional single commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its
-target, if the plant has detected a fault in itself, or by the override, and stays.
+The clock of ``hold_ns`` stops while the newest command is younger than ``silence_ns`` and damaged
+frames have not used up the run. Only the end of HOLDING resets it, so that occasional single
+commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its target, if the
+plant has detected a fault in itself, or by the override, and stays.
 
-Every target, also of a ramp, passes the safety limiter. Times count from the start of motion.
+Every target, also of a ramp, passes ``plant_emulator.steering.command_limits``. Times count from
+the start of motion.
 """
 
 from enum import IntEnum
 from typing import NamedTuple
 
-from ...runtime.record import new_record
 from .command_limits import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
 
 RAMP_PERIOD_NS = 10_000_000
@@ -114,8 +114,8 @@ def guard_command(
         if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
             return x, False
         limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_before_rad, time_ns)
-        state = (before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad)
-        return new_record(GuardState, state), True
+        state = GuardState(before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad)
+        return state, True
     silence_ns = time_ns - arrived_ns
     counted_ns = min(silence_ns, p.silence_ns)
     mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1
@@ -123,8 +123,7 @@ def guard_command(
         mode, good_run = _FOLLOWING, 0
         deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
     elif before == _FALLBACK:
-        state = (before, limiter, time_ns, deadline_ns, good_run, 0.0)
-        return new_record(GuardState, state), False
+        return GuardState(before, limiter, time_ns, deadline_ns, good_run, 0.0), False
     elif run_before > 0:
         deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
     fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (counted_ns * 1e-9))
@@ -133,12 +132,11 @@ def guard_command(
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
-    state = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad)
-    return new_record(GuardState, state), True
+    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
 
 
 def guard_rejection(x: GuardState) -> GuardState:
-    """Take a command that came damaged: it takes a good one back."""
+    """Process a damaged command, which cancels a good one of the run."""
     return x._replace(good_run=max(x.good_run - 1, 0))
 
 
@@ -174,7 +172,7 @@ def guard_wheel(
 ) -> tuple[GuardState, int]:
     """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow.
 
-    ``followed_ns``  when the wheel was last seen within its tolerance; its new value is returned
+    ``followed_ns``  when the wheel was last within its tolerance; its new value is returned
     """
     if is_at_target(p.limiter, x.limiter.steer_rad, wheel_rad):
         return x, time_ns

@@ -1,13 +1,13 @@
 """Plan buffer: plays the newest STEERING_PLAN by the plant's own clock, its samples.
 
 A plan says which angle is to act at which sample, by the E2E counter of that sample. At every
-sample the buffer gives the steering's guard the value for now:
+sample the buffer returns the value for now:
 
     u[k] = u_i + (u_{i+1} - u_i) · part        i, part = quotient, rest of (k - first) / spacing
 
-Only the first of these values counts as a command that has arrived; for how long the later ones
-move the wheel is the guard's to decide. A plan that has run out gives nothing more. Single commands
-end a plan.
+Only the first of these values counts as a command that has arrived; ``hold_and_fallback`` decides
+for how long the later ones move the wheel. A plan that has run out gives no value. A single command
+ends a plan.
 """
 
 import math

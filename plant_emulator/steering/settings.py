@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, Tag
 
+from ...dbc.messages import SteeringCommand, limits
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
@@ -17,12 +18,12 @@ _N = TypeVar("_N")
 _OrOff = Annotated[Annotated[_N, Tag("number")] | OffWord, NUMBER_OR_WORD]
 Limit = float | Literal["off"]
 """A limit; "off" for none, because TOML has no null."""
-_STEER_RAD_MAX = 1.31071
-"""The largest command on the wire."""
+_STEER_RAD_MAX = limits(SteeringCommand)["steer_rad"].maximum
+"""The largest command that the bus can carry."""
 _LAGS_TO_SETTLE = 3.0
 _REPORTING_NS = 10_000_000
-"""Rest of the FTTI when the guard reacts to silence: the next STEERING_STATUS, which reports it, is
-sent within a sensor period, and a tick may be late."""
+"""What is left of the FTTI when silence is detected: the next STEERING_STATUS, which reports it,
+comes within a sensor period, and a tick may be late."""
 
 
 class Fallback(StrEnum):
@@ -49,13 +50,13 @@ class SafetySettings(Settings):
     follow_tolerance_rad: _OrOff[Annotated[float, Field(ge=0.001, le=1.0)]] = 0.1
     """Between the wheel and its target."""
     follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
-    """Longest time that the wheel may be further away, in addition to that of a sound actuator."""
+    """Longest time that the wheel may be further away, beyond what an intact actuator needs."""
     ftti_ms: _OrOff[Annotated[float, Field(ge=20.0, le=10_000.0)]] = 150.0
     """Fault tolerant time interval, for the reaction to silence and its report."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How long the last command is held in silence before the fallback."""
     plan_ms_max: float = Field(600.0, ge=0.0, le=10_000.0)
-    """How long a plan is played after it has come, in silence too, until the fallback."""
+    """How long a plan is played after it has come, also in silence, but not in the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
     """Of the fallback, and of the fade after a silence."""
@@ -106,9 +107,9 @@ def design_guard(
 
 
 def resync_ns_of(settings: SafetySettings) -> int:
-    """Return after how much silence a restart of the commands' sender is accepted [ns].
+    """Return the silence after which a restart of the commands' sender is accepted [ns].
 
-    Longer than that before HOLDING; 0 if that is off.
+    It is longer than the silence before HOLDING; 0 if that is off.
     """
     silence_ns = _silence_ns(settings.ftti_ms)
     return 0 if silence_ns == OFF_NS else silence_ns + 1
@@ -125,7 +126,7 @@ def _bound(limit: Limit) -> float:
 
 
 def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
-    """Return the time of a sound actuator from stop to stop, which is no fault."""
+    """Return the time that an intact actuator takes from stop to stop."""
     rate_rad_s = actuator.rate_limit_rad_s
     ramp_s = 0.0 if rate_rad_s is None else 2.0 * reach_rad / rate_rad_s
     return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s
@@ -139,4 +140,4 @@ UNGUARDED = SafetySettings(
     follow_tolerance_rad=OFF,
     ftti_ms=OFF,
 )
-"""Refuses nothing: for judging laws, since the guard could hide a bad one."""
+"""Refuses nothing: for judging laws, since the limits could hide a bad one."""

@@ -49,7 +49,7 @@ WheelSegment = tuple[float, float, WheelPhase, float, bool, int]
     clipped           whether the command lies beyond the angle limit
     end_ns            when `end_ramp` is due; NEVER_NS if only a command ends the segment
 
-Like other states of the motion it is a plain tuple: of all records it is made and unpacked fastest.
+A plain tuple like the other states of the motion, which is made and unpacked at every event.
 """
 
 

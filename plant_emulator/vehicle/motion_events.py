@@ -1,12 +1,12 @@
-"""The moving vehicle as steps: actuator, path and disturbances around the exact propagation of (1).
+"""From event to event: actuator, path and disturbances around the exact propagation of (1).
 
 Every change of the inputs is an event at a whole nanosecond: a command, the end of the wheel's
 ramp, a break point of the path, a step of a disturbance. `advance_motion` goes from event to event
 in closed form, so the result does not depend on how often it is called.
 
 Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
-the preview point, not beside the centre of gravity. Only then is (1) exact, which measures y at the
-preview point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
+the preview point, not beside the centre of gravity. Only then is (1) exact: it has y at the preview
+point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
 curvature, and the centre of gravity starts `preview_distance_m` behind the path's start.
 """
 
@@ -20,7 +20,7 @@ from .exact_propagation import LinearState, propagate
 from .motion_parameters import MotionParams
 
 Course = tuple[int, int, WheelSegment, Place, int, int, int]
-"""Which pieces of its inputs the motion is in, and until when.
+"""The pieces of the inputs that apply now, and until when.
 
     first_row        where the transitions of this piece start in the table
     event_ns         the first of the three ends
@@ -162,7 +162,7 @@ def with_vehicle(
     heading_rad: float,
     lateral_m: float,
 ) -> MotionState:
-    """Return the state with another vehicle's, but the same wheel and path."""
+    """Return the state with the vehicle's part replaced; wheel, path and disturbances stay."""
     time_ns, z, course = x
     _, _, _, _, delta, delta_rate, rho, rho_rate, w_beta, w_r = z
     vehicle = (side_slip_rad, yaw_rate_rad_s, heading_rad, lateral_m)

@@ -1,4 +1,4 @@
-"""From the rig's settings to the parameters of a motion."""
+"""From the settings tables to the constants of a motion, transition tables included."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from .settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 from .single_track_model import VehicleParams, on_friction
 
 _KEPT = 4
-"""Tables cached for the next run with the same vehicle: about 10 MB each."""
+"""Transition tables cached for the next run with the same vehicle: about 10 MB each."""
 
 
 class MotionParams(NamedTuple):
@@ -108,7 +108,7 @@ def _rows(vehicle: VehicleParams, settling_1_s: float) -> Sequence[Row]:
 def _needed(
     vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
 ) -> tuple[list[tuple[VehicleParams, float]], list[tuple[int, ...]]]:
-    """Return what each table is made from, and `first_rows` of the tables end to end."""
+    """Return the arguments of each table needed, and `first_rows` of the tables end to end."""
     settling_1_s = 1.0 / actuator.lag_s if actuator.lag_s > 0.0 else 0.0
     # A wheel at rest needs no table of its own, nor does a ramp without a rate limit.
     ramping_1_s = 0.0 if actuator.rate_limit_rad_s < math.inf else settling_1_s

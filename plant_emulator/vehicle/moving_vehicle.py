@@ -1,4 +1,7 @@
-"""The moving vehicle, as the rig has it: one motion of ``plant_emulator.vehicle.motion_events``."""
+"""The moving vehicle: its state at any time, and what is left of it once it is not finite.
+
+The motion itself is ``plant_emulator.vehicle.motion_events``.
+"""
 
 from collections.abc import Callable
 
@@ -18,7 +21,7 @@ from .motion_events import (
 from .motion_parameters import MotionParams
 
 LARGEST = 1e150
-"""Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
+"""A larger state counts as infinite, because figures of a run take its square."""
 
 
 def has_finite_vehicle(z: LinearState) -> bool:
@@ -26,7 +29,7 @@ def has_finite_vehicle(z: LinearState) -> bool:
     beta, r, psi, y, _, _, _, _, _, _ = z
     if beta * beta + r * r + psi * psi + y * y < LARGEST:
         return True
-    # Each is false for no number, too.
+    # A NaN fails these comparisons too.
     return (
         -LARGEST <= y <= LARGEST
         and -LARGEST <= psi <= LARGEST
@@ -88,7 +91,7 @@ class Motion:
             _, linear, _ = state
             self.is_finite = has_finite_vehicle(linear)
         if not self.is_finite:
-            # From a vehicle at rest: nothing else depends on where it is.
+            # From a vehicle at rest: wheel and path do not depend on its state.
             started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
             beta, r, psi, y, _, _, _, _, _, _ = self.linear

@@ -1,8 +1,8 @@
 """The vehicle's motion by equations of another package, integrated step by step.
 
 Wheel, path and disturbances are those of ``advance_motion``, exact and event by event. Between
-events the vehicle's own state advances by the fourth-order Runge-Kutta method, in steps of at most
-1 ms. With (1) as the other equations, the error is below 1e-9 m (a test).
+events the vehicle's own state advances by the fourth-order Runge-Kutta method in steps of at most
+1 ms. With (1) as the plug-in, a test finds an error below 1e-9 m.
 """
 
 from ...runtime.settings.plugin import asked
@@ -20,10 +20,10 @@ def make_motion(settings: VehicleSettings, params: MotionParams) -> Motion:
     """Return the motion at its start, with the settings' equations."""
     if settings.model is None:
         return Motion(params)
-    return Motion(params, OwnMotion(settings, settings.model).advance)
+    return Motion(params, PluginEquations(settings, settings.model).advance)
 
 
-class OwnMotion:
+class PluginEquations:
     """Advances a motion by a vehicle model of another package."""
 
     def __init__(self, settings: VehicleSettings, place: str) -> None:

@@ -47,7 +47,7 @@ class VehicleModel(NamedTuple):
     """Equations of motion: ``rates(vehicle, state, input, own) -> (β', r', Δψ', y')``.
 
     ``vehicle`` is [vehicle] with the present friction. Actuator, path, disturbances and the
-    constant speed are the rig's.
+    constant speed remain those of the settings.
     """
 
     rates: Callable[[VehicleParams, VehicleState, VehicleInput, Any], Sequence[float]]
@@ -76,7 +76,7 @@ class VehicleSettings(Settings):
     rear_axle_distance_m: float = Field(1.5453, gt=0.0, le=20.0)
     """From the centre of gravity to the rear axle."""
     preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
-    """From the centre of gravity to the point whose lateral error is measured."""
+    """From the centre of gravity ahead to the point whose lateral error is measured."""
     model: Annotated[str, plugin_place(find_vehicle_model)] | None = None
     """Equations of motion of another package (``VehicleModel``), instead of (1)."""
     own: Annotated[PluginTable, plugin_table(find_vehicle_model), TABLE_SCHEMA] = PLUGIN_TABLE
@@ -86,10 +86,10 @@ LAG_S_MIN = 1e-6
 
 
 class ActuatorSettings(Settings):
-    """`[actuator]`: ideal by default; omitted limits do not exist."""
+    """`[actuator]`: ideal by default; a limit that is omitted does not exist."""
 
     lag_s: float = Field(0.0, ge=0.0, le=10.0)
-    """0, or at least a microsecond, long against the nanosecond of the motion."""
+    """0, or at least a microsecond: the motion resolves a nanosecond."""
     angle_limit_rad: float | None = Field(None, gt=0.0, le=1.5)
     rate_limit_rad_s: float | None = Field(None, ge=0.001, le=100.0)
     dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
@@ -129,7 +129,7 @@ find_disturbance_model = partial(find_part, kind=DisturbanceModel, noun="disturb
 
 
 class DisturbanceSettings(Settings):
-    """`[disturbance]`: none by default, besides the path's curvature."""
+    """`[disturbance]`: none by default, apart from the curvature of the path."""
 
     side_force_arm_m: float = Field(0.0, ge=-20.0, le=20.0)
     """Where the side force acts, ahead of the centre of gravity."""

@@ -20,7 +20,7 @@ from steer_by_wire.runtime.settings.toml_text import dump_toml
 
 def mistake(text: str, tmp_path: Path) -> str:
     """Return the error message for a settings file; it has to be one line."""
-    file = tmp_path / "rig.toml"
+    file = tmp_path / "plant.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError) as caught:
         load_settings(PlantSettings, file=file)
@@ -100,7 +100,7 @@ def test_a_bad_setting_is_one_line_naming_file_key_value_and_range(
     tmp_path: Path, text: str, parts: list[str]
 ) -> None:
     line = mistake(text, tmp_path)
-    assert [part for part in [str(tmp_path / "rig.toml"), *parts] if part not in line] == []
+    assert [part for part in [str(tmp_path / "plant.toml"), *parts] if part not in line] == []
 
 
 @pytest.mark.parametrize("content", [b"latency_s\nlate\n", b"latency_s\n\xff\n", b""])

@@ -44,7 +44,7 @@ LOST_WHEEL = (
 SLOW_NETWORKS = ("bursts", "schedule", "lognormal schedule")
 """What they do takes more than four seconds."""
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
-RIGS: dict[str, Sequence[str]] = {
+PLANTS: dict[str, Sequence[str]] = {
     "noise": ("sensor_noise.lateral_error_m=0.02",),
     "only yaw noise": ("sensor_noise.yaw_rate_rad_s=0.02",),
     "actuator": (
@@ -81,9 +81,9 @@ def test_a_compiled_run_equals_the_nodes_whatever_point_is_followed(law: str, po
     assert len(run.tick_s) > 0
 
 
-@pytest.mark.parametrize("rig", RIGS)
-def test_a_compiled_run_equals_the_nodes_with_any_rig(rig: str) -> None:
-    run = assert_same_as_nodes(plant_settings(RIGS[rig]), controller_preset("practical_pd_ddob"))
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_compiled_run_equals_the_nodes_with_any_plant(name: str) -> None:
+    run = assert_same_as_nodes(plant_settings(PLANTS[name]), controller_preset("practical_pd_ddob"))
     assert len(run.tick_s) > 0
 
 
@@ -258,9 +258,9 @@ def test_a_run_counts_no_references() -> None:
         assert "NRT_decref" not in body
 
 
-@pytest.mark.parametrize("rig", ["noise", "actuator"])
-def test_fastmath_is_close_and_leaves_exact_runs_exact(rig: str) -> None:
-    plant, controller = plant_settings(RIGS[rig]), controller_preset("practical_pd")
+@pytest.mark.parametrize("name", ["noise", "actuator"])
+def test_fastmath_is_close_and_leaves_exact_runs_exact(name: str) -> None:
+    plant, controller = plant_settings(PLANTS[name]), controller_preset("practical_pd")
     fast, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
     np.testing.assert_allclose(fast.lateral_error_m, exact.lateral_error_m, atol=1e-6)
     assert (fast.lateral_error_m != exact.lateral_error_m).any()

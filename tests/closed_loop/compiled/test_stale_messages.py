@@ -58,10 +58,10 @@ def age_ns(wire: Inbox, message: Uplink, plan: RunSchedule) -> NDArray[np.int64]
 def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     law: str, limits: Sequence[str]
 ) -> None:
-    rig, controller = plant((*BURSTS, *CIRCLE), 8.0), settings_of(law, limits)
-    run = assert_same_as_nodes(rig, controller)
-    plan = schedule_run(rig, controller)
-    wire = inbox_of(rig, controller, plan, run.motion)
+    plant_settings, controller = plant((*BURSTS, *CIRCLE), 8.0), settings_of(law, limits)
+    run = assert_same_as_nodes(plant_settings, controller)
+    plan = schedule_run(plant_settings, controller)
+    wire = inbox_of(plant_settings, controller, plan, run.motion)
     is_active = np.zeros(len(plan.tick_ns), dtype=np.bool_)
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:
@@ -92,9 +92,9 @@ def driven(law: str, *overrides: str) -> tuple[tuple[ControlSample, ...], PlantN
             return super().on_frame(frame, now_ns)
 
     node = Deaf(settings_of(law, overrides), 0, samples_max=10_000)
-    rig = PlantNode(plant(("latency.downlink.mean_s=0.05", *CIRCLE), 16.0), 0)
-    run_virtual_nodes(rig, node, None, None, lambda: False)
-    return tuple(node.samples), rig
+    plant_node = PlantNode(plant(("latency.downlink.mean_s=0.05", *CIRCLE), 16.0), 0)
+    run_virtual_nodes(plant_node, node, None, None, lambda: False)
+    return tuple(node.samples), plant_node
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -151,11 +151,13 @@ def test_the_predictor_falls_back_while_the_vehicle_is_stale_and_goes_on_at_once
 
 
 def test_a_vehicle_that_is_never_stale_is_steered_by_however_old() -> None:
-    samples, rig = driven("feed_forward", 'supervision.vehicle_state_timeout_ms="off"')
+    samples, plant_node = driven("feed_forward", 'supervision.vehicle_state_timeout_ms="off"')
     watched, limited = driven("feed_forward")
     assert [s.sent_steer_rad for s in samples] != [s.sent_steer_rad for s in watched]
     # On a circle the old curve is the right one: the limit costs something there, but not the path.
-    errors_m = [np.abs([s.lateral_error_m for s in node.samples]).max() for node in (rig, limited)]
+    errors_m = [
+        np.abs([s.lateral_error_m for s in node.samples]).max() for node in (plant_node, limited)
+    ]
     assert errors_m[0] < errors_m[1] < 0.2
 
 

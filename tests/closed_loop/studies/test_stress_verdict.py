@@ -133,16 +133,16 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
     """
     law = controller_preset(preset)
     corner = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
-    rig = load_settings(PlantSettings, corner).vehicle
+    driven = load_settings(PlantSettings, corner).vehicle
     vehicle = NominalVehicle(
-        virtual_mass_kg=rig.virtual_mass_kg,
-        yaw_inertia_kg_m2=rig.yaw_inertia_kg_m2,
-        front_cornering_stiffness_n_rad=rig.front_cornering_stiffness_n_rad,
-        rear_cornering_stiffness_n_rad=rig.rear_cornering_stiffness_n_rad,
-        front_axle_distance_m=rig.front_axle_distance_m,
-        rear_axle_distance_m=rig.rear_axle_distance_m,
-        preview_distance_m=rig.preview_distance_m,
-        speed_m_s=rig.speed_m_s,
+        virtual_mass_kg=driven.virtual_mass_kg,
+        yaw_inertia_kg_m2=driven.yaw_inertia_kg_m2,
+        front_cornering_stiffness_n_rad=driven.front_cornering_stiffness_n_rad,
+        rear_cornering_stiffness_n_rad=driven.rear_cornering_stiffness_n_rad,
+        front_axle_distance_m=driven.front_axle_distance_m,
+        rear_axle_distance_m=driven.rear_axle_distance_m,
+        preview_distance_m=driven.preview_distance_m,
+        speed_m_s=driven.speed_m_s,
     )
     loop = SampledLoop(design_law(law), steer_to_lateral_error(vehicle), law.period_ns)
     judged = []

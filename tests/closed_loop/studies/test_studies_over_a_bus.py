@@ -118,8 +118,8 @@ def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
         ("[base.bus]\nnoise = 3.0\n", r"base\.bus: noise"),
         (FACTORS.replace("0.01", "0.1"), r"factor bit_error_rate: bus\.bit_error_rate = 0\.1"),
         (
-            FACTORS.replace("clock.plant.ppm", "clock.rig.ppm"),
-            r"clock\.rig: is no node of this bus \(plant or controller\)",
+            FACTORS.replace("clock.plant.ppm", "clock.vehicle.ppm"),
+            r"clock\.vehicle: is no node of this bus \(plant or controller\)",
         ),
         ('[base.bus]\nrest_bus = ["none.dbc"]\n', r"rest_bus: none\.dbc: No such file"),
     ],

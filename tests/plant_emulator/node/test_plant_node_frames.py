@@ -83,7 +83,7 @@ def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
                     encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step - 5) % 256),
                     encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step + 110) % 256),
                     encode_not_available(SteeringCommand(0.5, 0, Mode.ACTIVE), step + 1),
-                    encode(LateralError(1.0, 0.0), 0),  # only the rig itself sends it
+                    encode(LateralError(1.0, 0.0), 0),  # only the plant itself sends it
                     Frame(0x7FF, b""),
                 )
                 for frame in bad:

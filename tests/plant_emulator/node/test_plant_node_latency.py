@@ -31,7 +31,7 @@ def test_uplink_latency_delays_frames_and_not_the_sensing() -> None:
             (now_ns + 33 * MS_NS, message)
             for now_ns, message in plain.messages(message_type)[: len(sent)]
         ]
-    # The status of the rig itself takes no detour.
+    # The status of the plant itself takes no detour.
     assert [at for at, _ in late.messages(PlantStatus)] == [
         at for at, _ in plain.messages(PlantStatus)
     ]
