@@ -6,7 +6,6 @@ from typing import Any
 
 from ...dbc.messages import SafetyState, SteeringStatusCode
 from ...runtime.node import NEVER_NS, NS_PER_S
-from .command_limits import Cause
 from .hold_and_fallback import (
     GuardMode,
     GuardParams,
@@ -19,6 +18,7 @@ from .hold_and_fallback import (
     is_overruled,
     start_guard,
 )
+from .steer_limits import Cause
 
 _NORMAL = SafetyState.NORMAL
 _STATES = (_NORMAL, _NORMAL, SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)

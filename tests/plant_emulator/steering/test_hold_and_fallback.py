@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from steer_by_wire.plant_emulator.steering import command_limits, hold_and_fallback
-from steer_by_wire.plant_emulator.steering.command_limits import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering import hold_and_fallback, steer_limits
+from steer_by_wire.plant_emulator.steering.steer_limits import LimiterParams, limit_rows
 from tests.support.driven_guard import INF, MODES, MS_NS, Guarded, steady
 
 tested = hold_and_fallback
@@ -20,7 +20,7 @@ def test_the_modes_and_times_have_their_numbers() -> None:
 
 def test_before_the_first_command_nothing_is_due() -> None:
     guarded = Guarded()
-    assert guarded.x == (0, command_limits.start_limiter(), 0, 2**62, 0, 0.0)
+    assert guarded.x == (0, steer_limits.start_limiter(), 0, 2**62, 0, 0.0)
     guarded.until(1e6)
     assert guarded.log == []
     assert guarded.command(1e6, 0.25)
