@@ -83,21 +83,22 @@ def run_virtual_nodes(
     bus: Wire | None,
     candump_log: Path | None,
     should_stop: Callable[[], bool],
+    on_wire: Callable[[int, int, Frame], None] | None = None,
 ) -> None:
     """Run two nodes that start at 0 until the plant has finished or ``should_stop()``.
 
-    ``should_stop`` is asked every SLICE_NS of virtual time.
+    ``should_stop``  is asked every SLICE_NS of virtual time
+    ``on_wire``      is called with every frame if there is no ``candump_log``: its time and sender
     """
     with ExitStack() as stack:
         stack.enter_context(no_collections())
         nodes: tuple[Node, ...] = (plant, controller)
         if isinstance(bus, SharedBus):
             nodes = tuple(bus.lossy_receiver(node, index) for index, node in enumerate(nodes))
-        on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
-            if isinstance(bus, SharedBus):
-                bus.watch(on_wire)
+        if on_wire is not None and isinstance(bus, SharedBus):
+            bus.watch(on_wire)
         executor = VirtualTimeExecutor(nodes, bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):

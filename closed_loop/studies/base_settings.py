@@ -1,7 +1,7 @@
 """The settings that every run of a study starts from, as tables with all keys that have a value."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from ...runtime.settings import (
 from .study_file import BaseSettings
 
 Tables = Mapping[str, Any]
+PATH = "plant.path"
 NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
     "paper_ellipse": EllipseSettings().model_dump(),
     "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
@@ -42,26 +43,40 @@ def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:
     if "path" in tables:
         tables["path"] = named_path(tables["path"])
     shared = plant_vehicle(vehicle)
-    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant", shared)
+    return _checked(PlantSettings, preset, below, leaves(tables), f"{file}: base.plant", shared)
 
 
 def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
     """Return the tables of a controller by its name in the study file; raises SettingsError."""
-    below = folder / name if name.endswith(".toml") else None
+    variant = base.variants.get(name)
+    source = name if variant is None else variant.preset
+    below = folder / source if source.endswith(".toml") else None
     vehicle = folder / base.vehicle if base.vehicle else None
     if _is_missing(below, vehicle):
         stored = _stored(folder).get("controllers", {}).get(name)
         if stored is not None:
             return dict(stored)
-    preset = None if below else read_preset(CONTROLLER_PRESETS, name)
+    preset = None if below else read_preset(CONTROLLER_PRESETS, source)
+    tables = leaves(base.controller)
     where = f"{file}: base.controller"
-    shared = nominal_vehicle(vehicle)
-    return _checked(ControllerSettings, preset, below, base.controller, where, shared)
+    if variant is not None:
+        tables += leaves(variant.controller)
+        where = f"{file}: base.variants.{name}"
+    return _checked(ControllerSettings, preset, below, tables, where, nominal_vehicle(vehicle))
+
+
+def plant_of_variant(base: BaseSettings, name: str) -> dict[str, Any]:
+    """Return what a controller changes about the plant, by dotted key; nothing for most."""
+    variant = base.variants.get(name)
+    if variant is None:
+        return {}
+    values = leaves({"plant": variant.plant}, whole="kind") if variant.plant else []
+    return {key: named_path(value) if key == PATH else value for key, value in values}
 
 
 def bus_tables(base: BaseSettings, file: str) -> Tables:
     """Return the tables of the bus; raises SettingsError naming the study ``file``."""
-    return _checked(BusSettings, None, None, base.bus or {}, f"{file}: base.bus", None)
+    return _checked(BusSettings, None, None, leaves(base.bus or {}), f"{file}: base.bus", None)
 
 
 def _is_missing(*files: Path | None) -> bool:
@@ -83,12 +98,12 @@ def _checked(
     model: type[Settings],
     preset: Any,
     below: Path | None,
-    tables: Tables,
+    values: Sequence[tuple[str, Any]],
     where: str,
     shared: SharedTable | None,
 ) -> Tables:
-    """Return settings with ``tables`` on top; a mistake in these names ``where`` they stand."""
-    overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
+    """Return settings with ``values`` on top; a mistake in these names ``where`` they stand."""
+    overrides = [f"{key}={_toml(value)}" for key, value in values]
     try:
         settings = load_settings(model, preset, below, overrides, shared)
     except SettingsError as error:

@@ -149,23 +149,24 @@ class Computer:
         """Return the runs ``ids``, in rising order; fewer if it should stop."""
         ends = np.zeros(len(ids), dtype=np.int64)
         figures = np.full((len(ids), len(COLUMNS)), np.nan)
-        controllers = self.scenarios.controllers
-        known, case, plant = -1, None, None
+        scenarios = self.scenarios
+        known, shared, case, plant = -1, None, None, None
         done = 0
         for run in ids:
             if should_stop():
                 break
-            index, place = divmod(run, len(controllers))
-            if case is None or plant is None or index != known:
-                known, case = index, self.scenarios.case(index)
-                plant = self.scenarios.plant(case)
-            controller = self.scenarios.controller(case, controllers[place])
+            index, place = divmod(run, len(scenarios.controllers))
+            name = scenarios.controllers[place]
+            if shared is None or index != known:
+                known, shared = index, scenarios.case(index)
+            own = scenarios.with_controller(shared, name)
+            if plant is None or own is not case:
+                case, plant = own, scenarios.plant(own)
             try:
-                if self.scenarios.study.bus is None:
-                    end = self.one(plant, controller, figures[done])
+                if scenarios.study.bus is None:
+                    end = self.one(plant, scenarios.controller(case, name), figures[done])
                 else:
-                    pair = self.scenarios.checked(case, controllers[place])
-                    end = self.run(pair, figures[done])
+                    end = self.run(scenarios.checked(case, name), figures[done])
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError, read_preset
-from .base_settings import leaves, named_path
+from .base_settings import PATH, leaves, named_path
 from .study_file import (
     REPLICATES_MAX,
     DistributionSettings,
@@ -31,7 +31,6 @@ from .study_file import (
     Uniform,
 )
 
-PATH = "plant.path"
 CORNERS = ("a", "b", "c", "d")
 BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
 Label = bool | int | float | str

@@ -6,7 +6,7 @@
 
 Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
 the settling time of y in its band, the share of control periods in which a command was at its
-limits, and the latency of the commands in effect.
+limits, and the latency of the commands in effect. From SETTLED_S on: RMS of y and of w.
 
 At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
 follows.
@@ -37,6 +37,8 @@ RealArray = NDArray[np.floating[Any]]
 
 CG_STRIDE = 10
 """The centre of gravity hardly moves in a sensor period; its deviation takes long to compute."""
+SETTLED_S = 5.0
+"""Time by which a run that begins in a bend has settled."""
 _TOLERANCE = 1e-9
 """Tolerance for a command at its limit: the difference of two commands is rounded."""
 
@@ -70,10 +72,27 @@ class Figures(NamedTuple):
     latency_mean_s: float
     """Of the command in effect, over the samples."""
     latency_p99_s: float
+    settled_rms_m: float
+    """From SETTLED_S on."""
+    settled_cg_rms_m: float
+    estimate_share: float
+    """Of the reports of the delay, those with an estimate; this and the next three only of runs of
+    the nodes (``delay_error``)."""
+    estimate_error_s: float
+    """Median of the estimates' errors."""
+    estimate_error_max_s: float
+    echo_error_s: float
+    """Mean error of the delay measured by the echo."""
 
 
-_END = Figures._fields.index("mean_m")
+def _place(name: str) -> int:
+    return Figures._fields.index(name)
+
+
+_END = _place("mean_m")
 """Where ``WindowFigures`` begin."""
+_EFFORT, _CG, _LATENCY = _place("steer_rms_rad"), _place("cg_rms_m"), _place("latency_mean_s")
+_SETTLED = _place("settled_rms_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -114,11 +133,17 @@ def take_figures(
     ``sent_rad``                     one command per control period
     """
     row[:] = math.nan
-    row[-2:] = latency
+    row[_LATENCY : _LATENCY + len(latency)] = latency
     if len(time_s):
-        row[-4] = np.sqrt(np.mean(np.square(cg_deviation_m)))
-        row[-3] = np.max(np.abs(cg_deviation_m))
+        row[_CG] = _rms(cg_deviation_m)
+        row[_CG + 1] = np.max(np.abs(cg_deviation_m))
         _figures(rules, time_s, lateral_error_m, sent_rad, row)
+        first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
+        row[_SETTLED + 1] = _rms(cg_deviation_m[first:])
+
+
+def _rms(values: RealArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 def latency_figures(latency_s: RealArray) -> LatencyFigures:
@@ -159,15 +184,21 @@ def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> 
     samples = len(time_s)
     row[0] = time_s[samples - 1]
     square, peak, outside = 0.0, 0.0, -1
+    settled_square, settled = 0.0, 0
     for k in range(samples):
         value = error_m[k]
         square += value * value
+        if time_s[k] >= SETTLED_S:
+            settled_square += value * value
+            settled += 1
         magnitude = abs(value)
         if magnitude > peak:
             peak = magnitude
         if magnitude > rules.settling_band_m:
             outside = k
     row[1] = math.sqrt(square / samples)
+    if settled:
+        row[_SETTLED] = math.sqrt(settled_square / settled)
     row[2] = peak
     row[3] = error_m[samples - 1]
     if outside < 0:
@@ -199,14 +230,14 @@ def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
         peak = max(peak, abs(value))
         if abs(value) >= angle_rad or abs(step) >= step_rad:
             limited += 1
-    row[14] = math.sqrt(square / len(sent_rad))
-    row[15] = peak
-    row[16] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
-    row[17] = limited / len(sent_rad)
+    row[_EFFORT] = math.sqrt(square / len(sent_rad))
+    row[_EFFORT + 1] = peak
+    row[_EFFORT + 2] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
+    row[_EFFORT + 3] = limited / len(sent_rad)
 
 
-_PEAK = Figures._fields.index("peak_m")
-_WINDOWS = [Figures._fields.index(name) for name in WindowFigures._fields]
+_PEAK = _place("peak_m")
+_WINDOWS = [_place(name) for name in WindowFigures._fields]
 
 
 def rules_of(

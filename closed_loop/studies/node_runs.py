@@ -18,6 +18,7 @@ from ...runtime.node.virtual_time import Wire
 from ..pair_result import Trace
 from ..virtual_bus import virtual_bus, with_clocks
 from ..virtual_pair import VirtualPair, make_virtual_pair, run_virtual_nodes
+from .delay_error import DelayErrors, DelayListener
 from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
 from .scenario import Pair
 
@@ -29,7 +30,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
 
     The noise and the traffic are drawn from the plant's seed. Raises SettingsError.
     """
-    made = _ran(pair, bus)
+    made, delay_errors = _ran(pair, bus)
     trace, report = Trace.of_node(made.plant), made.plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
@@ -37,7 +38,8 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     has_left, samples = range_left(trace)
     sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
     run_rules = rules_of(rules, pair.plant, pair.controller)
-    row[: len(Figures._fields)] = figures_of_trace(run_rules, trace, samples, sent_rad)
+    figures = figures_of_trace(run_rules, trace, samples, sent_rad)
+    row[: len(figures)] = figures._replace(**delay_errors._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
@@ -67,16 +69,17 @@ def figures_of_trace(
     )
 
 
-def _ran(pair: Pair, bus: BusSettings) -> VirtualPair:
-    """Return both nodes after their run over a bus."""
+def _ran(pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
+    """Return both nodes after their run over a bus, and how right they were about the delay."""
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
             return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
     return _ran_over(virtual_bus(bus, pair.plant.seed), pair, bus)
 
 
-def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> VirtualPair:
+def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
     made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
     nodes = with_clocks(made.edge, made.controller, bus)
-    run_virtual_nodes(*nodes, wire, None, lambda: False)
-    return made
+    listener = DelayListener(pair.plant, pair.controller)
+    run_virtual_nodes(*nodes, wire, None, lambda: False, listener.on_wire)
+    return made, listener.errors

@@ -217,7 +217,12 @@ class Store:
         for place, name in enumerate(COLUMNS):
             values = figures[:, place]
             columns[name] = values.astype(np.int64) if name in COUNTS else values
-        columns["overrides"] = [texts[place] for place in first.tolist()]
+        columns["overrides"] = [
+            json.dumps(self.scenarios.with_controller(case, name).overrides)
+            if name in self.scenarios.plant_of
+            else texts[place]
+            for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
+        ]
         return self._arrow.table(columns, schema=self._schema)
 
     def _make_schema(self) -> Any:

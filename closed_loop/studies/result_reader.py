@@ -23,14 +23,16 @@ from .figures import COUNTS
 from .result_files import are_numbers, overrides_of, read_columns, read_json
 from .scenario import Case, Pair, Scenarios
 from .study import Study
-from .study_file import StudySettings
+from .study_file import ReportSettings, StudySettings
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
 _CAUSE_LENGTH_MAX = 160
 _NUMBERS = (
-    *("rms_m", "peak_m", "cg_rms_m", "duration_s", "latency_mean_s"),
+    *("rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m"),
+    *("duration_s", "latency_mean_s"),
     *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share"),
+    *("estimate_share", "estimate_error_s", "estimate_error_max_s", "echo_error_s"),
 )
 
 
@@ -53,6 +55,7 @@ class StudyRecord(NamedTuple):
     folder: Path
     name: str
     title: str
+    report: ReportSettings
     plant: Mapping[str, Any]
     controllers: Mapping[str, Mapping[str, Any]]
     sampling: Mapping[str, Any]
@@ -76,7 +79,7 @@ class StudyRecord(NamedTuple):
     def replay(self, run: int) -> str:
         """Return the command that repeats a run."""
         return (
-            f"steer-by-wire stress {self.folder / 'study.toml'} --out {self.folder} --replay {run}"
+            f"steer-by-wire study {self.folder / 'study.toml'} --out {self.folder} --replay {run}"
         )
 
 
@@ -84,7 +87,7 @@ class Rows(NamedTuple):
     """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
 
     ``controller``, ``verdict``  places in ``StudyRecord.names`` and in ``VERDICTS``
-    ``rms_m``, ``peak_m``, ``cg_rms_m``  of the preview point, but for the last: centre of gravity
+    ``*rms_m``, ``*peak_m``      of the preview point; those with ``cg`` of the centre of gravity
     ``case``                     the same for runs that differ in the controller only
     """
 
@@ -94,12 +97,19 @@ class Rows(NamedTuple):
     verdict: IntArray
     rms_m: FloatArray
     peak_m: FloatArray
+    settled_rms_m: FloatArray
     cg_rms_m: FloatArray
+    cg_peak_m: FloatArray
+    settled_cg_rms_m: FloatArray
     duration_s: FloatArray
     latency_mean_s: FloatArray
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray
+    estimate_share: FloatArray
+    estimate_error_s: FloatArray
+    estimate_error_max_s: FloatArray
+    echo_error_s: FloatArray
     factors: Mapping[str, NDArray[Any]]
 
     @property
@@ -134,13 +144,15 @@ def read_study(folder: Path) -> StudyRecord:
         raise SettingsError(
             f"{file}: is not the record of a study of this version: {cause}"
         ) from error
+    title, report = _presentation(folder)
     design, bus = Design((), 1, None), record.get("bus")
     scenarios = Scenarios(Study(str(file), settings, plant, controllers, design, bus=bus))
     points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
     return StudyRecord(
         folder=folder,
         name=settings.name,
-        title=_title(folder),
+        title=title,
+        report=report,
         plant=plant,
         controllers=controllers,
         sampling=settings.sampling.model_dump(mode="json"),
@@ -258,10 +270,13 @@ def _places(
     return np.array([place[word] for word in words], dtype=np.int64)
 
 
-def _title(folder: Path) -> str:
+def _presentation(folder: Path) -> tuple[str, ReportSettings]:
+    """Return what the report takes from the study file and no result depends on."""
     import tomllib
 
     try:
-        return str(tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))["title"])
-    except (OSError, ValueError, KeyError, RecursionError):
-        return ""
+        content = tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))
+        report = ReportSettings.model_validate(content.get("report", {}))
+        return str(content.get("title", "")), report
+    except (OSError, ValueError, RecursionError):
+        return "", ReportSettings()

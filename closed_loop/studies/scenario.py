@@ -57,6 +57,7 @@ class Scenarios:
     def __init__(self, study: Study) -> None:
         self.study = study
         self.controllers = tuple(study.controllers)
+        self.plant_of = study.plant_of
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
@@ -71,6 +72,11 @@ class Scenarios:
         overrides = _settings_keys(values, self.study.plant)
         overrides["plant.seed"] = seed
         return Case(point, replicate, seed, tuple(level.label for level in levels), overrides)
+
+    def with_controller(self, case: Case, name: str) -> Case:
+        """Return a case with what this controller changes about the plant."""
+        changes = self.plant_of.get(name)
+        return case._replace(overrides={**changes, **case.overrides}) if changes else case
 
     def plant(self, case: Case) -> PlantSettings:
         """Return the plant's settings; raises SettingsError."""
@@ -99,7 +105,8 @@ class Scenarios:
     def pair(self, run: int) -> Pair:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
         index, place = divmod(run, len(self.controllers))
-        return self.checked(self.case(index), self.controllers[place])
+        name = self.controllers[place]
+        return self.checked(self.with_controller(self.case(index), name), name)
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
@@ -136,6 +143,8 @@ class Scenarios:
                 if self.study.bus is not None:
                     self.checked(case, self.controllers[0])
                 for name in self.controllers:
+                    if name in self.plant_of:
+                        self.plant(self.with_controller(case, name))
                     controller = self.controller(case, name)
                     if controller not in designed and len(designed) < DESIGNED_MAX:
                         designed.add(controller)

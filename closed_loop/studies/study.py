@@ -18,7 +18,7 @@ from ...controller.laws import LAWS
 from ...controller.laws.plugin import place_of
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import SettingsError
-from .base_settings import Tables, bus_tables, controller_tables, plant_tables
+from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
 from .factors import Design, Factor, make_design, make_factors
 from .figures import COLUMNS
 from .study_file import SamplingKind, StudySettings, read_study
@@ -66,11 +66,20 @@ class Study(NamedTuple):
         return self.cases * len(self.controllers)
 
     @property
+    def plant_of(self) -> Mapping[str, Tables]:
+        """What a controller changes about the plant, by dotted key, for those that do."""
+        base = self.settings.base
+        changes = {name: plant_of_variant(base, name) for name in base.variants}
+        return {name: values for name, values in changes.items() if values}
+
+    @property
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
         databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
         values = _values(self.design)
-        files = _digests([self.plant, *self.controllers.values(), *values, *databases])
+        files = _digests(
+            [self.plant, *self.plant_of.values(), *self.controllers.values(), *values, *databases]
+        )
         return json.dumps(
             {
                 "name": self.settings.name,
@@ -88,6 +97,7 @@ class Study(NamedTuple):
                 ],
             }
             | ({"files": files} if files else {})
+            | ({"plant_of": self.plant_of} if self.plant_of else {})
             | ({} if self.bus is None else {"bus": self.bus}),
             indent=1,
         )
@@ -114,7 +124,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         plant=plant_tables(settings.base, file, folder),
         controllers={
             name: controller_tables(settings.base, name, file, folder)
-            for name in settings.base.controllers
+            for name in settings.base.names
         },
         design=make_design(factors, settings.sampling),
         bus=bus_tables(settings.base, file) if has_bus else None,

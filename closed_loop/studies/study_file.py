@@ -1,10 +1,12 @@
 """The study file: what all runs have in common, what varies, how it is sampled and judged.
 
-    [base]      a preset or file of the plant, tables on top, and the controllers to compare
+    [base]      a preset or file of the plant, tables on top, and the controllers to compare:
+                presets, files, and variants of these
     [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
                 that set several keys at once
     [sampling]  grid, latin_hypercube or sobol; seed and replicates
     [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.run_verdict``)
+    [report]    what the report shows
 
 It is read and checked here like any settings file. What a factor sets is checked against the
 settings of plant and controller in ``closed_loop.studies.scenario``.
@@ -161,6 +163,17 @@ class FactorSettings(Settings):
             raise ValueError(f"a range has at most {LEVELS_MAX} values: step {self.step} is small")
 
 
+class VariantSettings(Settings):
+    """One of ``[base.variants]``: a controller with settings and a name of its own."""
+
+    preset: str
+    """A preset or a file, as in ``controllers``."""
+    controller: dict[str, Any] = Field(default_factory=dict)
+    """Tables on top of it."""
+    plant: dict[str, Any] = Field(default_factory=dict)
+    """Tables of the plant in the runs with this controller; a factor goes before them."""
+
+
 class BaseSettings(Settings):
     """``[base]``: what all runs have in common."""
 
@@ -171,8 +184,10 @@ class BaseSettings(Settings):
     """[vehicle] of this file is the plant's and every controller's; relative to the study file."""
     plant: dict[str, Any] = Field(default_factory=dict)
     """Tables on top of preset, file and vehicle."""
-    controllers: tuple[str, ...] = Field(min_length=1, max_length=100)
+    controllers: tuple[str, ...] = Field((), max_length=100)
     """Presets, or files (``.toml``, relative to the study file); each meets every point."""
+    variants: dict[str, VariantSettings] = Field(default_factory=dict, max_length=100)
+    """Further controllers by their names, after the others."""
     controller: dict[str, Any] = Field(default_factory=dict)
     """Tables on top of every controller."""
     bus: dict[str, Any] | None = None
@@ -180,9 +195,16 @@ class BaseSettings(Settings):
 
     @model_validator(mode="after")
     def _are_different(self) -> Self:
-        if len(set(self.controllers)) < len(self.controllers):
-            raise ValueError("controllers must differ from each other")
+        if not self.names:
+            raise ValueError("a study needs controllers or variants")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError("controllers and variants must differ from each other in their names")
         return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All controllers, in the order of the runs."""
+        return (*self.controllers, *self.variants)
 
 
 class SamplingKind(StrEnum):
@@ -215,6 +237,13 @@ class SamplingSettings(Settings):
         return self
 
 
+class ReportSettings(Settings):
+    """``[report]``: does not change the runs."""
+
+    error_over_delay: tuple[str, ...] = ()
+    """Controllers in the picture ``error_over_delay.png``; none for all."""
+
+
 class StudySettings(Settings):
     """The content of a study file."""
 
@@ -224,6 +253,14 @@ class StudySettings(Settings):
     factors: tuple[FactorSettings, ...] = Field((), max_length=20)
     sampling: SamplingSettings = SamplingSettings()
     verdict: VerdictRules = VerdictRules()
+    report: ReportSettings = ReportSettings()
+
+    @model_validator(mode="after")
+    def _reports_on_its_controllers(self) -> Self:
+        unknown = [name for name in self.report.error_over_delay if name not in self.base.names]
+        if unknown:
+            raise ValueError(f"report.error_over_delay: {unknown[0]!r} is none of the controllers")
+        return self
 
 
 def read_study(file: Path) -> StudySettings:

@@ -119,7 +119,7 @@ def _looking_back(figures: Figures) -> Iterator[str]:
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
         yield f"{fallback['law']} --check analyses it."
     yield from figures["closing"]
-    yield "Latency that varies is for simulation: steer-by-wire stress."
+    yield "Latency that varies is for simulation: steer-by-wire study."
 
 
 def _noise_and_sensitivity(at: Figures) -> str:

@@ -110,7 +110,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
     assert "#   delay margin  " in text
     if looks_back:
-        assert "# Latency that varies is for simulation: steer-by-wire stress." in text
+        assert "# Latency that varies is for simulation: steer-by-wire study." in text
     else:
         assert "# Poles of the law alone:" in text
         assert ("#   stable at     no delay" in text) != ("#   mean  80 ms   " in text)

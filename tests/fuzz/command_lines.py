@@ -33,8 +33,6 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.report.draw_pictures",),
     "tools.run.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
-    "tools.compare_laws.__main__": (".compare",),
-    "tools.delay_estimation_study.__main__": (".worker_pool",),
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": (".worker_pool",),
     "tools.doctor.__main__": (
@@ -48,7 +46,6 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.paper.__main__": (".reproduce_all",),
     "tools.faults.live.soak": (".run_live_soak",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
-    "tools.study.stress_report": (),
     "tools.vcan.__main__": (".choose",),
 }  # fmt: skip
 """Every program that takes arguments, and where it is stopped; a dot stands for its own module."""

@@ -33,13 +33,12 @@ LIVE = (("plant",), ("controller",))
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
     (
-        r"^(bus|cockpit|monitor|doctor --measure|faults soak) ?|^stress .*--live",
+        r"^(bus|cockpit|monitor|doctor --measure|faults soak) ?|^study .*--live",
         "goes on in real time",
     ),
-    (r"^faults inject (?!--list)|FOLDER|out/gains|out/stress", "needs something of the reader's"),
+    (r"^faults inject (?!--list)|FOLDER|out/gains|out/study", "needs something of the reader's"),
     (
-        r"^(compare|delay-study|demo|design|faults(?! inject)|paper"
-        r"|stress|bus-study)",
+        r"^(demo|design|faults(?! inject)|paper|study(?! --list))",
         "takes minutes",
     ),
 )

@@ -23,7 +23,7 @@ SCREEN_LINES = 40
 LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
-CHEAP = ("run", "analyze", "stress")
+CHEAP = ("run", "analyze", "study")
 """Whose examples are run as they are printed: they take a second or so."""
 
 Help = Callable[[str], str]
@@ -123,7 +123,7 @@ def test_the_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) ->
         (["run", "--law", "nosuch"], "steer-by-wire run: error: command line: law = "),
         (["plant", "--set", "x=1"], "steer-by-wire plant: error: command line: x "),
         (["check", "--preset", "x"], "steer-by-wire check: error: preset x: "),
-        (["stress", "nosuch"], "steer-by-wire stress: error: argument STUDY: 'nosuch' is neither"),
+        (["study", "nosuch"], "steer-by-wire study: error: argument STUDY: 'nosuch' is neither"),
     ],
 )
 def test_a_mistake_is_reported_under_the_name_that_was_typed(
@@ -209,7 +209,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("steer-by-wire stress", {"stress", "stress-report"}),
+        ("steer-by-wire stu", {"study"}),
         ("steer-by-wire check --p", {"--preset"}),
         ("steer-by-wire bus --", {"--address", "--bitrate", "--report"}),
     ],

@@ -131,7 +131,7 @@ with processes.launched_broker() as address:
     [
         "steer-by-wire run --duration 1 --out out/run",
         "steer-by-wire analyze out/run/candump.log",
-        "steer-by-wire stress latency_jitter --replay 0",
+        "steer-by-wire study latency_jitter --replay 0",
         "plant-emulator --help",
         "steering-controller --preset practical_pd --check",
         "emulated-can-bus --help",

@@ -28,13 +28,6 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from steer_by_wire.tools.compare_laws import __main__ as compare_laws
-from steer_by_wire.tools.compare_laws import runs
-from steer_by_wire.tools.compare_laws.presentation import (
-    draw_comparison,
-    markdown_lines,
-    table_lines,
-)
 from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.small_study import make_scenarios, never
@@ -293,20 +286,3 @@ def test_closed_loop_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert re.search(r"^law +own_law:LAW at 100 Hz$", capsys.readouterr().out, re.MULTILINE)
     report = json.loads((tmp_path / "controller.json").read_text())
     assert report["settings"]["own_law"] == {"integral_gain_rad_s_m": 0.5, "tracking_time_s": 0.5}
-
-
-def test_it_takes_part_in_the_comparison(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "CONTESTANTS", ())
-    further = [runs.own_contestant(OWN, ["own_law.tracking_time_s=2"])]
-    cells = runs.compare([0.1], 1, 20.0, lambda _done, _of: None, further)
-    assert {cell.contestant for cell in cells} == {OWN}
-    assert all(cell.settled_rms_m < runs.BROKEN_M for cell in cells)
-    assert sum(line.startswith(OWN) for line in table_lines(cells, further)) == len(runs.NETWORKS)
-    assert any(line.startswith(f"| {OWN} |") for line in markdown_lines(cells, further))
-    figure = draw_comparison(cells, further)
-    assert figure.axes[0].get_lines()[-2].get_label() == OWN
-
-
-def test_compare_laws_refuses_one_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
-    assert compare_laws.main(["--law", "own_law:NONE"]) == 2
-    assert "the module own_law has no NONE" in capsys.readouterr().err

@@ -1,7 +1,9 @@
 """The shipped presets are what the design of gains puts out, and keep what their files state."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,10 +29,13 @@ from steer_by_wire.tools.design.judgement import (
     make_study,
     unsteered_runs_m,
 )
-from steer_by_wire.tools.design.report import preset_text
+from steer_by_wire.tools.design.predictor import describe_predictor
+from steer_by_wire.tools.design.predictor_runs import Task
+from steer_by_wire.tools.design.report import predictor_figures, preset_text
 from steer_by_wire.tools.design.search import Found, confirm
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.tracking import rms_m, tracking_grid
+from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
     constant,
     drive,
@@ -41,6 +46,7 @@ from steer_by_wire.tools.design.virtual_check import (
 from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
 
 RMS_M_MAX = 0.011
+GAIN_DESIGN = Path(__file__).parents[2] / "tools" / "design"
 FAST_HEAVY = paper_box().vertices()[3]
 
 
@@ -130,3 +136,28 @@ def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
     assert all(run.outcome is Outcome.COMPLETE for run in runs)
     assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX
     assert max(np.abs(run.sent_rad).max() for run in runs) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("preset", "vehicle", "specification"),
+    [
+        ("practical_predictor", "paper_vehicle", "practical_predictor"),
+        ("highway_predictor", "highway_vehicle", "highway"),
+    ],
+)
+def test_a_designed_predictor_says_what_is_measured_anew(
+    preset: str, vehicle: str, specification: str
+) -> None:
+    text = read_preset("steer_by_wire.controller.presets", preset)
+    settings = load_settings(ControllerSettings, text)
+    spec = load_settings(Specification, None, GAIN_DESIGN / f"{specification}.toml")
+    box = load_settings(VehicleFile, None, GAIN_DESIGN / f"{vehicle}.toml")
+    assert spec.predictor is not None
+    with ThreadPoolExecutor(2) as pool:
+        design = describe_predictor(Task(pool, spec, spec.predictor, box), settings)
+    said = re.findall(
+        r"^#   (RMS error|jitter|noise|peak sensitivity|largest error|without echoes) +(.*)$",
+        text.text,
+        re.MULTILINE,
+    )
+    assert said == list(predictor_figures(spec, spec.predictor, design))

@@ -24,7 +24,7 @@ from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study import stress_report as __main__
+from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.break_points import (
     HELD_SHARE,
@@ -66,7 +66,10 @@ seed = 7
 replicates = 2
 """
 RUNS = 2 * 2 * 4 * 2 * 2
-PICTURES = ("heat_map_rms", "heat_map_held", "break_points", "worst_runs")
+PICTURES = (
+    *("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held"),
+    *("break_points", "worst_runs"),
+)
 PNG = b"\x89PNG"
 
 
@@ -110,7 +113,7 @@ def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
     commands = [shlex.split(code.text or "") for code in root.iter("code")]
     assert len(commands) == 10
     for command in commands:
-        assert command[:2] == ["steer-by-wire", "stress"]
+        assert command[:2] == ["steer-by-wire", "study"]
         assert Path(command[2]).exists()
         assert 0 <= int(command[-1]) < RUNS
 
@@ -120,7 +123,7 @@ def test_a_folder_without_results_is_refused_in_one_line(
 ) -> None:
     with pytest.raises(SettingsError, match=r"study\.json: cannot be read"):
         write(tmp_path)
-    assert __main__.main([str(tmp_path)]) == 2
+    assert __main__.main(["--report", str(tmp_path)]) == 2
     assert "give the folder of a study's results" in capsys.readouterr().err
     (tmp_path / "study.json").write_text("{}", encoding="utf-8")
     with pytest.raises(SettingsError, match="is not the record of a study of this version"):
@@ -177,12 +180,19 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         verdict=np.array([VERDICTS.index(verdict) for verdict in verdicts]),
         rms_m=np.array(rms_m),
         peak_m=np.array(rms_m),
+        settled_rms_m=np.array(rms_m),
         cg_rms_m=2.0 * np.array(rms_m),
+        cg_peak_m=2.0 * np.array(rms_m),
+        settled_cg_rms_m=2.0 * np.array(rms_m),
         duration_s=np.ones(count),
         latency_mean_s=np.zeros(count),
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
+        estimate_share=np.full(count, np.nan),
+        estimate_error_s=np.full(count, np.nan),
+        estimate_error_max_s=np.full(count, np.nan),
+        echo_error_s=np.full(count, np.nan),
         factors={
             "mean_s": np.zeros(count),
             "jitter": np.zeros(count),

@@ -1,9 +1,11 @@
-"""Run a stress study: thousands of runs over latency, jitter, vehicles and laws.
+"""Run a study: thousands of runs over latency, jitter, vehicles and laws, and their report.
 
-    steer-by-wire stress latency_jitter --dry-run
-    steer-by-wire stress STUDY [--out DIR] [--threads N]
-    steer-by-wire stress STUDY --replay ID [--live BUS]
-    steer-by-wire stress STUDY --live BUS --subset N
+    steer-by-wire study --list
+    steer-by-wire study compare --dry-run
+    steer-by-wire study STUDY [--out DIR] [--threads N]
+    steer-by-wire study STUDY --replay ID [--live BUS]
+    steer-by-wire study STUDY --live BUS --subset N
+    steer-by-wire study --report DIR
 
 Ctrl-C ends it and keeps the computed runs; the same command continues from there. The bytes of the
 results do not depend on interruptions, threads or machines.
@@ -30,6 +32,7 @@ from steer_by_wire.closed_loop.studies.result_files import CHUNK_RUNS, Store
 from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.study_file import read_study
 from steer_by_wire.closed_loop.studies.workers import Processes, Threads, Workers
 from steer_by_wire.runtime.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program.option_types import settings_file
@@ -45,7 +48,8 @@ from steer_by_wire.tools.study.replay import (
     subset,
 )
 
-NAME = "steer-by-wire stress"
+NAME = "steer-by-wire study"
+SHIPPED = "steer_by_wire.closed_loop.studies"
 DIFFERENT = 1
 """Exit status of a replay whose figures differ from those stored."""
 ROW_BYTES = 150
@@ -54,13 +58,19 @@ ROW_BYTES = 150
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = command_parser(NAME, __doc__, f"{NAME} latency_jitter --dry-run", "STUDY [options]")
+    example = f"{NAME} latency_jitter --dry-run"
+    parser = command_parser(NAME, __doc__, example, "[STUDY] [options]")
     parser.add_argument(
-        "study", type=settings_file("steer_by_wire.closed_loop.studies"), metavar="STUDY",
-        help=f"a file, or one of {', '.join(preset_names('steer_by_wire.closed_loop.studies'))}",
+        "study", type=settings_file(SHIPPED), nargs="?", metavar="STUDY",
+        help=f"a file, or one of {', '.join(preset_names(SHIPPED))}",
+    )  # fmt: skip
+    parser.add_argument("--list", action="store_true", help="print the shipped studies, and end")
+    parser.add_argument(
+        "--report", type=Path, metavar="DIR",
+        help="write the report of stored results again, and end",
     )  # fmt: skip
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/stress/NAME)"
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/study/NAME)"
     )
     parser.add_argument(
         "--dry-run", action="store_true", help="print the size of the study, and end"
@@ -95,6 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="number of runs of --live, spread evenly",
     )  # fmt: skip
     options = parser.parse_args(arguments)
+    if (options.study is not None) + options.list + (options.report is not None) != 1:
+        parser.error("give one of STUDY, --list and --report DIR")
     if options.live and options.replay is None and options.subset is None:
         parser.error("--live needs --subset N or --replay ID")
     if options.subset is not None and not options.live:
@@ -103,10 +115,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    if options.list:
+        for name in preset_names(SHIPPED):
+            file = settings_file(SHIPPED)(name)
+            print(f"{name:<18} {read_study(file).title}\n{'':<18} {file}")
+        return ExitStatus.OK
+    if options.report is not None:
+        # Pictures take a second to import, which --help need not wait for.
+        write = importlib.import_module("steer_by_wire.tools.study.report").write
+        print(f"report: {write(options.report)}")
+        return ExitStatus.OK
+    return _run_study(options)
+
+
+def _run_study(options: argparse.Namespace) -> int:
     console = plain_console()
     scenarios = Scenarios(load_study(options.study, options.fastmath))
     scenarios.check()
-    store = Store(options.out or Path("out/stress") / scenarios.study.settings.name, scenarios)
+    store = Store(options.out or Path("out/study") / scenarios.study.settings.name, scenarios)
     for line in _sizes(scenarios):
         console.print(line)
     warning = short_windows(scenarios.study.settings.verdict, scenarios.shortest_s)

@@ -21,12 +21,15 @@ median comes from the same law at q = 1/2.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
+from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.factors import replicate_seed
 from ...closed_loop.studies.figures import COLUMNS, verdict_of
@@ -268,3 +271,119 @@ def median_interval(ascending: tuple[float, ...], confidence: float) -> tuple[fl
     # Of the binomial distribution up to each rank; it rises.
     rank = int(np.count_nonzero(2.0 * bdtr(np.arange(count), count, 0.5) <= 1.0 - confidence))
     return (ascending[rank - 1], ascending[count - rank]) if rank else (-math.inf, math.inf)
+
+
+def break_point_section(
+    study: StudyRecord, axes: StudyAxes, points: Sequence[BreakPoint], pictures: Sequence[Picture]
+) -> Section:
+    """Return the break-points."""
+    if not points:
+        return Section("Break-points", ("The study varies no mean latency: there are none.",))
+    seeds = max(len(point.by_seed_s) for point in points)
+    share, sure = f"{100 * HELD_SHARE:g} %", f"{100 * CONFIDENCE:g} %"
+    rows = [
+        (
+            Cell(study.names[point.controller]),
+            number(axes.jitter.labels[point.jitter]),
+            number(_latency(point.held_s)),
+            number(_latency(point.median_s)),
+            number(_from_to(point.low_s, point.high_s)),
+            number(_from_to(point.by_seed_s[0], point.by_seed_s[-1])),
+        )
+        for point in sorted(points, key=lambda point: (point.controller, point.jitter))
+    ]
+    headings = (
+        "Controller",
+        axes.jitter.title,
+        f"held by {share} of seeds, {sure} sure [ms]",
+        "median [ms]",
+        f"{sure} interval [ms]",
+        f"all {seeds} seeds [ms]",
+    )
+    return Section(
+        "Break-points",
+        (
+            "The largest mean latency that each law holds, searched by bisection with each of "
+            f"{seeds} seeds to {1e-6 * STEP_NS:g} ms, up to {1e-6 * LATENCY_NS_MAX:g} ms, under "
+            f"the {GROUPS_MAX} of all other conditions of the study in which that law breaks first "
+            f"at that jitter (found with the first seed, of the {CANDIDATES_MAX} worst): a latency "
+            "is held only if it is under both. These runs come on top of those of the study.",
+        ),
+        pictures,
+        (Table(headings, rows),),
+        (
+            "Bounds are order statistics of the break-points of the seeds, exact for any "
+            "distribution (binomial; for the lowest break-point it is the bound of Clopper and "
+            f"Pearson: all {seeds} of {seeds} seeds hold, so that at least "
+            f"{100 * (1.0 - CONFIDENCE) ** (1.0 / seeds):.0f} % of all seeds do, {sure} sure). The "
+            "search takes for granted that a law that holds a latency holds shorter ones; see the "
+            "maps. A slow instability that the length of a run does not show counts as held.",
+        ),
+    )
+
+
+def _from_to(low_s: float, high_s: float) -> str:
+    return f"{_latency(low_s)} to {_latency(high_s)}"
+
+
+def _latency(seconds: float) -> str:
+    if math.isnan(seconds):
+        return "-"
+    if seconds < 0.0:
+        return "none"
+    return f"≥ {1e3 * seconds:.0f}" if seconds * 1e9 >= LATENCY_NS_MAX else f"{1e3 * seconds:.0f}"
+
+
+_MARKERS = "os^Dv<>p"
+_TICKS_MS = (10, 20, 50, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000)
+_SHORTEST_MS = 1e-6 * STEP_NS
+"""Where latency 0, or not even that, is drawn: the axis is logarithmic."""
+
+
+def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the break-point of each law over jitter."""
+    figure = Figure(figsize=(9.5, 4.6))
+    panel = figure.subplots()
+    chosen = sorted({point.jitter for point in points})
+    end_ms = 1e-6 * LATENCY_NS_MAX
+    for controller, name in enumerate(names):
+        own = [point for point in points if point.controller == controller]
+        # Beside each other, since laws of the same break-point would hide each other.
+        at = np.array([chosen.index(point.jitter) for point in own]) + 0.06 * (
+            controller - 0.5 * (len(names) - 1)
+        )
+        colour = COLOURS[controller % len(COLOURS)]
+        median, low, high, held = (
+            np.clip([1e3 * getattr(point, name) for point in own], _SHORTEST_MS, end_ms)
+            for name in ("median_s", "low_s", "high_s", "held_s")
+        )
+        bars, marker = (median - low, high - median), _MARKERS[controller % len(_MARKERS)]
+        panel.errorbar(at, median, bars, color=colour, marker=marker, ms=5, capsize=3, label=name)
+        panel.plot(at, held, ls="", marker="_", ms=11, mew=2, color=colour)
+    panel.set_yscale("log")
+    low_ms, high_ms = panel.get_ylim()
+    if high_ms > 0.8 * end_ms:
+        panel.axhline(end_ms, color="0.4", lw=0.8, ls="--")
+        panel.annotate(
+            "end of the search: held here and beyond",
+            (0.02, end_ms),
+            (0.0, 3.0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=8.5,
+        )
+        high_ms = 1.3 * end_ms
+    panel.set_ylim(low_ms, high_ms)
+    ticks_ms = [tick for tick in _TICKS_MS if low_ms <= tick <= high_ms]
+    panel.set_yticks(ticks_ms, [f"{tick:g}" for tick in ticks_ms])
+    panel.set_yticks([], minor=True)
+    panel.set_xticks(range(len(chosen)), [axes.jitter.labels[place] for place in chosen])
+    panel.set(xlabel=axes.jitter.title, ylabel="largest mean latency held [ms]")
+    panel.set_title(
+        f"Markers: median over seeds with its {100 * CONFIDENCE:g} % interval.  "
+        f"Bars: held by at least {100 * HELD_SHARE:g} % of seeds, {100 * CONFIDENCE:g} % sure",
+        fontsize=9.5,
+        fontweight="normal",
+    )
+    panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure

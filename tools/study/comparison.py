@@ -4,12 +4,16 @@ q = RMS of the law / RMS of the reference        run by run, where both hold the
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import Rows, StudyRecord
 from ...runtime.array_types import FloatArray, IntArray
+
+EFFORT_HEADINGS = ("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]")
 
 
 class Effort(NamedTuple):
@@ -89,3 +93,73 @@ def median(values: FloatArray) -> float:
     """Return the median of the known values; NaN where there are none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else math.nan
+
+
+def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Section:
+    """Return the comparison with the reference."""
+    reference = study.names[study.reference]
+    rows = [
+        (
+            Cell(study.names[one.controller]),
+            number(f"{one.held:,} ({100 * one.held / max(one.runs, 1):.1f} %)"),
+            number(f"{one.only_it:,}"),
+            number(f"{one.only_reference:,}"),
+            number(ratio(one.median)),
+            number(f"{ratio(one.low)} to {ratio(one.high)}"),
+            number("-" if math.isnan(one.better) else f"{100 * one.better:.1f} %"),
+            number(millimetres(one.rms_median_m)),
+            number(millimetres(one.rms_worst_held_m)),
+            number(millimetres(one.cg_rms_median_m)),
+            *effort_cells(one.effort),
+        )
+        for one in found
+    ]
+    headings = (
+        "Controller",
+        "runs held",
+        "it holds, reference not",
+        "reference holds, it not",
+        "RMS ratio, median",
+        "10 to 90 % of ratios",
+        "better in",
+        "RMS held, median [mm]",
+        "RMS held, largest [mm]",
+        "centre of gravity, median [mm]",
+        *EFFORT_HEADINGS,
+    )
+    return Section(
+        f"Against {reference}",
+        (
+            f"Each run is compared with the run of {reference} under the same conditions and on "
+            "the same network (common random numbers). Ratios are of those pairs in which both "
+            "hold the path: below 1 the law is better. Errors are those of the preview point, but "
+            "for the column of the centre of gravity, of the runs held too. The steer's columns "
+            "are medians over all "
+            "runs of a law, those that do not hold too.",
+        ),
+        tables=(Table(headings, rows),),
+    )
+
+
+def effort_cells(effort: Effort) -> tuple[Cell, Cell, Cell]:
+    """Return the steering effort of a law, under EFFORT_HEADINGS."""
+    return (
+        number(three_digits(1e3 * effort.steer_rms_rad)),
+        number(three_digits(1e3 * effort.steer_rate_rms_rad_s)),
+        number(three_digits(100.0 * effort.limited_share)),
+    )
+
+
+def three_digits(value: float) -> str:
+    """Return a figure that may be unknown, with three digits."""
+    return "-" if math.isnan(value) else f"{float(f'{value:.3g}'):,g}"
+
+
+def ratio(value: float) -> str:
+    """Return a ratio that may be unknown."""
+    return "-" if math.isnan(value) else f"{value:.3f}"
+
+
+def millimetres(value_m: float) -> str:
+    """Return a length that may be unknown, in millimetres."""
+    return three_digits(1e3 * value_m)

@@ -204,7 +204,7 @@ def open_bus(name: str, folder: Path) -> Iterator[Bus]:
     Raises SettingsError.
     """
     if name == "emulated":
-        with open_channels("emulated", ["stress"], folder / "bus.txt") as channels:
+        with open_channels("emulated", ["study"], folder / "bus.txt") as channels:
             yield channels.buses[0]
         return
     interface, colon, channel = name.partition(":")

@@ -12,6 +12,7 @@ from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, p
 from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...closed_loop.studies.base_settings import leaves
 from ...closed_loop.studies.figures import short_windows
+from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import (
     VERDICTS,
     FactorRecord,
@@ -24,17 +25,13 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import Settings
 from .axes import StudyAxes, study_axes
-from .break_points import SEEDS, break_points
-from .comparison import comparisons
-from .heat_maps import draw_break_points, draw_held, draw_rms, heat_maps
-from .level_section import level_sections
-from .sections import (
-    break_point_section,
-    comparison_section,
-    map_section,
-    worst_section,
-)
-from .worst_runs import draw_worst, worst_runs
+from .break_points import SEEDS, break_point_section, break_points, draw_break_points
+from .comparison import comparison_section, comparisons
+from .heat_maps import draw_held, draw_rms, heat_maps, map_section
+from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
+from .level_by_level import level_sections
+from .reported_delay import delay_sections
+from .worst_runs import draw_worst, worst_runs, worst_section
 
 PAGE = "report.html"
 
@@ -49,16 +46,30 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
     axes = study_axes(study, rows)
     sections = [
         study_section(study, rows),
+        *_laws(study, rows, axes),
+        *delay_sections(study, rows),
         _maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows, axes),
     ]
     if study.scenarios.study.bus is None:  # these run scenarios again, compiled
-        sections.insert(2, _break_points(study, rows, axes, break_point_seeds))
+        sections.append(_break_points(study, rows, axes, break_point_seeds))
         sections.append(_worst(study, rows))
     file = folder / PAGE
-    file.write_text(page(f"Stress study {study.name}", sections), encoding="utf-8")
+    file.write_text(page(f"Study {study.name}", sections), encoding="utf-8")
     return file
+
+
+def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
+    found = law_by_delay(study, rows, axes)
+    if found is None:
+        return []
+    drawn = study.report.error_over_delay
+    pictures = [
+        _save(study, "error_over_delay", lambda: draw_error_over_delay(found, drawn)),
+        _save(study, "law_by_delay", lambda: draw_conditions(found)),
+    ]
+    return [law_section(found, pictures)]
 
 
 def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
@@ -160,7 +171,7 @@ def _texts(values: list[tuple[str, Any]]) -> str:
 def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
-        if _DURATION in factor.keys:
+        if _DURATION in factor.keys and are_numbers(factor.labels):
             durations_s = [float(np.min(rows.factors[factor.name]))]
     warning = short_windows(VerdictRules.model_validate(study.verdict), min(durations_s))
     return [f"Warning: {warning}."] if warning else []

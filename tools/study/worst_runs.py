@@ -5,12 +5,14 @@ largest RMS error. Of replicates only the worst is taken: they differ in their s
 at all. A run that never started has no trace and is left out.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...closed_loop.compiled.engine import BatchRun, run_batch
+from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.studies.result_reader import (
     VERDICTS,
@@ -94,4 +96,33 @@ def _again(study: StudyRecord, rows: Rows, row: int, overrides: dict[str, Any]) 
         verdict=VERDICTS[int(rows.verdict[row])],
         run=run_batch(pair.plant, pair.controller),
         steer_rad_max=pair.controller.steer_limits.steer_rad_max,
+    )
+
+
+def worst_section(
+    study: StudyRecord, rows: Rows, found: Sequence[WorstRun], pictures: Sequence[Picture]
+) -> Section:
+    """Return the worst runs and the commands that repeat them."""
+    lines = [
+        (
+            number(f"{rank}."),
+            Cell(study.names[worst.controller]),
+            Cell(conditions(study, rows, worst.row)),
+            Cell(str(worst.verdict)),
+            number(f"{1e3 * rows.rms_m[worst.row]:.4g}"),
+            number(f"{1e3 * rows.peak_m[worst.row]:.4g}"),
+            Cell(study.replay(worst.id), "code"),
+        )
+        for rank, worst in enumerate(found, start=1)
+    ]
+    headings = ("", "Controller", "Conditions", "Verdict", "RMS [mm]", "Peak [mm]", "Again")
+    return Section(
+        "The worst runs",
+        (
+            "Runs that left the range of the sensor come first, then the largest RMS error; of "
+            "the replicates of one point only the worst. The traces are computed anew from what "
+            "the rows say. Dashed: the limits of the command.",
+        ),
+        pictures,
+        (Table(headings, lines),),
     )

@@ -12,7 +12,7 @@ from steer_by_wire.closed_loop.studies.figures import COLUMNS, short_windows, ve
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, Verdict, VerdictRules
-from steer_by_wire.tools.study import __main__ as stress_latency
+from steer_by_wire.tools.study import __main__ as study_program
 from tests.support.small_study import make_scenarios
 from tests.support.stress_signals import TIME_S, figures, sine, verdict
 
@@ -161,5 +161,5 @@ def test_runs_too_short_for_their_windows_are_warned_of(
     file = tmp_path / "short.toml"
     for duration, is_warned in (("20.0", True), ("60.0", False)):
         file.write_text(SHORT.replace("20.0", duration), encoding="utf-8")
-        assert stress_latency.main([str(file), "--dry-run"]) == 0
+        assert study_program.main([str(file), "--dry-run"]) == 0
         assert ("warning: runs of 20 s" in capsys.readouterr().out) == is_warned

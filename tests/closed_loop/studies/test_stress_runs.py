@@ -27,7 +27,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from steer_by_wire.tools.study import __main__ as stress_latency
+from steer_by_wire.tools.study import __main__ as study_program
 from steer_by_wire.tools.study import replay
 from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
 
@@ -305,26 +305,26 @@ def test_the_program_says_sizes_runs_and_replays(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     make_scenarios(tmp_path)
-    assert stress_latency.main(["study.toml", "--dry-run"]) == ExitStatus.OK
+    assert study_program.main(["study.toml", "--dry-run"]) == ExitStatus.OK
     printed = capsys.readouterr().out
     assert f"runs: {RUNS} = 12 points (grid) x 2 replicates x 2 controllers" in printed
     assert "ms a run" in printed
     assert not (tmp_path / "out").exists()
-    assert stress_latency.main(["study.toml", "--threads", "2", "--no-report"]) == ExitStatus.OK
-    assert "results: out/stress/small/results.parquet" in capsys.readouterr().out
-    assert stress_latency.main(["study.toml", "--replay", "17"]) == ExitStatus.OK
+    assert study_program.main(["study.toml", "--threads", "2", "--no-report"]) == ExitStatus.OK
+    assert "results: out/study/small/results.parquet" in capsys.readouterr().out
+    assert study_program.main(["study.toml", "--replay", "17"]) == ExitStatus.OK
     printed = capsys.readouterr().out
-    assert "steer-by-wire run out/stress/small/replay/17/plant_emulator.toml" in printed
+    assert "steer-by-wire run out/study/small/replay/17/plant_emulator.toml" in printed
     assert "every figure is the same to the last digit" in printed
-    assert stress_latency.main(["study.toml", "--replay", "4800"]) == ExitStatus.SETTINGS
+    assert study_program.main(["study.toml", "--replay", "4800"]) == ExitStatus.SETTINGS
     assert "the study has runs 0 to 47" in capsys.readouterr().err
-    assert stress_latency.main(["none.toml"]) == ExitStatus.SETTINGS
+    assert study_program.main(["none.toml"]) == ExitStatus.SETTINGS
     assert "none.toml: cannot be read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("of_live", "of_both"),
-    [(ExitStatus.OK, stress_latency.DIFFERENT), (ExitStatus.INTERRUPTED, ExitStatus.INTERRUPTED)],
+    [(ExitStatus.OK, study_program.DIFFERENT), (ExitStatus.INTERRUPTED, ExitStatus.INTERRUPTED)],
 )
 def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
     whole: Store, monkeypatch: pytest.MonkeyPatch, of_live: int, of_both: int
@@ -334,8 +334,8 @@ def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
         assert made.stored is not None
         return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
 
-    monkeypatch.setattr(stress_latency, "replay", differing)
-    monkeypatch.setattr(stress_latency, "_live", lambda *_: of_live)
+    monkeypatch.setattr(study_program, "replay", differing)
+    monkeypatch.setattr(study_program, "_live", lambda *_: of_live)
     study = whole.folder.parent / "study.toml"
     words = [str(study), "--out", str(whole.folder), "--replay", "1", "--live", "emulated"]
-    assert stress_latency.main(words) == of_both
+    assert study_program.main(words) == of_both

@@ -388,7 +388,7 @@ def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
     text = read_preset("steer_by_wire.controller.presets", "practical_pd").text
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     made = scenarios(tmp_path, study, base="")
-    assert made.study.runs == 11 * 3 * 2 * 4 * 5 * 2
+    assert made.study.runs == 11 * 3 * 2 * 4 * 5 * 3
     over_a_bus = scenarios(tmp_path, f"{study}\n{bus}", base="")
     assert over_a_bus.study.runs == 3 * 2 * made.study.runs
     drawn = scenarios(tmp_path, f'{factor}\n[sampling]\nkind = "sobol"\ncount = 8\n')

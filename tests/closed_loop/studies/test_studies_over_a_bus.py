@@ -22,7 +22,7 @@ from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.run.__main__ import main as run
-from steer_by_wire.tools.study.__main__ import main as stress
+from steer_by_wire.tools.study.__main__ import main as run_program
 
 STUDY = """
 name = "noisy"
@@ -77,7 +77,7 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> Noisy:
     folder = tmp_path_factory.mktemp("noisy")
     file, out = study_file(folder, "[base.bus]\nload = 0.6\n" + FACTORS), folder / "out"
     with redirect_stdout(io.StringIO()) as printed:
-        assert stress([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
+        assert run_program([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
     return Noisy(file, out, printed.getvalue())
 
 
@@ -89,7 +89,7 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
     rms_m = pq.read_table(out / "results.parquet")["rms_m"].to_pylist()
     assert len(set(rms_m)) == 4
     assert (out / "report.html").exists()
-    assert stress([str(file), "--out", str(out), "--replay", "3"]) == ExitStatus.OK
+    assert run_program([str(file), "--out", str(out), "--replay", "3"]) == ExitStatus.OK
     again = capsys.readouterr().out
     assert "every figure is the same to the last digit" in again
     (command,) = (line for line in again.splitlines() if line.startswith("again: "))
@@ -133,7 +133,7 @@ def test_a_bus_of_virtual_time_is_not_run_live(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = study_file(tmp_path, FACTORS)
-    assert stress([str(file), "--live", "vcan0", "--subset", "1"]) == ExitStatus.SETTINGS
+    assert run_program([str(file), "--live", "vcan0", "--subset", "1"]) == ExitStatus.SETTINGS
     assert "a study over a bus runs in virtual time only" in capsys.readouterr().err
 
 
@@ -141,7 +141,7 @@ def test_two_processes_give_the_same_bytes(
     noisy: Noisy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--out", str(tmp_path), "--threads", "2", "--no-report"]
-    assert stress([str(noisy.file), *options]) == ExitStatus.OK
+    assert run_program([str(noisy.file), *options]) == ExitStatus.OK
     assert "runs on 2 processes" in capsys.readouterr().out
     one, two = ((folder / "results.parquet").read_bytes() for folder in (noisy.out, tmp_path))
     assert one == two
@@ -166,3 +166,33 @@ def test_a_busy_bus_changes_the_error_little_against_the_compiled_run(controller
     without = simulate(controller=controller, duration_s=10.0, overrides=network, engine="compiled")
     assert over_it.lateral_error_rms_m != without.lateral_error_rms_m
     assert over_it.lateral_error_rms_m == pytest.approx(without.lateral_error_rms_m, rel=3e-3)
+
+
+DISTURBED = """
+[base]
+controllers = ["practical_pd"]
+bus = {}
+plant.path = "double_lane_change"
+plant.latency = { downlink.mean_s = 0.04, uplink.mean_s = 0.04 }
+plant.vehicle = { speed_m_s = 1.1111111111111112, virtual_mass_kg = 1600.0 }
+[[factors]]
+name = "disturbance"
+[factors.levels.none]
+[factors.levels.offset]
+plant.disturbance = { steps = [{ at_s = 20.0, steering_offset_rad = 0.02 }] }
+[factors.levels.force]
+plant.disturbance = { steps = [{ at_s = 8.0, side_force_n = 1000.0 }] }
+"""
+
+
+def test_a_run_of_the_nodes_says_how_far_the_reported_delay_is_off(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(DISTURBED, encoding="utf-8")
+    table = run_study(file)
+    assert table["disturbance"].tolist() == ["none", "offset", "force"]
+    none, offset, force = table["estimate_share"].tolist()
+    # An offset contradicts what was learnt; a force that lasts is believed.
+    assert offset < 0.1 < 0.4 < force
+    assert offset < none
+    assert abs(table["estimate_error_s"][0]) <= table["estimate_error_max_s"][0] < 0.01
+    assert np.all(np.abs(table["echo_error_s"]) < 0.006)

@@ -17,8 +17,16 @@ from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import IntArray
 from .axes import LATENCY, StudyAxes, same_levels
-from .comparison import Effort, effort, median
-from .sections import EFFORT_HEADINGS, effort_cells, millimetres, ratio, three_digits
+from .comparison import (
+    EFFORT_HEADINGS,
+    Effort,
+    effort,
+    effort_cells,
+    median,
+    millimetres,
+    ratio,
+    three_digits,
+)
 
 LEVELS_MAX = 12
 CELLS_MAX = 120

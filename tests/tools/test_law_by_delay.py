@@ -1,0 +1,230 @@
+"""Laws over the mean delay: the shipped comparison in small, its tables, and where a law breaks."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire import run_study
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.result_reader import (
+    HOLDS,
+    Rows,
+    StudyRecord,
+    read_rows,
+    read_study,
+)
+from steer_by_wire.closed_loop.studies.run_study import run_missing
+from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.study import make_study
+from steer_by_wire.closed_loop.studies.study_file import StudySettings
+from steer_by_wire.closed_loop.studies.study_file import read_study as read_file
+from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.study.axes import study_axes
+from steer_by_wire.tools.study.law_by_delay import (
+    LawByDelay,
+    draw_conditions,
+    draw_error_over_delay,
+    law_by_delay,
+    law_section,
+)
+from tests.support.small_study import make_scenarios, never
+
+SHIPPED = Path(__file__).parents[2] / "closed_loop" / "studies"
+
+
+def cut(
+    settings: StudySettings, laws: tuple[str, ...], **factors: tuple[Any, ...]
+) -> StudySettings:
+    """Return a study with some of its laws, one seed, runs of 20 s, and these values of factors."""
+    plant = settings.base.plant | {"duration_s": 20.0}
+    variants = {name: settings.base.variants[name] for name in laws}
+    changed = []
+    for factor in settings.factors:
+        name = factor.name or (factor.key or "").rpartition(".")[2]
+        if name not in factors:
+            changed.append(factor)
+        elif factor.levels is not None:
+            levels = {label: factor.levels[label] for label in factors[name]}
+            changed.append(factor.model_copy(update={"levels": levels}))
+        else:
+            ranged = {"start": None, "stop": None, "step": None, "values": factors[name]}
+            changed.append(factor.model_copy(update=ranged))
+    return settings.model_copy(
+        update={
+            "base": settings.base.model_copy(update={"plant": plant, "variants": variants}),
+            "factors": tuple(changed),
+            "sampling": settings.sampling.model_copy(update={"replicates": 1}),
+        }
+    )
+
+
+def computed(folder: Path, settings: StudySettings) -> tuple[StudyRecord, Rows]:
+    scenarios = Scenarios(make_study(settings, "study.toml", folder))
+    store = Store(folder / "out", scenarios)
+    store.open("")
+    assert run_missing(store, Threads(scenarios, 2), lambda _: None, never)
+    study = read_study(store.folder)
+    return study, read_rows(study)
+
+
+def by_delay(study: StudyRecord, rows: Rows) -> LawByDelay:
+    found = law_by_delay(study, rows, study_axes(study, rows))
+    assert found is not None
+    return found
+
+
+def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Path) -> None:
+    laws = ("PD+DDOB", "predictor", "predictor, CG")
+    compare = cut(read_file(SHIPPED / "compare.toml"), laws, mean_s=(0.0, 0.5))
+    found = by_delay(*computed(tmp_path, compare))
+    assert (found.controllers, found.delays_ms) == (laws, (0.0, 500.0))
+    constant, newest_wins, in_order, lost, lag = range(5)
+    assert found.conditions[constant] == "constant delay"
+    assert found.conditions[lag] == "actuator lag 0.27 s"
+    ddob, predictor, of_cg = range(3)
+    for condition in (constant, newest_wins, in_order, lost):
+        assert found.settled_m[condition, predictor, 1] < 0.003
+    assert found.settled_m[constant, ddob, 1] > 0.1
+    assert found.cg_m[constant, predictor, 1] > 0.05
+    assert 1e-4 < found.settled_m[constant, of_cg, 1] == found.cg_m[constant, of_cg, 1] < 0.004
+    assert found.settled_m[lag, predictor, 1] < 0.02
+    # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
+    assert found.settled_m[newest_wins, ddob, 1] < 0.01
+    assert found.settled_m[in_order, ddob, 1] > 0.1
+    broken = [found.breaks_at_ms(condition, ddob) for condition in range(5)]
+    assert broken == [500.0, None, 500.0, 500.0, 500.0]
+    assert found.breaks_at_ms(constant, predictor) is None
+
+    section = law_section(found, ())
+    breaks, rms, peaks, *_ = section.tables
+    assert [cell.text for cell in breaks.rows[ddob]] == ["PD+DDOB", "500", "-", "500", "500", "500"]
+    assert rms.rows[ddob][-1].text == peaks.rows[ddob][-1].text == "-"
+    assert len(section.tables) == 1 + 2 * len(found.conditions)
+    (legend,) = draw_error_over_delay(found, ("predictor", "PD+DDOB")).legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "predictor: holds throughout",
+        "PD+DDOB: breaks at 500 ms",
+    ]
+    assert len(draw_conditions(found).axes) == 6
+
+
+def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(tmp_path: Path) -> None:
+    compare = read_file(SHIPPED / "compare.toml")
+    laws = ("PD as published", "PD+DDOB")
+    chosen = cut(compare, laws, mean_s=(0.0, 0.08), network=("constant delay",))
+    found = by_delay(*computed(tmp_path, chosen))
+    assert [found.breaks_at_ms(0, law) for law in range(2)] == [80.0, None]
+
+
+def test_it_breaks_where_the_lane_is_lost_first_and_nominal_differs_from_heavy(
+    tmp_path: Path,
+) -> None:
+    at_speed = read_file(SHIPPED / "compare_at_speed.toml")
+    networks = ("constant", "constant, 5000 kg", "constant, 20 ms of unknown steering lag")
+    chosen = cut(at_speed, ("predictor",), mean_s=(0.1,), speed=("60 km/h",), network=networks)
+    found = by_delay(*computed(tmp_path, chosen))
+    nominal, heavy, _ = found.peak_m[:, 0, 0].tolist()
+    assert 1e-4 < nominal < 0.05 < heavy < 0.5
+    assert found.holds.all()
+
+
+def test_a_law_breaks_at_the_first_delay_at_which_any_run_does_not_hold(tmp_path: Path) -> None:
+    compare = read_file(SHIPPED / "compare.toml")
+    chosen = cut(compare, ("PD",), mean_s=(0.0, 0.05, 0.1), network=("constant delay",))
+    study, rows = computed(tmp_path, chosen)
+    verdict = rows.verdict.copy()
+    at = np.flatnonzero((rows.factors["mean_s"] == 0.05) & (rows.factors["corner"] == "c"))
+    verdict[at] = HOLDS - 1
+    assert by_delay(study, rows).breaks_at_ms(0, 0) is None
+    assert by_delay(study, rows._replace(verdict=verdict)).breaks_at_ms(0, 0) == 50.0
+
+
+def test_inside_the_box_the_predictor_holds_the_car_itself_on_the_path(tmp_path: Path) -> None:
+    file = tmp_path / "interior.toml"
+    file.write_text(
+        """
+[base]
+plant_preset = "paper_nominal"
+variants.cg = { preset = "practical_predictor", controller.followed_point = "centre_of_gravity" }
+plant = { duration_s = 60.0, path = "practical_ellipse", safety.ftti_ms = "off" }
+[[factors]]
+use = "paper_box"
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+start = 0.0
+stop = 0.5
+[sampling]
+kind = "sobol"
+count = 16
+""",
+        encoding="utf-8",
+    )
+    table = run_study(file)
+    assert {delay_s > 0.25 for delay_s in table["mean_s"].tolist()} == {True, False}
+    assert 1e-4 < table["settled_cg_rms_m"].min() <= table["settled_cg_rms_m"].max() < 8e-3
+
+
+# Variants of a controller
+
+VARIANTS = """
+name = "variants"
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd"]
+plant.duration_s = 2.0
+[base.variants]
+quick = { preset = "practical_pd", controller.rate_hz = 200.0, plant.sensor_period_ms = 5.0 }
+map = { preset = "practical_pd", controller.feed_forward = {} }
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+values = [0.0, 0.1]
+"""
+
+
+def test_a_variant_has_settings_of_its_own_and_changes_the_plant_of_its_runs_alone(
+    tmp_path: Path,
+) -> None:
+    scenarios = make_scenarios(tmp_path, VARIANTS)
+    scenarios.check()
+    assert scenarios.controllers == ("practical_pd", "quick", "map")
+    plain, quick, with_map = (scenarios.pair(run) for run in (3, 4, 5))
+    assert (quick.controller.rate_hz, quick.plant.sensor_period_ms) == (200.0, 5.0)
+    assert (plain.controller.rate_hz, plain.plant.sensor_period_ms) == (100.0, 10.0)
+    assert with_map.controller.feed_forward is not None
+    assert quick.plant.latency.downlink.mean_s == 0.1
+    store = Store(tmp_path / "out", scenarios)
+    store.open(VARIANTS)
+    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
+    table = run_study(tmp_path / "study.toml")
+    assert table["samples"].tolist() == [200.0, 400.0, 200.0] * 2
+    for run, pair in ((3, plain), (4, quick), (5, with_map)):
+        row = store.find(run)
+        assert row is not None
+        assert pair_of_row(json.loads(scenarios.study.identity), row) == pair
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("map = {", "practical_pd = {", "must differ from each other in their names"),
+        ('quick = { preset = "practical_pd"', 'quick = { preset = "nosuch"', "preset nosuch"),
+        ("controller.rate_hz = 200.0", "controller.rate = 200.0", r"base\.variants\.quick: rate "),
+        ("plant.sensor_period_ms = 5.0", "plant.sensor_period = 5.0", "sensor_period"),
+    ],
+)
+def test_a_mistake_in_a_variant_is_refused_in_one_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(SettingsError, match=message) as caught:
+        make_scenarios(tmp_path, VARIANTS.replace(old, new)).check()
+    assert len(caught.value.mistakes) == 1
+
+
+def test_a_report_of_a_controller_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    text = VARIANTS + '[report]\nerror_over_delay = ["slow"]\n'
+    with pytest.raises(SettingsError, match="'slow' is none of the controllers"):
+        make_scenarios(tmp_path, text)

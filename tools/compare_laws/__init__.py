@@ -1,1 +1,0 @@
-"""Compare every law over delay, jitter, loss and lag, and find where each breaks."""

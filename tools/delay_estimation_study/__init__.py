@@ -1,1 +1,0 @@
-"""Find out how well the delay is estimated without an echo."""

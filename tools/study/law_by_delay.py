@@ -1,0 +1,230 @@
+"""Each law over the mean delay: its worst errors, and the first delay at which it breaks.
+
+A condition is a combination of levels of all factors but the mean delay; factors of the vehicle
+alone are left out of it, since a vehicle is not known: the worst counts, of vehicles and of
+replicates. A law breaks where any of these runs does not hold the path, by the study's verdict. The
+followed point is the one that the law holds on the path: the preview point, or the centre of
+gravity (CG) where the settings say so.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import cycle
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
+from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.studies.figures import SETTLED_S
+from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from .axes import StudyAxes, same_levels
+from .comparison import three_digits
+
+CONDITIONS_MAX = 24
+"""More tables than these would not be read."""
+SHOWN_MAX = 8
+"""Delays in a table; those between are in the picture."""
+PANELS_MAX = 6
+_VEHICLE = "plant.vehicle."
+_TOP_M = 3.0
+"""Largest error drawn."""
+
+
+class LawByDelay(NamedTuple):
+    """Worst figures of shape (conditions, controllers, delays); NaN where nothing was run.
+
+    ``settled_m``   RMS of the followed point from SETTLED_S on
+    ``whole_m``     the same of the whole run
+    ``cg_m``        RMS of the centre of gravity from SETTLED_S on
+    ``peak_m``, ``cg_peak_m``  the largest deviation of the preview point and of the CG
+    ``holds``       whether every run holds
+    """
+
+    delays_ms: tuple[float, ...]
+    conditions: tuple[str, ...]
+    controllers: tuple[str, ...]
+    settled_m: FloatArray
+    whole_m: FloatArray
+    cg_m: FloatArray
+    peak_m: FloatArray
+    cg_peak_m: FloatArray
+    holds: BoolArray
+
+    def breaks_at_ms(self, condition: int, controller: int) -> float | None:
+        """Return the first delay at which a law does not hold the path, None if at none."""
+        broken = np.flatnonzero(~self.holds[condition, controller])
+        return self.delays_ms[broken[0]] if len(broken) else None
+
+
+def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay | None:
+    """Return the worst figures; None where no delay varies or there are too many conditions."""
+    mean = axes.mean.factor
+    if mean is None or not mean.labels:
+        return None
+    factors = [factor for factor in study.factors if factor != mean and not _is_vehicle(factor)]
+    if not all(factor.labels for factor in factors):
+        return None
+    names = [factor.name for factor in factors]
+    condition = same_levels(np.zeros(len(rows.id), dtype=np.int64), rows, names)
+    _, first = np.unique(condition, return_index=True)
+    if len(first) > CONDITIONS_MAX:
+        return None
+    order = np.argsort(first)  # as in the study
+    condition = np.argsort(order)[condition]
+    texts = [", ".join(str(rows.factors[name][row]) for name in names) for row in first[order]]
+    delays = axes.mean.values
+    shape = (len(texts), len(study.names), len(delays))
+    cell = np.ravel_multi_index((condition, rows.controller, axes.mean.place), shape)
+
+    def worst(values: FloatArray) -> FloatArray:
+        return _worst(cell, values, shape)
+
+    follows_cg = np.isin(rows.controller, _followers_of_cg(study))
+    held = np.ones(shape, dtype=np.bool_)
+    np.logical_and.at(held.reshape(-1), cell, rows.holds)
+    return LawByDelay(
+        tuple(1e3 * delay_s for delay_s in delays),
+        tuple(text or "all runs" for text in texts),
+        study.names,
+        worst(np.where(follows_cg, rows.settled_cg_rms_m, rows.settled_rms_m)),
+        worst(np.where(follows_cg, rows.cg_rms_m, rows.rms_m)),
+        worst(rows.settled_cg_rms_m),
+        worst(rows.peak_m),
+        worst(rows.cg_peak_m),
+        held,
+    )
+
+
+def _is_vehicle(factor: FactorRecord) -> bool:
+    return all(key.startswith(_VEHICLE) for key in factor.keys)
+
+
+def _followers_of_cg(study: StudyRecord) -> list[int]:
+    points = [tables.get("followed_point") for tables in study.controllers.values()]
+    return [place for place, point in enumerate(points) if point == "centre_of_gravity"]
+
+
+def _worst(cell: IntArray, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the largest value of each cell; a run that ended early counts as infinitely far."""
+    worst = np.full(int(np.prod(shape)), -np.inf)
+    np.maximum.at(worst, cell, np.where(np.isnan(values), np.inf, values))
+    return np.where(worst == -np.inf, np.nan, worst).reshape(shape)
+
+
+def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
+    """Return where each law breaks, then its errors, condition by condition."""
+    stride = -(-len(found.delays_ms) // SHOWN_MAX)
+    shown = range(0, len(found.delays_ms), stride)
+    delays = [f"{found.delays_ms[place]:g} ms" for place in shown]
+    breaks = Table(
+        ("breaks at [ms]", *found.conditions),
+        [
+            (
+                Cell(name),
+                *(
+                    number(_breaks(found.breaks_at_ms(condition, law)))
+                    for condition in range(len(found.conditions))
+                ),
+            )
+            for law, name in enumerate(found.controllers)
+        ],
+    )
+    tables = [breaks]
+    for condition, text in enumerate(found.conditions):
+        rms, peaks = [], []
+        for law, name in enumerate(found.controllers):
+            at = [(condition, law, place) for place in shown]
+            rms.append((Cell(name), *(number(_rms(found, one)) for one in at)))
+            peaks.append((Cell(name), *(number(_peak(found, one)) for one in at)))
+        tables.append(Table((f"RMS [mm], {text}", *delays), rms))
+        tables.append(Table((f"largest deviation [m], {text}", *delays), peaks))
+    return Section(
+        "Law by delay",
+        (
+            "The first mean delay at which any run of a law does not hold the path, and the worst "
+            "figures of its runs over vehicles and replicates. RMS: of the followed point from "
+            f"{SETTLED_S:g} s on, in brackets of the whole run, and after the stroke of the centre "
+            "of gravity. Largest deviation: of the preview point and of the centre of gravity. "
+            "- stands where a run does not hold.",
+        ),
+        pictures,
+        tables,
+    )
+
+
+def _breaks(delay_ms: float | None) -> str:
+    return "-" if delay_ms is None else f"{delay_ms:g}"
+
+
+def _rms(found: LawByDelay, place: tuple[int, int, int]) -> str:
+    if not found.holds[place]:
+        return "-"
+    settled, whole, cg = (
+        three_digits(1e3 * figures[place])
+        for figures in (found.settled_m, found.whole_m, found.cg_m)
+    )
+    return f"{settled} ({whole}) / {cg}"
+
+
+def _peak(found: LawByDelay, place: tuple[int, int, int]) -> str:
+    if not found.holds[place]:
+        return "-"
+    return f"{found.peak_m[place]:.2f} / {found.cg_peak_m[place]:.2f}"
+
+
+def draw_error_over_delay(found: LawByDelay, shown: Sequence[str]) -> Figure:
+    """Draw some laws under the first condition, and the delay at which each breaks."""
+    figure = Figure(figsize=(9.0, 4.8))
+    axes = figure.subplots()
+    names = shown or found.controllers
+    for name, (colour, dashes) in zip(names, _styles(), strict=False):
+        law = found.controllers.index(name)
+        breaks_ms = found.breaks_at_ms(0, law)
+        fate = "holds throughout" if breaks_ms is None else f"breaks at {breaks_ms:g} ms"
+        _draw_law(axes, found, (0, law), colour, dashes, f"{name}: {fate}")
+        if breaks_ms is not None:
+            place = found.delays_ms.index(breaks_ms)
+            error_mm = 1e3 * min(found.settled_m[0, law, place], _TOP_M)
+            axes.plot(breaks_ms, error_mm, "x", color=colour, ms=11, mew=2.5)
+    axes.set_yscale("log")
+    axes.set(
+        xlabel="mean delay [ms]",
+        ylabel=f"RMS error from {SETTLED_S:g} s on, worst [mm]",
+        ylim=(None, 1e3 * _TOP_M),
+    )
+    axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def draw_conditions(found: LawByDelay) -> Figure:
+    """Draw all laws, one panel a condition."""
+    count = min(len(found.conditions), PANELS_MAX)
+    lines = -(-count // 2)
+    figure = Figure(figsize=(12.0, 3.6 * lines + 1.6))
+    panels = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False).ravel()
+    for condition, panel in enumerate(panels[:count]):
+        for law, (name, style) in enumerate(zip(found.controllers, _styles(), strict=False)):
+            _draw_law(panel, found, (condition, law), *style, name)
+        panel.set(yscale="log", title=found.conditions[condition])
+        panel.set_xlabel("mean delay [ms]")
+    for panel in panels[::2]:
+        panel.set_ylabel(f"worst RMS from {SETTLED_S:g} s on [mm]")
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw_law(
+    axes: Axes, found: LawByDelay, place: tuple[int, int], colour: str, dashes: str, label: str
+) -> None:
+    errors_mm = 1e3 * np.minimum(found.settled_m[place], _TOP_M)
+    axes.plot(found.delays_ms, errors_mm, dashes, color=colour, lw=1.8, label=label)
+
+
+def _styles() -> Iterator[tuple[str, str]]:
+    return cycle([(colour, dashes) for dashes in ("-", "--", ":") for colour in COLOURS])
