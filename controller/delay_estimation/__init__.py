@@ -1,1 +1,4 @@
-"""The delay from command and response, without an echo; no law uses it."""
+"""The delay from command and response, without an echo; reported on the bus, used by no law.
+
+Not here: the delay measured by echoes (``history.loop_delay``). Begin with ``delay_estimator``.
+"""

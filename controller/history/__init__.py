@@ -1,1 +1,4 @@
-"""What was sent and measured so far, by tick and sample, for laws that look back."""
+"""What was sent and measured so far, by tick and sample, for laws that look back.
+
+Not here: the delay that the controller reports (``node.reported_delay``). Begin with ``history``.
+"""

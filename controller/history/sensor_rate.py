@@ -14,8 +14,6 @@ windows that agree withdraws the verdict.
 
 from typing import NamedTuple
 
-from ...runtime.record import new_record
-
 WINDOW_NS = 1_000_000_000
 WINDOWS = 4
 TOLERANCE = 1.2
@@ -55,7 +53,7 @@ def rate_step(
     ``newest_ns``  when the sample before it arrived, if there is one
     """
     if x.begin_ns < 0 or arrival_ns - newest_ns > GAP_NS:
-        return new_record(RateState, (sample, arrival_ns, *x[2:]))
+        return RateState(sample, arrival_ns, *x[2:])
     lasted_ns = arrival_ns - x.begin_ns
     if lasted_ns < WINDOW_NS:
         return x

@@ -13,8 +13,6 @@ The ramp of SAFE_STOP moves the last command to zero by the same step, ``ramp_st
 
 from typing import NamedTuple
 
-from ...runtime.record import new_record
-
 FADE_RAD_S = 0.2
 FADE_M_S = 0.1
 
@@ -33,7 +31,7 @@ NOTHING = Fading(0.0, False, 0.0)
 def fading_step(step: float, x: Fading, wanted: float, source: bool) -> Fading:
     """Advance one period towards ``wanted``; at most ``step`` of a difference fades."""
     difference = difference_step(step, x.difference, x.value, wanted, source != x.source)
-    return new_record(Fading, (wanted + difference, source, difference))
+    return Fading(wanted + difference, source, difference)
 
 
 def difference_step(

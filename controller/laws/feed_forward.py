@@ -24,7 +24,6 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..interface.fading import NOTHING, Fading, fading_step
 from ..interface.law import LawInput, LawOutput, LawStep, VehicleReading
@@ -95,5 +94,4 @@ def feed_forward_step(
     )
     x_law, output = law_step(p.law, x.law, own)
     curve = curve_step(p.steady, p.fade_step_rad, x.curve, observed.vehicle)
-    added = (output.steer_rad + curve.value, *output[1:])
-    return FeedForwardState(x_law, curve), new_record(LawOutput, added)
+    return FeedForwardState(x_law, curve), LawOutput(output.steer_rad + curve.value, *output[1:])

@@ -15,7 +15,6 @@ difference between the two fades out.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ...runtime.record import new_record
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.loop_delay import LoopDelayParams
@@ -101,8 +100,7 @@ def derivative_step(
             - filtered_rad
         )
     correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, is_estimated)
-    after = (estimate, settled_sample, x_pd, correction)
-    return new_record(DerivativeState, after), correction.value
+    return DerivativeState(estimate, settled_sample, x_pd, correction), correction.value
 
 
 def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
@@ -119,8 +117,8 @@ def kalman_step(
     """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
     x_law, output = law_step(p.law, x.law, observed)
     x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, observed)
-    after, corrected = (x_law, x_derivative), (output.steer_rad + correction_rad, *output[1:])
-    return new_record(KalmanState, after), new_record(LawOutput, corrected)
+    corrected = LawOutput(output.steer_rad + correction_rad, *output[1:])
+    return KalmanState(x_law, x_derivative), corrected
 
 
 def kalman_at_rest(

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import LawNumber
-from ...runtime.record import new_record
 from ...runtime.settings import Settings
 from ..history.loop_delay import LoopDelayParams
 from ..interface.fading import FADE_RAD_S, difference_step
@@ -139,8 +138,10 @@ def predictor_step(
     wanted_rad = output.steer_rad
     fade_rad = difference_step(p.fade_step_rad, x.fade_rad, x.steer_rad, wanted_rad, is_new)
     steer_rad = wanted_rad + fade_rad
-    after = (estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad)
-    return new_record(PredictorState, after), new_record(LawOutput, (steer_rad, *output[1:]))
+    after = PredictorState(
+        estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad
+    )
+    return after, LawOutput(steer_rad, *output[1:])
 
 
 def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorState:

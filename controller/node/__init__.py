@@ -1,1 +1,4 @@
-"""The controller as a node, where reception, modes, law and safety meet; begin at `node.py`."""
+"""The controller as a node: when it may steer, what it sends, and what it reports.
+
+Not here: the command itself (``laws``). Begin with ``node``, then ``modes``.
+"""

@@ -9,7 +9,6 @@ from math import isfinite
 from typing import Any
 
 from ...dbc.messages import Mode
-from ...runtime.record import new_record
 from ..history.history import BusHistory
 from ..interface.designed_ranges import share_of_demand
 from ..interface.fading import difference_step
@@ -90,8 +89,8 @@ class LawRunner:
         memory, design = self.memory, self.design
         loop_delay = NO_LOOP_DELAY if memory is None else memory.loop_delay(period, now_ns)
         vehicle = received.vehicle_at(now_ns)
-        values = received.lateral_error_m, sent_rad, vehicle, loop_delay, self._history
-        observed = new_record(LawInput, values)
+        error_m, history = received.lateral_error_m, self._history
+        observed = LawInput(error_m, sent_rad, vehicle, loop_delay, history)
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1

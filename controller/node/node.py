@@ -31,7 +31,6 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
-from ...runtime.record import new_record
 from ..interface.designed_ranges import NOT_FORWARD_M_S
 from ..interface.fading import ramp_step
 from ..interface.law import VehicleReading
@@ -109,7 +108,7 @@ class ControllerNode:
             if memory is not None:
                 memory.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
-            received.vehicle = new_record(VehicleReading, (*message, False))
+            received.vehicle = VehicleReading(*message)
             speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
@@ -161,8 +160,7 @@ class ControllerNode:
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
         elif is_safety_due:
             frames.append(self._safety_frame(now_ns))
-        control_ns, status_ns = self._control_timer.deadline_ns, self._status_timer.deadline_ns
-        self.deadline_ns = control_ns if control_ns < status_ns else status_ns
+        self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
         return frames
 
     def view(self, now_ns: int) -> View:

@@ -49,9 +49,7 @@ class EchoDelay:
         """Take an echo of a command by when that was sent."""
         weight = 1.0
         if self._echo_ns is not None and now_ns - self._echo_ns <= self._timeout_ns:
-            weight = (now_ns - self._echo_ns) / self._averaging_ns
-            if weight > 1.0:
-                weight = 1.0
+            weight = min((now_ns - self._echo_ns) / self._averaging_ns, 1.0)
         self._mean_ns += weight * (now_ns - sent_ns - self._mean_ns)
         self._echo_ns = now_ns
 

@@ -30,7 +30,6 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
-from ...runtime.record import new_record
 from ..interface.designed_ranges import ValiditySettings, request_of, validity_of
 from .newest_messages import SUPERVISED, Received
 
@@ -165,7 +164,7 @@ class SafetyReport:
         second_sender = received.reception.second_sender(now_ns)
         found = (received.refused, *freshness, fault, second_sender, validity, request)
         if found != self.facts:
-            self.facts = new_record(SafetyFacts, found)
+            self.facts = SafetyFacts(*found)
         # A stale message may return at any time, and a second sender is forgotten after a while.
         is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1

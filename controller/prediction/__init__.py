@@ -1,1 +1,5 @@
-"""Kalman filter, its gains, and the prediction to the time at which a command acts."""
+"""The vehicle's state at the time at which a command will act, and the gains for it.
+
+Not here: when a law uses it (``laws.predictor``). Begin with ``vehicle_estimator``, then
+``prediction``.
+"""

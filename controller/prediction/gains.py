@@ -27,7 +27,6 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...runtime.record import new_record
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
 from .matrices import Matrix, zero_order_hold
@@ -117,8 +116,7 @@ def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[Vehic
             row = before + (speed_m_s - low) / (high - low) * (row - before)
         values = row.tolist()
         return tuple(
-            new_record(VehicleGains, values[first : first + size])
-            for first in range(0, len(values), size)
+            VehicleGains(*values[first : first + size]) for first in range(0, len(values), size)
         )
 
     return at

@@ -19,7 +19,6 @@ arithmetic; filterpy's filter is the reference (``tests/controller/test_lag_filt
 from math import log, sqrt
 from typing import NamedTuple
 
-from ...runtime.record import new_record
 from ..history.loop_delay import LoopDelayParams
 from ..interface.law import History, LoopDelay
 from .regression import regressed
@@ -66,12 +65,12 @@ NO_LAG = LagState(-1, False, 0.0, 0.0, _VARIANCE_MAX, 0.0, _VARIANCE_MAX, AS_SET
 def lag_to(p: LoopDelayParams, x: LagState, loop_delay: LoopDelay, history: History) -> LagState:
     """Return the filter at the newest echo."""
     if x.sample < 0 or loop_delay.echo_sample - x.sample > _FORGETS_AFTER:
-        return new_record(LagState, (loop_delay.echo_sample, False, *x[2:]))
+        return LagState(loop_delay.echo_sample, False, *x[2:])
     if x.sample >= loop_delay.echo_sample:
         return x
     while x.sample < loop_delay.echo_sample:
         x = lag_step(x, history)
-    return new_record(LagState, (*x[:7], chosen(1e-9 * p.sensor_period_ns, x)))
+    return LagState(*x[:7], chosen(1e-9 * p.sensor_period_ns, x))
 
 
 def lag_step(x: LagState, history: History) -> LagState:

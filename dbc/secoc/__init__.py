@@ -1,1 +1,5 @@
-"""Authenticated frames (SecOC): key, frame, and a node behind both; nobody else needs them."""
+"""Authenticated frames, after AUTOSAR SecOC: a truncated CMAC over content and freshness.
+
+Not here: protection against faults of the bus (``codec.protection``). Begin with
+``authentication``.
+"""
