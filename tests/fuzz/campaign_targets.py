@@ -18,8 +18,8 @@ from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.settings import Settings, load_settings
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, read_stored
-from steer_by_wire.tools.faults.campaign.grouping import compare, group
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
@@ -34,7 +34,7 @@ from steer_by_wire.tools.faults.campaign.specification import (
     NodeFaultKind,
     PointSettings,
 )
-from steer_by_wire.tools.faults.campaign.trial import Result, Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import Detection, RunResult, run_trial
 from tests.fuzz.settings_targets import begin_campaign, settled, toml_value
 from tests.fuzz.traffic import Choices, promise
 
@@ -60,13 +60,13 @@ _CHANGED: Sequence[Callable[[Choices], Any]] = (
     lambda choices: choices.text().encode("utf-8", errors="replace").decode(),
     lambda choices: choices.integer(-(2**70), 2**70),
     lambda choices: choices.pick((None, True, [], {}, [1, "a"], {"plant.lost": None}, [[]])),
-    lambda choices: choices.pick([*Verdict]),
+    lambda choices: choices.pick([*Detection]),
     lambda choices: [choices.integer(0, 9) for _ in range(choices.integer(0, 3))],
 )
 
 
 @lru_cache
-def whole_result() -> Result:
+def whole_result() -> RunResult:
     """Return the result of a short run without a fault."""
     spec = CampaignSettings(motion_s=1.0, onset_s=0.5, fault_s=0.1)
     return run_trial(next(iter(scenarios_of(spec))))
@@ -108,7 +108,7 @@ def fuzz_results(data: bytes) -> None:
     _present([result for _, result in before.results], results)
 
 
-def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
+def _present(earlier: Sequence[RunResult], results: Sequence[RunResult]) -> None:
     comparison, groups = compare(earlier, results), group(results)
     findings = findings_of(results, 150.0)
     lines = [*table_lines(groups), *finding_lines(findings), *comparison_lines(comparison)]

@@ -15,7 +15,12 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults.campaign.detectability import Expectation, Sight, period_s_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.scenario import Case, Scenario, laws_of, scenario_sight
+from steer_by_wire.tools.faults.campaign.scenario import (
+    FaultCase,
+    Scenario,
+    laws_of,
+    scenario_sight,
+)
 from steer_by_wire.tools.faults.campaign.specification import (
     CampaignSettings,
     CaseSettings,
@@ -91,7 +96,7 @@ def failure_of(spec: CampaignSettings, walk: Walk) -> str:
     sight = scenario_sight(spec, walk.point, walk.law)
     motion_s = max([MOTION_S, *(_over_s(fault, sight) + RECOVERY_S for fault in stage)])
     longer = spec.model_copy(update={"motion_s": motion_s})
-    case = Case("walk", "", 0.0, "both", Expectation((), False, "walk"), stage)
+    case = FaultCase("walk", "", 0.0, "both", Expectation((), False, "walk"), stage)
     scenario = Scenario(case, walk.point, walk.law, walk.seed, longer)
     pair = make_pair(scenario, nodes)
     run_pair(scenario, pair)

@@ -18,8 +18,12 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.observation import Watch
-from steer_by_wire.tools.faults.campaign.scenario import Case, case_of_fault, case_of_node_fault
+from steer_by_wire.tools.faults.campaign.node_watch import Watch
+from steer_by_wire.tools.faults.campaign.scenario import (
+    FaultCase,
+    case_of_fault,
+    case_of_node_fault,
+)
 from steer_by_wire.tools.faults.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.watched_pair import Pair
 
@@ -44,7 +48,7 @@ class _Met(NamedTuple):
     ``silence_s``  how long it keeps the receiver without frames at least, if it does
     """
 
-    case: Case
+    case: FaultCase
     span: _Span
     silence_s: float
 

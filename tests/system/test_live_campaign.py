@@ -25,7 +25,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults import program as fault_campaign
-from steer_by_wire.tools.faults.injection.kinds import LiveKind, parse_fault
+from steer_by_wire.tools.faults.injection.live_faults import LiveKind, parse_fault
 from steer_by_wire.tools.faults.live.campaign import (
     live_finding,
     live_section,
@@ -34,7 +34,7 @@ from steer_by_wire.tools.faults.live.campaign import (
 )
 from steer_by_wire.tools.faults.live.cases import CASES, LiveCase
 from steer_by_wire.tools.faults.live.judgement import (
-    Outcome,
+    LiveResult,
     Reaction,
     Vehicle,
     _first_sign,
@@ -256,7 +256,7 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
 
 
 def test_the_table_and_the_record_hold_every_run() -> None:
-    outcome = Outcome(
+    outcome = LiveResult(
         "plant killed",
         {CONTROLLER: {"silence": 1}},
         {PLANT: Reaction(None, None), CONTROLLER: Reaction(0.137, 0.138)},
@@ -299,7 +299,7 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
         'laws = ["practical_pd"]\n[[points]]\nname = "nominal"\n[[cases]]\nkind = "duplicate"\n'
         'messages = ["STEERING_COMMAND"]\nmagnitudes = [1.0]\n'
     )
-    passed = Outcome(
+    passed = LiveResult(
         "golden",
         {},
         {PLANT: Reaction(None, None), CONTROLLER: Reaction(None, None)},
@@ -310,7 +310,7 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
     )
     asked: list[Path] = []
 
-    def run_live(folder: Path, _seed: int) -> list[Outcome]:
+    def run_live(folder: Path, _seed: int) -> list[LiveResult]:
         asked.append(folder)
         return [passed._replace(mistakes=["something"] * (len(asked) > 1))]
 

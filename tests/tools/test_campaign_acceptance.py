@@ -16,11 +16,11 @@ from steer_by_wire.plant_emulator.steering.hold_and_fallback import GuardMode, g
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
-from steer_by_wire.tools.faults.campaign.grouping import group
+from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.presentation import table_lines
 from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of, scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import FAILURES, Detection, RunResult, run_trial
 from steer_by_wire.tools.faults.program import _status
 
 BASE = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1", 'laws=["practical_pd"]')
@@ -37,19 +37,19 @@ def case(kind: str, message: str, magnitude: float) -> str:
     return f'cases=[{{kind="{kind}", messages=["{message}"], magnitudes=[{magnitude}]}}]'
 
 
-def faulty(*overrides: str) -> Result:
+def faulty(*overrides: str) -> RunResult:
     """The last run of a campaign, which is the one of its only case."""
     return run_trial(list(scenarios_of(spec_of(*overrides)))[-1])
 
 
-def finding(result: Result, place: int) -> Finding:
+def finding(result: RunResult, place: int) -> Finding:
     return findings_of([result], 150.0)[place]
 
 
 def test_a_sound_pair_comes_back_in_time_and_without_a_step() -> None:
     for message in ("LATERAL_ERROR", "STEERING_COMMAND"):
         result = faulty(case("drop", message, 1.0))
-        assert result.verdict is Verdict.PASSED
+        assert result.verdict is Detection.PASSED
         assert result.recovery_s is not None
         assert 0.0 < result.recovery_s <= (result.recovery_allowed_s or 0.0) == 0.27
         assert finding(result, RECOVERED).holds
@@ -66,7 +66,7 @@ def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(pair_module, "controller_settings_of", never)
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
-    assert result.verdict is Verdict.NOT_RECOVERED
+    assert result.verdict is Detection.NOT_RECOVERED
     assert finding(result, RECOVERED).holds is False
 
 
@@ -82,7 +82,7 @@ def test_one_that_recovers_too_late_fails(monkeypatch: pytest.MonkeyPatch) -> No
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
     assert result.recovery_s is not None
     assert result.recovery_s > 0.27
-    assert result.verdict is Verdict.NOT_RECOVERED
+    assert result.verdict is Detection.NOT_RECOVERED
 
 
 def test_an_injector_that_does_nothing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +92,7 @@ def test_an_injector_that_does_nothing_fails(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(pair_module, "FaultyNode", harmless)
     result = faulty(case("offset", "LATERAL_ERROR", 0.1))
-    assert result.verdict is Verdict.NO_EFFECT
+    assert result.verdict is Detection.NO_EFFECT
     assert finding(result, EFFECT).holds is False
 
 
@@ -102,7 +102,7 @@ def test_a_burst_that_never_begins_is_reported_and_no_failure() -> None:
         result = faulty(case("burst_loss", "LATERAL_ERROR", 3), "fault_s=0.02", f"seed={seed}")
         if not any(result.changed):
             break
-    assert result.verdict is Verdict.NO_CHANCE
+    assert result.verdict is Detection.NO_CHANCE
     assert result.verdict not in FAILURES
     assert finding(result, EFFECT).holds
     assert "1 by chance without (burst_loss 3 LATERAL_ERROR)" in finding(result, EFFECT).figure
@@ -119,7 +119,7 @@ def test_a_controller_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(LawRunner, "run", jumping)
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
-    assert result.verdict is Verdict.JUMPED
+    assert result.verdict is Detection.JUMPED
     assert finding(result, SMOOTH).holds is False
 
 
@@ -133,7 +133,7 @@ def test_a_steering_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(control_unit, "guard_command", jumping)
     result = faulty(case("drop", "STEERING_COMMAND", 1.0))
-    assert result.verdict is Verdict.JUMPED
+    assert result.verdict is Detection.JUMPED
     assert result.jumps.startswith("wheel by ")
 
 
@@ -149,14 +149,14 @@ def test_frozen_frames_that_are_accepted_fail(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(Reception, "take", believing)
     result = faulty(case("freeze", "STEERING_STATUS", 1.0))
-    assert result.verdict is Verdict.BELIEVED
+    assert result.verdict is Detection.BELIEVED
     assert (result.false_accepted, result.false_frames) == (50, 50)
     assert finding(result, REFUSED).holds is False
 
 
 def test_forged_commands_are_detected_and_followed_and_the_share_is_reported() -> None:
     result = faulty(case("spoof", "STEERING_COMMAND", 0.05))
-    assert result.verdict is Verdict.FOLLOWED
+    assert result.verdict is Detection.FOLLOWED
     assert (result.frti_s, result.fhti_s, result.safe_state) == (None, None, False)
     assert (result.false_frames, result.false_accepted) == (50, 5)  # then there are two senders
     assert "1 followed, as was to be expected (spoof)" in finding(result, REFUSED).figure
@@ -166,7 +166,7 @@ def test_forged_commands_are_detected_and_followed_and_the_share_is_reported() -
 @pytest.mark.parametrize("message", ["LATERAL_ERROR", "STEERING_COMMAND"])
 def test_a_replayed_recording_is_followed_only_after_control_was_left(message: str) -> None:
     result = faulty(case("replay", message, 0.2))
-    assert result.verdict is Verdict.FOLLOWED
+    assert result.verdict is Detection.FOLLOWED
     assert result.fhti_s is not None
     assert result.fdti_s is not None
     assert result.fdti_s == pytest.approx(0.0, abs=0.002)
@@ -188,13 +188,13 @@ def test_one_that_believes_a_new_start_at_once_does_not_leave_control_for_a_repl
 
     monkeypatch.setattr(SequenceCheck, "check", hasty)
     result = faulty(case("replay", "LATERAL_ERROR", 0.5))
-    assert result.verdict is Verdict.MISSED
+    assert result.verdict is Detection.MISSED
     assert finding(result, LEFT).holds is False
 
 
 def test_what_limits_a_command_is_reported_on_the_bus() -> None:
     result = faulty(case("offset", "STEERING_COMMAND", 1.0))
-    assert result.verdict is Verdict.FOLLOWED
+    assert result.verdict is Detection.FOLLOWED
     assert result.detected_by == "plant.intervention"
     assert result.reported_s is not None
     assert 0.0 <= result.reported_s < 0.02
@@ -214,7 +214,7 @@ def test_a_detection_before_the_onset_fails(monkeypatch: pytest.MonkeyPatch) -> 
     result = faulty(case("bit_flips", "LATERAL_ERROR", 0.5))
     assert result.fdti_s is not None
     assert result.fdti_s < 0.0
-    assert result.verdict is Verdict.EARLY
+    assert result.verdict is Detection.EARLY
     assert finding(result, DETECTED).holds is False
     assert finding(result, GOLDEN).holds is False
 
@@ -243,17 +243,17 @@ def test_findings_fail_for_what_must_not_be() -> None:
     unreceived = golden._replace(as_golden=True)
     cases = [
         (DETECTED, fault, fault._replace(fdti_s=0.1501)),
-        (DETECTED, fault, fault._replace(fdti_s=None, verdict=Verdict.MISSED)),
+        (DETECTED, fault, fault._replace(fdti_s=None, verdict=Detection.MISSED)),
         (LEFT, left, left._replace(fhti_s=0.1501)),
         (LEFT, left, left._replace(fhti_s=None)),
         (RECOVERED, came, came._replace(recovery_s=0.201)),
         (RECOVERED, came, came._replace(recovery_s=None)),
         (SMOOTH, stepped, stepped._replace(jumps="wheel")),
-        (GOLDEN, golden, golden._replace(verdict=Verdict.FALSE_ALARM)),
-        (VALID, golden, golden._replace(verdict=Verdict.UNSAFE, unsafe="command of 2 rad")),
+        (GOLDEN, golden, golden._replace(verdict=Detection.FALSE_ALARM)),
+        (VALID, golden, golden._replace(verdict=Detection.UNSAFE, unsafe="command of 2 rad")),
         (PROTECTED, corrupted, corrupted._replace(corrupted_accepted=3)),
         (QUEUES, golden, golden._replace(bus_refused=1)),
-        (UNRECEIVED, unreceived, unreceived._replace(verdict=Verdict.DISTURBED)),
+        (UNRECEIVED, unreceived, unreceived._replace(verdict=Detection.DISTURBED)),
     ]
     for place, right, wrong in cases:
         assert finding(right, place).holds is True, place

@@ -5,7 +5,7 @@ import pytest
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Result, Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import Detection, RunResult, run_trial
 
 SPECIFICATION = """
 motion_s = 3.0
@@ -34,7 +34,7 @@ magnitudes = [0.5]
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
+def results(tmp_path_factory: pytest.TempPathFactory) -> list[RunResult]:
     file = tmp_path_factory.mktemp("ages") / "ages.toml"
     file.write_text(SPECIFICATION)
     specification = load_settings(CampaignSettings, None, file, [])
@@ -42,12 +42,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
 
 
 def test_silence_of_a_message_the_law_can_do_without_is_detected_and_reported_in_time(
-    results: list[Result],
+    results: list[RunResult],
 ) -> None:
     silent = [one for one in results if one.kind in ("drop", "delay_spike")]
     assert len(silent) == 4
     for one in silent:
-        assert one.verdict is Verdict.PASSED, one
+        assert one.verdict is Detection.PASSED, one
         assert one.detected_by == "controller.stale"
         assert one.reported_s is not None
         assert 0.1 < one.reported_s <= 0.15
@@ -55,14 +55,14 @@ def test_silence_of_a_message_the_law_can_do_without_is_detected_and_reported_in
         assert one.recovery_s == 0.0  # control was never left
 
 
-def test_a_refused_frame_is_reported_by_the_controller_in_time(results: list[Result]) -> None:
+def test_a_refused_frame_is_reported_by_the_controller_in_time(results: list[RunResult]) -> None:
     (flipped,) = (one for one in results if one.kind == "bit_flips")
-    assert flipped.verdict is Verdict.PASSED
+    assert flipped.verdict is Detection.PASSED
     assert flipped.detected_by == "controller.bad_crc"
     assert flipped.reported_s is not None
     assert flipped.reported_s <= 0.15
 
 
-def test_a_run_without_a_fault_counts_no_message_as_stale(results: list[Result]) -> None:
-    (golden,) = (one for one in results if one.verdict is Verdict.PASSED and not one.counts)
+def test_a_run_without_a_fault_counts_no_message_as_stale(results: list[RunResult]) -> None:
+    (golden,) = (one for one in results if one.verdict is Detection.PASSED and not one.counts)
     assert golden.kind == "golden"

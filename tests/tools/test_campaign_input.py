@@ -16,7 +16,7 @@ from steer_by_wire.tools.faults.campaign.execution import (
     write_result,
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Result
+from steer_by_wire.tools.faults.campaign.trial import RunResult
 from steer_by_wire.tools.faults.program import main
 from tests.fuzz.campaign_targets import whole_result
 
@@ -31,7 +31,7 @@ laws = ["practical_pd"]
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> RunResult:
     return whole_result()
 
 
@@ -84,7 +84,7 @@ def test_a_clock_jump_at_the_bound_is_allowed() -> None:
     assert load_settings(CampaignSettings, overrides=[jump]).node_cases[0].magnitudes == (0.001,)
 
 
-def line_of(result: Result, **changes: Any) -> str:
+def line_of(result: RunResult, **changes: Any) -> str:
     return json.dumps({"specification": "a", **result._asdict(), **changes})
 
 
@@ -105,7 +105,7 @@ def line_of(result: Result, **changes: Any) -> str:
     ],
 )
 def test_a_result_with_a_field_that_is_none_of_its_kind_is_left_out(
-    result: Result, changes: dict[str, Any], tmp_path: Path
+    result: RunResult, changes: dict[str, Any], tmp_path: Path
 ) -> None:
     lines = [line_of(result), line_of(result, **changes)]
     (tmp_path / RESULTS).write_text("\n".join(lines))
@@ -116,7 +116,7 @@ def test_a_result_with_a_field_that_is_none_of_its_kind_is_left_out(
     "line", [b"\xff\xfe", b"7", b"[]", b"null", b"{}", b"[" * 100_000, b"x" * 3_000_000, b'{"a":1}']
 )
 def test_a_line_that_is_no_result_costs_none_of_the_others(
-    result: Result, line: bytes, tmp_path: Path
+    result: RunResult, line: bytes, tmp_path: Path
 ) -> None:
     write_result(tmp_path, "a", result)
     with (tmp_path / RESULTS).open("ab") as file:
@@ -166,7 +166,7 @@ def test_results_of_another_specification_are_not_lost(
 
 
 def test_results_that_programs_of_before_have_written_otherwise_are_not_lost_either(
-    result: Result, spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    result: RunResult, spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A line with a field that there is no more cannot be read, and is another's all the same."""
     (tmp_path / RESULTS).write_text(line_of(result, further=1) + "\n")

@@ -16,7 +16,7 @@ from steer_by_wire.tools.faults.campaign.scenario import (
     scenarios_of,
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import Detection, run_trial
 from steer_by_wire.tools.faults.campaign.watched_pair import make_pair, run_pair
 
 SHORT = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1")
@@ -41,7 +41,7 @@ def test_both_nodes_act_within_the_campaigns_fault_tolerant_time_and_not_long_be
     faulty = [one for one in scenarios_of(spec) if one.case.faults]
     assert scenario_sight(spec, spec.points[0], spec.laws[0]).age_limit_s == (ftti_ms - 10.0) * 1e-3
     for result in map(run_trial, faulty):
-        assert result.verdict is Verdict.PASSED
+        assert result.verdict is Detection.PASSED
         assert result.fhti_s is not None
         assert ftti_ms * 1e-3 - 0.03 < result.fhti_s <= ftti_ms * 1e-3
 
@@ -70,9 +70,9 @@ def test_a_fault_of_a_plan_is_judged_as_that_of_a_command(case: str) -> None:
     result = run_trial(scenario)
     assert result.where == "STEERING_PLAN"
     assert sum(result.changed) > 20
-    expected = {"stuck": Verdict.NOT_DETECTABLE, "spoof": Verdict.FOLLOWED}
-    expected["replay"] = Verdict.FOLLOWED
-    assert result.verdict is expected.get(result.kind, Verdict.PASSED)
+    expected = {"stuck": Detection.NOT_DETECTABLE, "spoof": Detection.FOLLOWED}
+    expected["replay"] = Detection.FOLLOWED
+    assert result.verdict is expected.get(result.kind, Detection.PASSED)
 
 
 def test_a_fault_of_a_whole_plan_changes_each_of_its_angles() -> None:

@@ -10,7 +10,7 @@ from steer_by_wire.tools.faults.campaign.detectability import (
 )
 from steer_by_wire.tools.faults.campaign.scenario import Scenario, scenario_sight, scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import Detection, run_trial
 
 FAST = "paper_pd"
 """At 1 kHz, on sensors at 100 Hz."""
@@ -70,7 +70,7 @@ def test_what_a_fast_controllers_peer_sees_is_what_was_expected(
     scenario = scenario_of(kind, message, magnitude)
     assert mechanism in scenario.case.expected.mechanisms
     assert scenario.case.expected.safe_state is leaves
-    assert run_trial(scenario).verdict in (Verdict.PASSED, Verdict.FOLLOWED)
+    assert run_trial(scenario).verdict in (Detection.PASSED, Detection.FOLLOWED)
 
 
 def test_a_clock_that_jumps_by_some_fast_periods_is_seen() -> None:
@@ -78,10 +78,10 @@ def test_a_clock_that_jumps_by_some_fast_periods_is_seen() -> None:
     spec = load_settings(CampaignSettings, None, None, [*SHORT, jump])
     scenario = list(scenarios_of(spec))[-1]
     assert scenario.case.expected.mechanisms == (Mechanism.SELF_SUPERVISION,)
-    assert run_trial(scenario).verdict is Verdict.PASSED
+    assert run_trial(scenario).verdict is Detection.PASSED
 
 
 def test_a_message_that_nobody_receives_may_hold_up_commands_and_no_more() -> None:
     """At 1 kHz the wire is still busy with PLANT_STATUS when the next command is due."""
     scenario = scenario_of("drop", "PLANT_STATUS", 1.0)
-    assert run_trial(scenario).verdict is Verdict.NOT_DETECTABLE
+    assert run_trial(scenario).verdict is Detection.NOT_DETECTABLE

@@ -13,6 +13,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.detectability import (
     MECHANISM_OF,
     UNRECEIVED,
@@ -22,7 +23,6 @@ from steer_by_wire.tools.faults.campaign.detectability import (
     expect_node_fault,
 )
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
-from steer_by_wire.tools.faults.campaign.grouping import compare, group
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,
@@ -30,7 +30,7 @@ from steer_by_wire.tools.faults.campaign.scenario import (
     scenarios_of,
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
-from steer_by_wire.tools.faults.campaign.trial import FAILURES, Result, Verdict, run_trial
+from steer_by_wire.tools.faults.campaign.trial import FAILURES, Detection, RunResult, run_trial
 from steer_by_wire.tools.faults.program import FAILED, main
 from tests.support.counter_rules import rule
 
@@ -109,20 +109,20 @@ def spec(spec_file: Path) -> CampaignSettings:
 
 
 @pytest.fixture(scope="module")
-def results(spec: CampaignSettings) -> list[Result]:
+def results(spec: CampaignSettings) -> list[RunResult]:
     return [run_trial(scenario) for scenario in scenarios_of(spec)]
 
 
-def of(results: Sequence[Result], kind: str, where: str = "") -> list[Result]:
+def of(results: Sequence[RunResult], kind: str, where: str = "") -> list[RunResult]:
     return [one for one in results if one.kind == kind and where in one.where]
 
 
-def test_a_small_campaign_passes(spec: CampaignSettings, results: list[Result]) -> None:
+def test_a_small_campaign_passes(spec: CampaignSettings, results: list[RunResult]) -> None:
     assert [one.name for one in results if one.verdict in FAILURES] == []
     assert [one for one in findings_of(results, spec.ftti_ms) if not one.holds] == []
 
 
-def test_silence_is_handled_within_the_ftti_and_not_at_once(results: list[Result]) -> None:
+def test_silence_is_handled_within_the_ftti_and_not_at_once(results: list[RunResult]) -> None:
     silent = [*of(results, "drop"), *of(results, "killed"), *of(results, "bus_off")]
     assert len(silent) == 10
     for one in silent:
@@ -130,21 +130,21 @@ def test_silence_is_handled_within_the_ftti_and_not_at_once(results: list[Result
         assert 0.05 < one.fhti_s <= 0.150, one.name
 
 
-def test_the_receiver_of_a_fault_detects_it(results: list[Result]) -> None:
+def test_the_receiver_of_a_fault_detects_it(results: list[RunResult]) -> None:
     assert {one.detected_by for one in of(results, "drop", "LATERAL")} == {"controller.silence"}
     assert {one.detected_by for one in of(results, "drop", "COMMAND")} == {"plant.silence"}
     assert {one.detected_by.split(".")[0] for one in of(results, "bit_flips", "COM")} == {"plant"}
 
 
 def test_what_no_node_receives_changes_nothing_whatever_happens_to_it(
-    results: list[Result],
+    results: list[RunResult],
 ) -> None:
     names = {"CONTROLLER_STATUS", "CONTROLLER_SAFETY", "DELAY_STATUS", "PLANT_STATUS"}
     unreceived = [one for one in results if one.where in names]
     assert len(unreceived) == 6
     for one in unreceived:
         assert one.changed[0] > 0, one.name
-        assert (one.verdict, one.as_golden, one.counts) == (Verdict.NOT_DETECTABLE, True, {})
+        assert (one.verdict, one.as_golden, one.counts) == (Detection.NOT_DETECTABLE, True, {})
     assert {one.as_golden for one in results if one not in unreceived} == {None}
     assert names == UNRECEIVED
 
@@ -153,23 +153,25 @@ def test_a_run_that_is_not_the_golden_one_is_disturbed(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fault of the command, as if nobody listened to it."""
-    monkeypatch.setattr("steer_by_wire.tools.faults.campaign.scenario.Case.is_unreceived", True)
+    monkeypatch.setattr(
+        "steer_by_wire.tools.faults.campaign.scenario.FaultCase.is_unreceived", True
+    )
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     result = run_trial(scenario)
-    assert (result.verdict, result.as_golden) == (Verdict.DISTURBED, False)
+    assert (result.verdict, result.as_golden) == (Detection.DISTURBED, False)
 
 
 def test_a_plausible_offset_is_not_detectable_and_one_beyond_the_limiter_is(
-    results: list[Result],
+    results: list[RunResult],
 ) -> None:
     for one in of(results, "offset"):
         if one.magnitude < 0.5:
-            assert (one.verdict, one.counts) == (Verdict.NOT_DETECTABLE, {})
+            assert (one.verdict, one.counts) == (Detection.NOT_DETECTABLE, {})
         else:
             assert one.detected_by == "plant.intervention"
 
 
-def test_both_recover_but_from_a_death(results: list[Result]) -> None:
+def test_both_recover_but_from_a_death(results: list[RunResult]) -> None:
     for one in results:
         assert (one.recovery_s is None) == (one.kind == "killed"), one.name
 
@@ -231,7 +233,7 @@ def test_a_reaction_that_comes_after_the_ftti_is_late(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pair, "controller_settings_of", lambda law, _: controller_settings_of(law))
-    assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Verdict.LATE
+    assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Detection.LATE
 
 
 def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
@@ -240,18 +242,18 @@ def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     expected = scenario.case.expected._replace(mechanisms=(Mechanism.E2E,))
     result = run_trial(scenario._replace(case=scenario.case._replace(expected=expected)))
-    assert result.verdict is Verdict.MISSED
+    assert result.verdict is Detection.MISSED
     assert findings_of([result], 150.0)[0].holds is False
 
 
-def test_every_cause_that_is_counted_has_a_mechanism(results: list[Result]) -> None:
+def test_every_cause_that_is_counted_has_a_mechanism(results: list[RunResult]) -> None:
     counted = {cause.split(".")[1] for one in results for cause in one.counts}
     assert counted <= MECHANISM_OF.keys()
 
 
-def test_comparison_has_four_groups(results: list[Result]) -> None:
+def test_comparison_has_four_groups(results: list[RunResult]) -> None:
     sound = results[:5]
-    broken = [one._replace(verdict=Verdict.MISSED) for one in sound]
+    broken = [one._replace(verdict=Detection.MISSED) for one in sound]
     earlier = [broken[0], sound[1], sound[2], broken[3]]
     now = [sound[0], sound[1], broken[2], broken[3], sound[4]]
     comparison = compare(earlier, now)
@@ -260,12 +262,12 @@ def test_comparison_has_four_groups(results: list[Result]) -> None:
     assert (comparison.added, comparison.removed) == (1, 0)
 
 
-def test_groups_have_every_run_once(results: list[Result]) -> None:
+def test_groups_have_every_run_once(results: list[RunResult]) -> None:
     assert sum(row.runs for row in group(results)) == len(results)
 
 
 def test_the_program_goes_on_where_it_was_left_and_compares(
-    spec_file: Path, tmp_path: Path, results: list[Result], capsys: pytest.CaptureFixture[str]
+    spec_file: Path, tmp_path: Path, results: list[RunResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All but two runs are there already, one line is torn; the earlier campaign had a failure."""
     few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--processes", "1"]
@@ -352,7 +354,7 @@ def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
     monkeypatch: pytest.MonkeyPatch, spec: CampaignSettings
 ) -> None:
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "replay")
-    assert run_trial(scenario).verdict is Verdict.FOLLOWED
+    assert run_trial(scenario).verdict is Detection.FOLLOWED
 
     def accept_any(
         check: SequenceCheck, counter: int, now_ns: int, content: object
@@ -360,4 +362,4 @@ def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
         return check._start(counter, now_ns, content)
 
     monkeypatch.setattr(SequenceCheck, "check", accept_any)
-    assert run_trial(scenario).verdict is Verdict.MISSED
+    assert run_trial(scenario).verdict is Detection.MISSED

@@ -27,7 +27,7 @@ from steer_by_wire.tools.faults.injection.frames import (
     frame_source,
     recording_of,
 )
-from steer_by_wire.tools.faults.injection.kinds import (
+from steer_by_wire.tools.faults.injection.live_faults import (
     FRAME_KINDS,
     MAGNITUDES,
     LiveFault,

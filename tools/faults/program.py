@@ -37,6 +37,7 @@ from steer_by_wire.tools.faults.campaign.acceptance import (
     measure_residual,
     residual_finding,
 )
+from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
     Stored,
@@ -46,7 +47,6 @@ from steer_by_wire.tools.faults.campaign.execution import (
     specification_hash,
     write_result,
 )
-from steer_by_wire.tools.faults.campaign.grouping import compare, group
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     comparison_lines,
@@ -55,7 +55,7 @@ from steer_by_wire.tools.faults.campaign.presentation import (
 )
 from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Result, run_trial
+from steer_by_wire.tools.faults.campaign.trial import RunResult, run_trial
 from steer_by_wire.tools.faults.live.campaign import live_finding, live_section, run_live_campaign
 
 NAME = "steer-by-wire faults"
@@ -140,7 +140,7 @@ def _run(options: argparse.Namespace) -> int:
     return _status(findings)
 
 
-def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
+def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunResult]:
     scenarios = list(scenarios_of(spec))
     spec_hash = specification_hash(spec)
     stored = read_stored(options.out, spec_hash)
@@ -157,7 +157,7 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
     if done:
         print(f"{len(done)} of {len(scenarios)} runs are there already")
 
-    def take(result: Result) -> None:
+    def take(result: RunResult) -> None:
         done[result.name] = result
         write_result(options.out, spec_hash, result)
 
@@ -171,7 +171,7 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
     return [done[scenario.name] for scenario in scenarios]
 
 
-def _earlier(folder: Path) -> list[Result]:
+def _earlier(folder: Path) -> list[RunResult]:
     stored = read_stored(folder)
     if not stored.results:
         where = f"--compare: {folder / RESULTS}"

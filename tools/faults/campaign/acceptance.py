@@ -20,7 +20,7 @@ from ....dbc.messages import Mode as ControllerMode
 from ....runtime.frame import Frame
 from .scenario import GOLDEN
 from .specification import NodeFaultKind
-from .trial import Result, Verdict
+from .trial import Detection, RunResult
 
 RESIDUAL = 2.0**-16
 IMPROBABLE = 1e-4
@@ -69,10 +69,10 @@ def falls_short(accepted: int, corrupted: int) -> bool:
     return float(pdtr(accepted, corrupted * RESIDUAL)) < IMPROBABLE
 
 
-_IDLE = (Verdict.NO_EFFECT, Verdict.NO_CHANCE)
+_IDLE = (Detection.NO_EFFECT, Detection.NO_CHANCE)
 
 
-def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
+def findings_of(results: Sequence[RunResult], ftti_ms: float) -> list[Finding]:
     """Return the findings of a campaign.
 
     Without a golden run, or without a detectable fault, no finding holds that needs one.
@@ -104,15 +104,15 @@ def residual_finding(measured: Residual) -> Finding:
     return Finding(what, not (is_too_many or is_too_few), figure)
 
 
-def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
+def _handled(faulty: Sequence[RunResult], ftti_ms: float) -> list[Finding]:
     """Detectable faults are detected; their frames are rejected; control is left where required."""
     seen = [one for one in faulty if one.expected != "none" and one.verdict not in _IDLE]
     late = [one for one in seen if one.fdti_s is None or not 0.0 <= one.fdti_s <= 1e-3 * ftti_ms]
     leaving = [one for one in seen if one.safe_state]
     stayed = [one for one in leaving if one.fhti_s is None or one.fhti_s > 1e-3 * ftti_ms]
     falsified = [one for one in seen if one.false_frames]
-    believed = [one for one in falsified if one.verdict is Verdict.BELIEVED]
-    followed = [one for one in falsified if one.verdict is Verdict.FOLLOWED]
+    believed = [one for one in falsified if one.verdict is Detection.BELIEVED]
+    followed = [one for one in falsified if one.verdict is Detection.FOLLOWED]
     kinds = ", ".join(dict.fromkeys(one.kind for one in followed)) or "none"
     after = sum(one.false_after for one in followed)
     frames = sum(one.false_frames for one in followed)
@@ -139,16 +139,16 @@ def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
     ]
 
 
-def _effective(faulty: Sequence[Result]) -> Finding:
-    idle = [one for one in faulty if one.verdict is Verdict.NO_EFFECT]
-    spared = [one for one in faulty if one.verdict is Verdict.NO_CHANCE]
+def _effective(faulty: Sequence[RunResult]) -> Finding:
+    idle = [one for one in faulty if one.verdict is Detection.NO_EFFECT]
+    spared = [one for one in faulty if one.verdict is Detection.NO_CHANCE]
     kinds = ", ".join(dict.fromkeys(one.label for one in spared))
     note = f"; {len(spared)} by chance without ({kinds})" if spared else ""
     figure = f"{len(faulty) - len(idle) - len(spared)} of {len(faulty)} runs{note}{_first(idle)}"
     return Finding("every fault had an effect", bool(faulty) and not idle, figure)
 
 
-def _recovered(faulty: Sequence[Result]) -> Finding:
+def _recovered(faulty: Sequence[RunResult]) -> Finding:
     running = [one for one in faulty if one.verdict not in _IDLE]
     asked = [one for one in running if one.recovery_allowed_s is not None]
     missing = [one for one in asked if not one.is_back]
@@ -163,7 +163,7 @@ def _recovered(faulty: Sequence[Result]) -> Finding:
     return Finding(what, not missing if asked else None, figure)
 
 
-def _smooth(faulty: Sequence[Result]) -> Finding:
+def _smooth(faulty: Sequence[RunResult]) -> Finding:
     """Command and wheel do not jump when a node recovers."""
     command = [one.command_return_rad for one in faulty if one.command_return_rad is not None]
     wheel = [one.wheel_return_rad for one in faulty if one.wheel_return_rad is not None]
@@ -179,22 +179,22 @@ def _smooth(faulty: Sequence[Result]) -> Finding:
     return Finding(what, not jumped if command or wheel else None, figure)
 
 
-def _unalarmed(golden: Sequence[Result], faulty: Sequence[Result]) -> Finding:
-    alarms = [one for one in golden if one.verdict is Verdict.FALSE_ALARM]
-    early = [one for one in faulty if one.verdict is Verdict.EARLY]
+def _unalarmed(golden: Sequence[RunResult], faulty: Sequence[RunResult]) -> Finding:
+    alarms = [one for one in golden if one.verdict is Detection.FALSE_ALARM]
+    early = [one for one in faulty if one.verdict is Detection.EARLY]
     figure = f"{len(alarms)} of {len(golden)} golden runs counted anything{_first(alarms + early)}"
     holds = bool(golden) and not alarms and not early
     return Finding("no false detection in golden runs", holds, figure)
 
 
-def _valid(results: Sequence[Result]) -> Finding:
-    unsafe = [one for one in results if one.verdict is Verdict.UNSAFE]
+def _valid(results: Sequence[RunResult]) -> Finding:
+    unsafe = [one for one in results if one.verdict is Detection.UNSAFE]
     figure = f"{len(unsafe)} of {len(results)} runs{_first(unsafe)}"
     what = "no invalid or out-of-limit value sent by a node"
     return Finding(what, bool(results) and not unsafe, figure)
 
 
-def _protected(results: Sequence[Result]) -> Finding:
+def _protected(results: Sequence[RunResult]) -> Finding:
     corrupted = sum(result.corrupted for result in results)
     accepted = sum(result.corrupted_accepted for result in results)
     figure = (
@@ -205,7 +205,7 @@ def _protected(results: Sequence[Result]) -> Finding:
     return Finding(what, not exceeds(accepted, corrupted) if corrupted else None, figure)
 
 
-def _queues(results: Sequence[Result]) -> Finding:
+def _queues(results: Sequence[RunResult]) -> Finding:
     """Every queue of a node rejects what exceeds its size; only a full bus fills one."""
     filled = [one for one in results if one.bus_refused and one.kind != NodeFaultKind.BABBLING]
     refused = sum(result.bus_refused for result in results)
@@ -215,9 +215,9 @@ def _queues(results: Sequence[Result]) -> Finding:
     return Finding("no unbounded queue", bool(results) and not filled, figure)
 
 
-def _unreceived(results: Sequence[Result]) -> Finding:
+def _unreceived(results: Sequence[RunResult]) -> Finding:
     checked = [result for result in results if result.as_golden is not None]
-    disturbed = [result for result in checked if result.verdict is Verdict.DISTURBED]
+    disturbed = [result for result in checked if result.verdict is Detection.DISTURBED]
     figure = (
         f"{len(checked) - len(disturbed)} of {len(checked)} runs are the golden one bit for bit, "
         f"and nothing counted" + _first(disturbed)
@@ -231,7 +231,7 @@ def _slowest_ms(times_s: Iterable[float | None]) -> str:
     return f"{1e3 * max(known):.1f} ms" if known else "none"
 
 
-def _first(results: Sequence[Result]) -> str:
+def _first(results: Sequence[RunResult]) -> str:
     """Name the first of the results that should not occur."""
     if not results:
         return ""

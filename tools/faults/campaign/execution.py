@@ -22,7 +22,7 @@ from ....closed_loop.worker_processes import worker_pool
 from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
-from .trial import Result, Verdict
+from .trial import Detection, RunResult
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
@@ -32,7 +32,7 @@ _JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "tools.faults")
 _SOURCES = (".py", ".toml", ".dbc")
 _LINE_BYTES_MAX = 1 << 20
 _WHOLE_MAX = 1 << 53
-_FIELDS = TypeAdapter(Result, config=ConfigDict(strict=True, allow_inf_nan=False))
+_FIELDS = TypeAdapter(RunResult, config=ConfigDict(strict=True, allow_inf_nan=False))
 
 
 class Stored(NamedTuple):
@@ -43,7 +43,7 @@ class Stored(NamedTuple):
     ``not_whole`` lines that are skipped
     """
 
-    results: list[tuple[str, Result]]
+    results: list[tuple[str, RunResult]]
     others: int
     not_whole: int
 
@@ -116,20 +116,20 @@ def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
     return stored._replace(others=others, not_whole=not_whole)
 
 
-def write_result(folder: Path, spec_hash: str, result: Result) -> None:
+def write_result(folder: Path, spec_hash: str, result: RunResult) -> None:
     """Add a result to those in a folder."""
     with (folder / RESULTS).open("a", encoding="utf-8") as opened:
         opened.write(_line_of(spec_hash, result))
 
 
-def keep_only(folder: Path, spec_hash: str, results: Iterable[Result]) -> None:
+def keep_only(folder: Path, spec_hash: str, results: Iterable[RunResult]) -> None:
     """Write these results to a folder, and no others."""
     kept = folder / f"{RESULTS}.new"  # if killed meanwhile, the old results remain
     kept.write_text("".join(_line_of(spec_hash, result) for result in results), encoding="utf-8")
     kept.replace(folder / RESULTS)
 
 
-def _line_of(spec_hash: str, result: Result) -> str:
+def _line_of(spec_hash: str, result: RunResult) -> str:
     return json.dumps({"specification": spec_hash, **result._asdict()}) + "\n"
 
 
@@ -140,7 +140,7 @@ def _lines(file: Path) -> Iterator[bytes]:
                 yield line
 
 
-def _of_line(line: bytes) -> tuple[str, Result | None]:
+def _of_line(line: bytes) -> tuple[str, RunResult | None]:
     """Return a line's hash, empty where there is none, and its result, None if it is incomplete."""
     try:
         record: Any = json.loads(line)
@@ -151,7 +151,7 @@ def _of_line(line: bytes) -> tuple[str, Result | None]:
         return "", None
     try:
         result = _FIELDS.validate_python(record)
-        result = result._replace(verdict=Verdict(result.verdict))
+        result = result._replace(verdict=Detection(result.verdict))
     except (ValidationError, ValueError):
         return of_hash, None
     return of_hash, result if _is_presentable([*result]) else None

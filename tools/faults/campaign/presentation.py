@@ -6,10 +6,10 @@ from pathlib import Path
 
 from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
-from .grouping import Comparison, Group, in_ms, in_percent
+from .case_groups import Comparison, Group, in_ms, in_percent
 from .scenario import GOLDEN, laws_of
 from .specification import CampaignSettings
-from .trial import FAILURES, Result
+from .trial import FAILURES, RunResult
 
 _FAILED_SHOWN = 50
 _NAMES_SHOWN = 10
@@ -65,11 +65,11 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     return lines
 
 
-def write_csv(path: Path, results: Sequence[Result]) -> None:
+def write_csv(path: Path, results: Sequence[RunResult]) -> None:
     """Write a line for each run."""
     with path.open("w", newline="", encoding="utf-8") as opened:
         writer = csv.writer(opened)
-        writer.writerow(Result._fields)
+        writer.writerow(RunResult._fields)
         for result in results:
             counts = " ".join(f"{cause}={count}" for cause, count in result.counts.items())
             writer.writerow(result._replace(counts=counts))  # type: ignore[arg-type]
@@ -77,7 +77,7 @@ def write_csv(path: Path, results: Sequence[Result]) -> None:
 
 def campaign_page(
     spec: CampaignSettings,
-    results: Sequence[Result],
+    results: Sequence[RunResult],
     groups: Sequence[Group],
     findings: Sequence[Finding],
     comparison: Comparison | None,
@@ -154,7 +154,7 @@ def _why_table(groups: Sequence[Group]) -> Table:
     return Table(("fault", "magnitude and message", "can be seen by", "because"), rows)
 
 
-def _failed_table(failed: Sequence[Result]) -> Table:
+def _failed_table(failed: Sequence[RunResult]) -> Table:
     rows = []
     for one in failed[:_FAILED_SHOWN]:
         counted = ", ".join(f"{cause} {n}" for cause, n in one.counts.items())
@@ -198,7 +198,7 @@ def _comparison_section(comparison: Comparison) -> Section:
     return Section("Beside the earlier campaign", [summary[0].upper() + summary[1:]], tables=tables)
 
 
-def _named_groups(comparison: Comparison) -> list[tuple[str, list[Result]]]:
+def _named_groups(comparison: Comparison) -> list[tuple[str, list[RunResult]]]:
     return [
         ("new failure", comparison.new_failure),
         ("still failing", comparison.still_failing),

@@ -26,7 +26,7 @@ GOLDEN = "golden"
 _BOTH = "both"
 
 
-class Case(NamedTuple):
+class FaultCase(NamedTuple):
     """What goes wrong in a run, and what is expected of it beforehand.
 
     ``kind``         of the fault, GOLDEN for none
@@ -58,7 +58,7 @@ class Case(NamedTuple):
 class Scenario(NamedTuple):
     """One run; equal ones have equal names and give equal results."""
 
-    case: Case
+    case: FaultCase
     point: PointSettings
     law: str
     seed: int
@@ -123,25 +123,25 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                 yield Scenario(case_of_node_fault(node_fault, sight), point, law, seed, spec)
 
 
-def golden_case() -> Case:
+def golden_case() -> FaultCase:
     """Return the case without a fault."""
-    return Case(GOLDEN, "", 0.0, _BOTH, detectability.Expectation((), False, "no fault"))
+    return FaultCase(GOLDEN, "", 0.0, _BOTH, detectability.Expectation((), False, "no fault"))
 
 
-def case_of_fault(fault: FaultSettings, sight: detectability.Sight) -> Case:
+def case_of_fault(fault: FaultSettings, sight: detectability.Sight) -> FaultCase:
     """Return the case of one fault of the stage at the plant's edge."""
     receiver = PLANT if fault.direction == "downlink" else CONTROLLER
     kind, expected = fault.kind.value, detectability.expect_fault(fault, sight)
-    return Case(kind, fault.message, fault.magnitude, receiver, expected, faults=(fault,))
+    return FaultCase(kind, fault.message, fault.magnitude, receiver, expected, faults=(fault,))
 
 
-def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> Case:
+def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> FaultCase:
     """Return the case of one fault of a node; its peer has to detect it."""
     receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
         receiver = fault.node
     kind, expected = fault.kind.value, detectability.expect_node_fault(fault, sight)
-    return Case(kind, fault.node, fault.magnitude, receiver, expected, node_fault=fault)
+    return FaultCase(kind, fault.node, fault.magnitude, receiver, expected, node_fault=fault)
 
 
 def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> PlantSettings:

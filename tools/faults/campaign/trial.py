@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 
 from ....plant_emulator.evaluation.run_record import PlantSample
 from ....runtime.node import NS_PER_S
+from .golden_comparison import is_as_golden
+from .reaction_times import times_of
 from .recovery import command_returns, wheel_steps
-from .scenario import GOLDEN, Case, Scenario
+from .scenario import GOLDEN, FaultCase, Scenario
 from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
-from .timing import times_of
-from .unreceived import is_as_golden
 from .watched_pair import Pair, make_pair, onset_ns_of, run_pair
 
 
-class Verdict(StrEnum):
-    """Verdict on a run."""
+class Detection(StrEnum):
+    """Detection on a run."""
 
     PASSED = "passed"
     NOT_DETECTABLE = "not detectable"
@@ -47,11 +47,11 @@ class Verdict(StrEnum):
 _JUMPS_SHOWN = 2
 _KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, PLANT), (NodeFaultKind.BABBLING, BUS))
 """Where commands wait, in a socket or for the bus, and then come all at once."""
-_AS_EXPECTED = (Verdict.PASSED, Verdict.NOT_DETECTABLE, Verdict.FOLLOWED, Verdict.NO_CHANCE)
-FAILURES = frozenset(Verdict).difference(_AS_EXPECTED)
+_AS_EXPECTED = (Detection.PASSED, Detection.NOT_DETECTABLE, Detection.FOLLOWED, Detection.NO_CHANCE)
+FAILURES = frozenset(Detection).difference(_AS_EXPECTED)
 
 
-class Result(NamedTuple):
+class RunResult(NamedTuple):
     """The result of a run; times in seconds, None for what did not happen.
 
     ``changed``      frames that each fault of the stage changed, lost, added or kept
@@ -119,14 +119,14 @@ class Result(NamedTuple):
         return allowed_s is None or (took_s is not None and took_s <= allowed_s)
 
 
-def run_trial(scenario: Scenario) -> Result:
+def run_trial(scenario: Scenario) -> RunResult:
     """Run a scenario; equal scenarios give equal results."""
     pair = make_pair(scenario)
     run_pair(scenario, pair)
     return _result(scenario, pair)
 
 
-def _result(scenario: Scenario, pair: Pair) -> Result:
+def _result(scenario: Scenario, pair: Pair) -> RunResult:
     case, point = scenario.case, scenario.point
     effects = [stage.first_ns for stage in pair.edge.stages if stage.first_ns is not None]
     changed = [stage.changed for stage in pair.edge.stages]
@@ -142,7 +142,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     as_golden = is_as_golden(scenario, pair) if case.is_unreceived else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = [one for one in pair.plant_node.samples if one.time_s >= effect_ns / NS_PER_S]
-    result = Result(
+    result = RunResult(
         name=scenario.name,
         kind=case.kind,
         where=case.where,
@@ -162,7 +162,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         corrupted_accepted=pair.plant.corrupted_accepted + pair.controller.corrupted_accepted,
         bus_refused=pair.bus.refused,
         unsafe=unsafe,
-        verdict=Verdict.PASSED,
+        verdict=Detection.PASSED,
         as_golden=as_golden,
         safe_state=case.expected.safe_state,
         false_frames=pair.plant.false_frames + pair.controller.false_frames,
@@ -171,45 +171,47 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     )
     if result.false_after and not case.expected.safe_state:
         result = result._replace(frti_s=None, fhti_s=None)
-    return result._replace(verdict=verdict_of(case, result, 1e-3 * scenario.spec.ftti_ms, is_idle))
+    return result._replace(
+        verdict=detection_of(case, result, 1e-3 * scenario.spec.ftti_ms, is_idle)
+    )
 
 
-def verdict_of(case: Case, result: Result, ftti_s: float, is_idle: bool) -> Verdict:
+def detection_of(case: FaultCase, result: RunResult, ftti_s: float, is_idle: bool) -> Detection:
     """Judge a run; the first verdict that applies, the worst first.
 
     ``is_idle``  whether the fault changed no frame
     """
     if result.unsafe:
-        return Verdict.UNSAFE
+        return Detection.UNSAFE
     if case.kind == GOLDEN:
-        return Verdict.FALSE_ALARM if result.counts else Verdict.PASSED
+        return Detection.FALSE_ALARM if result.counts else Detection.PASSED
     if is_idle:
-        return Verdict.NO_CHANCE if case.expected.may_be_idle else Verdict.NO_EFFECT
+        return Detection.NO_CHANCE if case.expected.may_be_idle else Detection.NO_EFFECT
     if result.as_golden is not None and (result.counts or not result.as_golden):
-        return Verdict.DISTURBED
+        return Detection.DISTURBED
     failure = _late(result, ftti_s) if case.expected.mechanisms else None
     if failure is not None:
         return failure
     if not result.is_back:
-        return Verdict.NOT_RECOVERED
+        return Detection.NOT_RECOVERED
     if result.jumps:
-        return Verdict.JUMPED
+        return Detection.JUMPED
     if not case.expected.mechanisms:
-        return Verdict.NOT_DETECTABLE
+        return Detection.NOT_DETECTABLE
     # Frames that pass a CRC by chance are judged by their number over all runs.
     if result.false_after and not case.expected.is_followed and not result.corrupted_accepted:
-        return Verdict.BELIEVED
-    return Verdict.FOLLOWED if result.false_after else Verdict.PASSED
+        return Detection.BELIEVED
+    return Detection.FOLLOWED if result.false_after else Detection.PASSED
 
 
-def _late(result: Result, ftti_s: float) -> Verdict | None:
+def _late(result: RunResult, ftti_s: float) -> Detection | None:
     """Return what is wrong with when a detectable fault was detected, and control left."""
     if result.fdti_s is None or (result.safe_state and result.fhti_s is None):
-        return Verdict.MISSED
+        return Detection.MISSED
     if result.fdti_s < 0.0:
-        return Verdict.EARLY
+        return Detection.EARLY
     slowest_s = result.fdti_s if result.fhti_s is None else result.fhti_s
-    return Verdict.LATE if slowest_s > ftti_s else None
+    return Detection.LATE if slowest_s > ftti_s else None
 
 
 def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from ....runtime.node.virtual_time import VirtualTimeExecutor
 from .babbled_bus import BabbledBus
 from .detectability import MECHANISM_OF, Sight, sight_of
 from .node_faults import NodeFault, with_node_faults
-from .observation import Watch, bounds_of
+from .node_watch import Watch, bounds_of
 from .recovery import Way, way_of
-from .scenario import Case, Scenario, controller_settings_of, plant_settings_of
+from .scenario import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .specification import CONTROLLER, PLANT, NodeFaultKind
 
 BABBLER_ID = 0x000
@@ -101,7 +101,7 @@ def run_pair(scenario: Scenario, pair: Pair) -> None:
     VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
 
 
-def onset_ns_of(case: Case) -> int:
+def onset_ns_of(case: FaultCase) -> int:
     """Return from when counters are compared with those before [ns]; 0 for a golden run."""
     if case.node_fault is not None:
         return case.node_fault.window_ns[0]

@@ -1,4 +1,5 @@
-"""Faults on a live bus: a babbling node, and the kinds a frame can suffer.
+"""What is injected into a live bus and live processes, and the program that does so by hand.
 
-Admission rule: it disturbs a bus, and two programs use it.
+Whether somebody notices is judged in ``campaign`` and ``live``. Begin with ``live_faults.py``: the
+kinds of faults and how they are written.
 """

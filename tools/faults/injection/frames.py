@@ -26,7 +26,7 @@ from ....runtime.frame import ERROR, Frame
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
 from ....runtime.node import NEVER_NS, NS_PER_S
 from .babbling_node import HIGHEST_PRIORITY_IDS, babble
-from .kinds import LiveFault, LiveKind
+from .live_faults import LiveFault, LiveKind
 
 PERIOD_NS = 10_000_000
 """Period of forged and malformed frames unless the magnitude sets it: that of the pair's own."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 from ....runtime.node import NS_PER_S
 from ....runtime.port.port import ClosablePort
 from .frames import FrameSource
-from .kinds import LiveFault
+from .live_faults import LiveFault
 
 TURN_NS = 1_000_000
 """Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""

@@ -31,10 +31,18 @@ from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.faults.injection import kinds
 from steer_by_wire.tools.faults.injection.frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
-from steer_by_wire.tools.faults.injection.processes import BusOffFault, ProcessFault
+from steer_by_wire.tools.faults.injection.live_faults import (
+    FRAME_KINDS,
+    PID_MAX,
+    PROCESS_KINDS,
+    LiveFault,
+    LiveKind,
+    list_lines,
+    parse_fault,
+)
+from steer_by_wire.tools.faults.injection.process_faults import BusOffFault, ProcessFault
 
 NAME = "steer-by-wire faults inject"
 FAULTS_MAX = 100
@@ -66,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     if options.list:
-        print("\n".join(kinds.list_lines()))
+        print("\n".join(list_lines()))
         return ExitStatus.OK
     seed = _whole(options.seed, "--seed", 0, SEED_MAX)
     faults = _faults(options)
@@ -74,7 +82,7 @@ def _run(options: argparse.Namespace) -> int:
     stop = StopRequest()
     with ExitStack() as stack:
         port = None
-        if any(fault.kind not in kinds.PROCESS_KINDS for fault in faults):
+        if any(fault.kind not in PROCESS_KINDS for fault in faults):
             opened = open_port(options, _RECEIVED)
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
@@ -87,16 +95,16 @@ def _run(options: argparse.Namespace) -> int:
         sources = [
             frame_source(fault, start_ns, seed * FAULTS_MAX + place, bitrate, recording)
             for place, fault in enumerate(faults)
-            if fault.kind in kinds.FRAME_KINDS
+            if fault.kind in FRAME_KINDS
         ]
         deeds: list[Deed] = []
         injection = Injection(port, sources, deeds, start_ns, _print_action)
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
-                if fault.kind is kinds.LiveKind.BUS_OFF:
+                if fault.kind is LiveKind.BUS_OFF:
                     deeds.append(BusOffFault(fault, start_ns, port))
-                elif fault.kind in kinds.PROCESS_KINDS:
+                elif fault.kind in PROCESS_KINDS:
                     process = ProcessFault(fault, start_ns)
                     deeds.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
@@ -113,12 +121,12 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def _faults(options: argparse.Namespace) -> list[kinds.LiveFault]:
+def _faults(options: argparse.Namespace) -> list[LiveFault]:
     if not 0 < len(options.faults) <= FAULTS_MAX:
         raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
-    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, kinds.PID_MAX)
+    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, PID_MAX)
     try:
-        return [kinds.parse_fault(text, pid) for text in options.faults]
+        return [parse_fault(text, pid) for text in options.faults]
     except ValueError as error:
         raise SettingsError(str(error)) from error
 
@@ -130,8 +138,8 @@ def _whole(text: str, what: str, low: int, high: int) -> int:
     return int(text)
 
 
-def _recording(options: argparse.Namespace, faults: Sequence[kinds.LiveFault]) -> list[Timed]:
-    if not any(fault.kind is kinds.LiveKind.REPLAY for fault in faults):
+def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
+    if not any(fault.kind is LiveKind.REPLAY for fault in faults):
         return []
     if options.recording is None:
         raise SettingsError("replay: needs a log, by --recording FILE")

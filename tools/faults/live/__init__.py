@@ -1,1 +1,5 @@
-"""The live part of the fault campaign: real processes on an emulated bus, one fault at a time."""
+"""Real processes on an emulated bus: the live campaign, and the soak beside a babbling node.
+
+Virtual time is in ``campaign``, what is injected in ``injection``. Begin with ``live_run.py``, the
+one way in which a run is started and ended.
+"""

@@ -18,7 +18,7 @@ from ....runtime.port.python_can import BusError
 from ....runtime.program.host import StealClock
 from ....runtime.program.report import write_json
 from .cases import CASES, LiveCase
-from .judgement import Outcome, Reaction, judge_trial
+from .judgement import LiveResult, Reaction, judge_trial
 from .trial import run_trial, write_excerpt
 
 NAME = "live campaign"
@@ -28,7 +28,9 @@ FILE = "campaign_live.json"
 _KEY_LIBRARY = "cryptography"
 
 
-def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES) -> list[Outcome]:
+def run_live_campaign(
+    folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
+) -> list[LiveResult]:
     """Run the cases, print the results and write them to ``folder``.
 
     The first case is without a fault: a replay sends its recording. Raises BusError when a process
@@ -36,7 +38,7 @@ def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
     """
     folder.mkdir(parents=True, exist_ok=True)
     steal, begin_s = StealClock(), time.monotonic()
-    outcomes: list[Outcome] = []
+    outcomes: list[LiveResult] = []
     recording = folder / "recording.log"
     for place, case in enumerate(cases, start=1):
         if case.with_key and find_spec(_KEY_LIBRARY) is None:
@@ -82,7 +84,7 @@ _HEADINGS = (
 )
 
 
-def live_finding(outcomes: Sequence[Outcome]) -> Finding:
+def live_finding(outcomes: Sequence[LiveResult]) -> Finding:
     """Return whether every live run was as it must be."""
     failed = [one for one in outcomes if one.mistakes]
     first = f"; first: {failed[0].name}: {failed[0].mistakes[0]}" if failed else ""
@@ -93,7 +95,7 @@ def live_finding(outcomes: Sequence[Outcome]) -> Finding:
     )
 
 
-def live_section(outcomes: Sequence[Outcome]) -> Section:
+def live_section(outcomes: Sequence[LiveResult]) -> Section:
     """Return the section of the page."""
     rows = [
         [
@@ -108,7 +110,7 @@ def live_section(outcomes: Sequence[Outcome]) -> Section:
     return Section("Live runs", [_WHAT], tables=[Table(_HEADINGS, rows)])
 
 
-def record_of(outcome: Outcome) -> dict[str, Any]:
+def record_of(outcome: LiveResult) -> dict[str, Any]:
     """Return one run, ready for JSON."""
     return {
         **outcome._asdict(),
@@ -117,7 +119,7 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def outcome_table(outcomes: Sequence[Outcome]) -> TerminalTable:
+def outcome_table(outcomes: Sequence[LiveResult]) -> TerminalTable:
     """Return the runs as a table; times in ms after the onset, noticed / reported on the bus."""
     table = TerminalTable(title="live campaign: noticed / reported on the bus, ms after the onset")
     for heading in ("fault", "plant counts", "controller counts"):
@@ -131,7 +133,7 @@ def outcome_table(outcomes: Sequence[Outcome]) -> TerminalTable:
     return table
 
 
-def _row(outcome: Outcome) -> list[str]:
+def _row(outcome: LiveResult) -> list[str]:
     vehicle = outcome.vehicle
     return [
         outcome.name,
@@ -150,7 +152,7 @@ def _unbroken(text: str) -> Cell:
     return number(text.replace(" ", "\N{NO-BREAK SPACE}"))
 
 
-def _counts(outcome: Outcome, name: str) -> str:
+def _counts(outcome: LiveResult, name: str) -> str:
     if name not in outcome.counts:
         return "no report"
     return ", ".join(f"{cause} {n}" for cause, n in outcome.counts[name].items()) or "none"

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS
-from ..injection.kinds import LiveKind
+from ..injection.live_faults import LiveKind
 
 ONSET_S, DURATION_S = 0.5, 1.0
 PLANT_ONSET_S = 2.0

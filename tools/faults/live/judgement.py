@@ -28,7 +28,7 @@ from ....dbc.messages import (
 from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
 from ....runtime.recording.candump import CandumpReader
-from ..campaign.observation import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
+from ..campaign.node_watch import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
 from .cases import LIMITED, LOST, PLANT_ONSET_S, SILENCE, SKIPPED
 from .frame_balance import read_own_log
 from .trial import Trial
@@ -65,7 +65,7 @@ class Vehicle(NamedTuple):
     last_status: str
 
 
-class Outcome(NamedTuple):
+class LiveResult(NamedTuple):
     """One run, judged.
 
     ``counts``     above zero in the reports, by program and cause
@@ -82,7 +82,7 @@ class Outcome(NamedTuple):
     mistakes: Sequence[str]
 
 
-def judge_trial(trial: Trial) -> Outcome:
+def judge_trial(trial: Trial) -> LiveResult:
     """Read the files of a run, and judge it."""
     programs, reports = (PLANT, CONTROLLER), trial.run.reports
     counts = {name: counts_of(reports[name]) for name in programs if name in reports}
@@ -99,7 +99,7 @@ def judge_trial(trial: Trial) -> Outcome:
         )
     vehicle = vehicle_of(list(_decoded(sent[PLANT])), onset_ns, end_ns)
     mistakes = list(mistakes_of(trial, counts))
-    return Outcome(
+    return LiveResult(
         trial.case.name, counts, reactions, vehicle, trial.run.statuses, trial.actions, mistakes
     )
 

@@ -32,7 +32,7 @@ from ....runtime.port.port import ClosablePort
 from ....runtime.port.python_can import BusError, BusPort
 from ....runtime.settings import SettingsError
 from ....runtime.settings.error_text import one_line
-from .kinds import LiveFault, LiveKind
+from .live_faults import LiveFault, LiveKind
 
 _IDENTIFIERS: Mapping[str, int] = MappingProxyType(
     {"plant": CAN_IDS[LateralError], "controller": CAN_IDS[SteeringCommand]}

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from ....runtime.node import NEVER_NS, NS_PER_S
 from .detectability import MECHANISM_OF, Mechanism
-from .observation import SAFE_CAUSES, Watch
-from .scenario import Case
+from .node_watch import SAFE_CAUSES, Watch
+from .scenario import FaultCase
 from .specification import CONTROLLER, PLANT
 from .watched_pair import Pair
 
@@ -25,7 +25,7 @@ class Times(NamedTuple):
 _UNSEEN = Times("", None, None, None, None)
 
 
-def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]:
+def times_of(case: FaultCase, pair: Pair, effect_ns: int) -> tuple[Times, int | None]:
     """Return the slower receiver's times, and when the fault was first detected [ns].
 
     What the plant detects behind its latency line counts from when the fault's first effect left

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from .trial import FAILURES, Result
+from .trial import FAILURES, RunResult
 
 
 class Group(NamedTuple):
@@ -37,18 +37,18 @@ class Group(NamedTuple):
     steer_rate_peak_rad_s: float
 
 
-def group(results: Iterable[Result]) -> list[Group]:
+def group(results: Iterable[RunResult]) -> list[Group]:
     """Return a row for each case, in the order in which they first come.
 
     A case is split in two where a limiter detects it at some speeds only.
     """
-    cases: dict[tuple[str, str, float, str], list[Result]] = {}
+    cases: dict[tuple[str, str, float, str], list[RunResult]] = {}
     for one in results:
         cases.setdefault((one.kind, one.where, one.magnitude, one.expected), []).append(one)
     return [_row(runs) for runs in cases.values()]
 
 
-def _row(runs: Sequence[Result]) -> Group:
+def _row(runs: Sequence[RunResult]) -> Group:
     first = runs[0]
     verdicts = Counter(run.verdict for run in runs)
     causes = Counter(run.detected_by.split(".")[-1] for run in runs if run.detected_by)
@@ -96,20 +96,20 @@ def in_ms(time_s: float | None) -> str:
 class Comparison(NamedTuple):
     """The runs in both campaigns, by how their result changed; and those in one of them only."""
 
-    fixed: list[Result]
-    unchanged: list[Result]
-    new_failure: list[Result]
-    still_failing: list[Result]
+    fixed: list[RunResult]
+    unchanged: list[RunResult]
+    new_failure: list[RunResult]
+    still_failing: list[RunResult]
     added: int
     removed: int
 
 
-def compare(earlier: Iterable[Result], now: Sequence[Result]) -> Comparison:
+def compare(earlier: Iterable[RunResult], now: Sequence[RunResult]) -> Comparison:
     """Compare by name, which is fault, magnitude, operating point, law and seed."""
     failed_before = {result.name: result.verdict in FAILURES for result in earlier}
     both = [result for result in now if result.name in failed_before]
 
-    def those(*, failed: bool, fails: bool) -> list[Result]:
+    def those(*, failed: bool, fails: bool) -> list[RunResult]:
         wanted = failed, fails
         return [r for r in both if (failed_before[r.name], r.verdict in FAILURES) == wanted]
 

@@ -10,7 +10,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from .observation import COMMAND_IDS
+from .node_watch import COMMAND_IDS
 from .scenario import Scenario, golden_case
 from .watched_pair import Pair, make_pair, run_pair
 
