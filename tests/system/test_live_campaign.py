@@ -32,7 +32,7 @@ from steer_by_wire.tools.faults.live.campaign import (
     outcome_table,
     record_of,
 )
-from steer_by_wire.tools.faults.live.cases import CASES, LiveCase
+from steer_by_wire.tools.faults.live.cases import LiveCase, live_cases
 from steer_by_wire.tools.faults.live.judgement import (
     LiveResult,
     Reaction,
@@ -76,7 +76,7 @@ def trial_of(
     reports: Any = MappingProxyType({}),
     **changes: Any,
 ) -> Trial:
-    case = next(one for one in CASES if one.name == name)
+    case = next(one for one in live_cases() if one.name == name)
     reports = {**reports, INJECTOR: {"actions": actions}}
     run = LiveRun(Path(), {PLANT: 0, CONTROLLER: 0}, reports)
     return Trial(case, run._replace(**changes), observed)
@@ -138,10 +138,13 @@ def test_a_fault_in_the_plants_settings_must_have_changed_a_frame() -> None:
         assert list(mistakes_of(trial, noticed)) == mistakes
 
 
-@pytest.mark.parametrize("case", [one for one in CASES if one.at_plant], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "case", [one for one in live_cases() if one.at_plant], ids=lambda one: one.name
+)
 def test_a_fault_at_the_plant_is_settings_that_the_plant_takes(case: LiveCase) -> None:
     (fault,) = plant_settings(case).faults
-    assert (fault.kind, fault.onset_s, fault.duration_s) == (case.at_plant["kind"], 2.0, 1.0)
+    assert case.at_plant is not None
+    assert (fault.kind, fault.onset_s, fault.duration_s) == (case.at_plant.kind, 2.0, 1.0)
 
 
 def test_counts_are_those_above_zero_and_the_silences() -> None:
@@ -281,12 +284,12 @@ def test_the_table_and_the_record_hold_every_run() -> None:
 
 
 def test_every_frame_and_process_fault_is_in_the_live_campaign() -> None:
-    kinds = {parse_fault(case.argument, 17).kind for case in CASES if case.fault}
+    kinds = {parse_fault(case.argument, 17).kind for case in live_cases() if case.inject}
     assert kinds == set(LiveKind)
 
 
 def test_every_fault_of_the_plants_settings_is_live_there_or_on_the_bus() -> None:
-    at_plant = {str(case.at_plant["kind"]) for case in CASES if case.at_plant}
+    at_plant = {str(case.at_plant.kind) for case in live_cases() if case.at_plant}
     assert at_plant | set(LiveKind) >= set(FaultKind)
 
 

@@ -17,7 +17,7 @@ from ....closed_loop.reports.page import Cell, Section, Table, number
 from ....runtime.port.python_can import BusError
 from ....runtime.program.host import StealClock
 from ....runtime.program.report import write_json
-from .cases import CASES, LiveCase
+from .cases import LiveCase, live_cases
 from .judgement import LiveResult, Reaction, judge_trial
 from .trial import run_trial, write_excerpt
 
@@ -28,14 +28,13 @@ FILE = "campaign_live.json"
 _KEY_LIBRARY = "cryptography"
 
 
-def run_live_campaign(
-    folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
-) -> list[LiveResult]:
-    """Run the cases, print the results and write them to ``folder``.
+def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = ()) -> list[LiveResult]:
+    """Run the cases, all unless some are given, print the results and write them to ``folder``.
 
     The first case is without a fault: a replay sends its recording. Raises BusError when a process
     does not start or does not end.
     """
+    cases = cases or live_cases()
     folder.mkdir(parents=True, exist_ok=True)
     steal, begin_s = StealClock(), time.monotonic()
     outcomes: list[LiveResult] = []

@@ -124,18 +124,18 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
     """Yield what is not as expected, in words."""
     case = trial.case
     for name, causes in case.expected.items():
-        if not causes & set(counts.get(name, {})):
+        if not {*causes} & {*counts.get(name, {})}:
             yield f"{name} has not noticed it"
-    if not case.fault and not case.at_plant:
+    if not case.inject and not case.at_plant:
         for name, seen in counts.items():
             if set(seen) - _OF_THE_MACHINE:
                 yield f"{name} counts {dict(seen)}"
     elif case.at_plant and not changed_by_stage(trial):
         yield "the plant's fault stage did nothing"
-    elif case.fault and not trial.actions:
+    elif case.inject and not trial.actions:
         yield "the injector did nothing"
     for name, status in trial.run.statuses.items():
-        is_killed = name in case.targets and case.fault.startswith("kill")
+        is_killed = name in case.targets and case.inject.startswith("kill")
         if status != case.ends.get(name, _SIGKILL_STATUS if is_killed else 0):
             yield f"{name} has ended with status {status}"
     yield from (f"left behind: {what}" for what in trial.run.left)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....dbc.messages import CAN_IDS, SteeringCommand
-from ....plant_emulator.faults.settings import FaultSettings
 from ....plant_emulator.settings import PlantSettings
 from .cases import DURATION_S, ONSET_S, PLANT_ONSET_S, LiveCase
 from .live_run import DURATION_S as MOTION_S
@@ -49,12 +48,12 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         nonlocal begin_ns, end_ns
         time.sleep(SETTLE_S)
         begin_ns = time.time_ns()
-        if case.fault:
+        if case.inject:
             options = _options(running, case, seed, recording, folder / f"{INJECTOR}.json")
             running.others.start(INJECTOR, "steer_by_wire.tools.faults.injection.program", options)
         time.sleep(ONSET_S + DURATION_S + RECOVER_S)
         end_ns = time.time_ns()
-        return [INJECTOR] if case.fault else []
+        return [INJECTOR] if case.inject else []
 
     broker, both = ["--allow-bus-off"], ["--reconnect"] if case.reconnects else []
     with tempfile.TemporaryDirectory(prefix="key-") as private:
@@ -83,11 +82,10 @@ def write_key(path: Path) -> None:
 
 def plant_settings(case: LiveCase) -> PlantSettings:
     """Return the plant's settings, with the case's fault if it is one of the plant's."""
-    faults: tuple[FaultSettings, ...] = ()
-    if case.at_plant:
-        times = {"onset_s": PLANT_ONSET_S, "duration_s": DURATION_S}
-        faults = (FaultSettings.model_validate({**case.at_plant, **times}),)
-    return PlantSettings(duration_s=MOTION_S, faults=faults)
+    if case.at_plant is None:
+        return PlantSettings(duration_s=MOTION_S)
+    times = {"onset_s": PLANT_ONSET_S, "duration_s": DURATION_S}
+    return PlantSettings(duration_s=MOTION_S, faults=(case.at_plant.model_copy(update=times),))
 
 
 def _options(
