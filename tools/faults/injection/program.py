@@ -21,7 +21,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
-from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.command_line import command_parser, whole_number
 from steer_by_wire.runtime.frame import FD
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
@@ -62,12 +62,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
     )
     parser.add_argument("--list", action="store_true", help="list the faults")
-    parser.add_argument("--pid", metavar="N", help="the process for kill, pause and clock_jump")
+    pid_help = "the process for kill, pause and clock_jump"
+    parser.add_argument("--pid", type=whole_number(2, PID_MAX), metavar="N", help=pid_help)
     parser.add_argument("--recording", type=Path, metavar="FILE", help="the log that replay sends")
-    parser.add_argument("--seed", default="1", metavar="N", help="seed of all random numbers")
-    parser.add_argument(
-        "--report", type=output_file, metavar="FILE", help="write the actions, JSON"
-    )
+    seed = whole_number(0, SEED_MAX)
+    seed_help = "seed of all random numbers (default: %(default)s)"
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help=seed_help)
+    actions_help = "write the actions, JSON"
+    parser.add_argument("--report", type=output_file, metavar="FILE", help=actions_help)
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -76,7 +78,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.list:
         print("\n".join(list_lines()))
         return ExitStatus.OK
-    seed = _whole(options.seed, "--seed", 0, SEED_MAX)
     faults = _faults(options)
     recording = _recording(options, faults)
     stop = StopRequest()
@@ -93,7 +94,7 @@ def _run(options: argparse.Namespace) -> int:
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = [
-            frame_source(fault, start_ns, seed * FAULTS_MAX + place, bitrate, recording)
+            frame_source(fault, start_ns, options.seed * FAULTS_MAX + place, bitrate, recording)
             for place, fault in enumerate(faults)
             if fault.kind in FRAME_KINDS
         ]
@@ -108,11 +109,11 @@ def _run(options: argparse.Namespace) -> int:
                     process = ProcessFault(fault, start_ns)
                     deeds.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
-            say(NAME, f"ready on {where}, seed {seed}")
+            say(NAME, f"ready on {where}, seed {options.seed}")
             is_over = injection.run(stop)
     if options.report is not None:
         report = {
-            "seed": seed,
+            "seed": options.seed,
             "ended_by": "finished" if is_over else stop.reason,
             "actions": [action._asdict() for action in injection.actions],
             "frames": injection.results,
@@ -124,18 +125,10 @@ def _run(options: argparse.Namespace) -> int:
 def _faults(options: argparse.Namespace) -> list[LiveFault]:
     if not 0 < len(options.faults) <= FAULTS_MAX:
         raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
-    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, PID_MAX)
     try:
-        return [parse_fault(text, pid) for text in options.faults]
+        return [parse_fault(text, options.pid or 0) for text in options.faults]
     except ValueError as error:
         raise SettingsError(str(error)) from error
-
-
-def _whole(text: str, what: str, low: int, high: int) -> int:
-    is_whole = text.isascii() and text.isdecimal() and len(text) < 12
-    if not (is_whole and low <= int(text) <= high):
-        raise SettingsError(f"{what} must be {low} to {high}, whole, not {text[:40]!r}")
-    return int(text)
 
 
 def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
