@@ -36,7 +36,7 @@ NEEDS_POSIX = {"broker", "bus_client", "command_line"}
 FOUND = {
     # A point with a law twice: two runs of one name.
     "specification": ("2545cfd2cf4f3173706f6f66cfcfcf",),
-    # Points so near, beside others so far, that their places along the path were one.
+    # Two points so near each other, and others so far away, that both had one place on the path.
     "waypoints": ("da0000010000000000991163489ef516810100008feed461ba7200b4598f671c3718102c35a4",),
 }
 """Inputs that once broke a promise, by target."""

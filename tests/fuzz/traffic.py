@@ -106,7 +106,7 @@ _LENGTHS = (8, 7, 0, 1, 2, 3, 6, 9, 12, 16, 48, 63, 64)
 
 
 class Sender:
-    """Another participant, which knows the contract and keeps to it only at times."""
+    """Another sender, which knows the contract and keeps to it only at times."""
 
     def __init__(self) -> None:
         self._counters = dict.fromkeys(DATA_IDS, 0)

@@ -1,4 +1,4 @@
-"""``faults [SPEC]`` runs a campaign, ``faults inject`` and ``faults soak`` what is beside it."""
+"""``faults [SPEC]`` runs a campaign; ``inject`` and ``soak`` are programs of their own."""
 
 import importlib
 import sys

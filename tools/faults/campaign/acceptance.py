@@ -1,13 +1,12 @@
-"""What a campaign must show: a table of findings, each with its figure.
-
-The CRC's residual probability, expected and seen: random corruption that passes as a message.
+"""What a campaign must show: its findings, each with its figure.
 
 E2E profile 5 has a CRC of 16 bits: of frames with random errors in more than three bits, one in
 65536 has a CRC that fits. A range, a value table or a counter rejects some of these too, so
 
     accepted ≤ corrupted · 2^-16
 
-is the bound in a run. Only the CRC is judged here, so the figure is tested from both sides.
+is the bound in a run. ``measure_residual`` judges the CRC alone, so its figure is tested from both
+sides.
 """
 
 import random
@@ -171,7 +170,7 @@ def _smooth(faulty: Sequence[RunResult]) -> Finding:
     figure = (
         f"{len(command)} runs with a return of the controller, {len(wheel)} of the steering; "
         f"largest step of the command then {max(command, default=0.0):.5f} rad, of the wheel "
-        f"{max(wheel, default=0.0):.5f} rad beside what commands that come at once do"
+        f"{max(wheel, default=0.0):.5f} rad, apart from what commands that come together cause"
     )
     if jumped:
         figure += f"; {len(jumped)} runs jump{_first(jumped)}: {jumped[0].jumps}"

@@ -1,8 +1,10 @@
 """A campaign in the terminal, as CSV and as one page of HTML."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
@@ -17,7 +19,7 @@ _DEFINITIONS = (
     "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
     "cause in that receiver's own report; FRTI from there until it leaves control, where nothing "
     "is left to act on; FHTI is their sum. Elsewhere the reaction is to refuse the frame at once, "
-    "or there is none. Accepted: of the frames that the fault has made of true ones, or put beside "
+    "or there is none. Accepted: of the frames that the fault has made of true ones, or added to "
     "them, the share that the receiver accepted; with a verdict of 'detected, followed' it went on "
     "to accept them after it had seen the fault. What the plant sees behind its latency line "
     "(silence, limiter) counts from when the effect has come out of it, with the latency of the "
@@ -30,24 +32,43 @@ _DEFINITIONS = (
 )
 
 
+class _Column(NamedTuple):
+    """A column of the table of cases, in the terminal and on the page."""
+
+    heading: str
+    text: Callable[[Group], str]
+    is_number: bool = False
+
+
+_COLUMNS = (
+    _Column("fault", lambda one: f"{one.kind} {one.magnitude:g}" if one.where else one.kind),
+    _Column("of", attrgetter("where")),
+    _Column("can be seen by", attrgetter("expected")),
+    _Column("seen by, first", lambda one: one.detected_by or one.counted),
+    _Column("FDTI [ms]", lambda one: in_ms(one.fdti_s), True),
+    _Column("FRTI [ms]", lambda one: in_ms(one.frti_s), True),
+    _Column("FHTI [ms]", lambda one: in_ms(one.fhti_s), True),
+    _Column("reported [ms]", lambda one: in_ms(one.reported_s), True),
+    _Column("accepted [%]", lambda one: in_percent(one.accepted), True),
+    _Column("recovery [ms]", lambda one: _recovery(one), True),
+    _Column("deviation [m]", lambda one: f"{one.lateral_error_peak_m:.3f}", True),
+    _Column("rate [rad/s]", lambda one: f"{one.steer_rate_peak_rad_s:.1f}", True),
+    _Column("verdicts", attrgetter("verdicts")),
+)
+
+
 def table_lines(groups: Sequence[Group]) -> list[str]:
     """Return the table for a terminal: a line for each case."""
-    lines = [
-        f"{'fault':17} {'of':17} {'magn.':>6} {'runs':>4}  {'can be seen by':19} "
-        f"{'FDTI':>5} {'FRTI':>5} {'FHTI':>5} {'rep.':>5} {'acc.':>4} {'recov':>6} {'dev.':>6} "
-        f"{'rate':>6}  verdicts",
-        f"{'':68}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[%]':>4} {'[ms]':>6} "
-        f"{'[m]':>6} {'[rad/s]':>7}",
+    texts = [[column.heading for column in _COLUMNS]]
+    texts += [[column.text(one) for column in _COLUMNS] for one in groups]
+    widths = [max(map(len, cells)) for cells in zip(*texts, strict=True)]
+    return [
+        "  ".join(
+            text.rjust(width) if column.is_number else text.ljust(width)
+            for column, text, width in zip(_COLUMNS, line, widths, strict=True)
+        ).rstrip()
+        for line in texts
     ]
-    lines += [
-        f"{one.kind:17} {one.where:17} {one.magnitude:6g} {one.runs:4}  {one.expected:19.19} "
-        f"{in_ms(one.fdti_s):>5} {in_ms(one.frti_s):>5} {in_ms(one.fhti_s):>5} "
-        f"{in_ms(one.reported_s):>5} {in_percent(one.accepted):>4} "
-        f"{_recovery(one):>6} {one.lateral_error_peak_m:6.3f} {one.steer_rate_peak_rad_s:6.1f}  "
-        f"{one.verdicts}"
-        for one in groups
-    ]
-    return lines
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
@@ -116,29 +137,11 @@ def _findings_table(findings: Sequence[Finding]) -> Table:
 
 
 def _cases_table(groups: Sequence[Group]) -> Table:
-    headings = (
-        *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FRTI", "FHTI"),
-        *("reported", "accepted", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
-    )
     rows = [
-        [
-            Cell(f"{one.kind} {one.magnitude:g}" if one.where else one.kind),
-            Cell(one.where),
-            Cell(one.expected),
-            Cell(one.detected_by or one.counted),
-            number(in_ms(one.fdti_s)),
-            number(in_ms(one.frti_s)),
-            number(in_ms(one.fhti_s)),
-            number(in_ms(one.reported_s)),
-            number(in_percent(one.accepted)),
-            number(_recovery(one)),
-            number(f"{one.lateral_error_peak_m:.3f}"),
-            number(f"{one.steer_rate_peak_rad_s:.1f}"),
-            Cell(one.verdicts),
-        ]
+        [(number if column.is_number else Cell)(column.text(one)) for column in _COLUMNS]
         for one in groups
     ]
-    return Table(headings, rows)
+    return Table([column.heading for column in _COLUMNS], rows)
 
 
 def _why_table(groups: Sequence[Group]) -> Table:

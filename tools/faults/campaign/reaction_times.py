@@ -59,11 +59,11 @@ def times_of(case: FaultCase, pair: Pair, effect_ns: int) -> tuple[Times, int | 
 
 def _downlink_latency_ns(pair: Pair) -> int:
     """Return the latency of the command in effect when the plant detected the fault [ns]."""
-    seen = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
-    seen_ns = min((at_ns for at_ns in seen if at_ns is not None), default=0)
+    detected = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
+    detected_ns = min((at_ns for at_ns in detected if at_ns is not None), default=0)
     started_ns = pair.plant.started_ns or 0
     for sample in pair.plant_node.samples:  # the first one that has it in effect
-        is_since = round(sample.time_s * NS_PER_S) + started_ns >= seen_ns
+        is_since = round(sample.time_s * NS_PER_S) + started_ns >= detected_ns
         if is_since and not math.isnan(sample.downlink_latency_s):
             return round(sample.downlink_latency_s * NS_PER_S)
     return 0

@@ -145,7 +145,7 @@ def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> FaultCas
 
 
 def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> PlantSettings:
-    """Return the rig of a run."""
+    """Return the plant's settings of a run."""
     point, spec = scenario.point, scenario.spec
     overrides = [f"seed={scenario.seed}", f"duration_s={spec.motion_s}"]
     overrides += [

@@ -53,7 +53,7 @@ class Pair(NamedTuple):
 def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     """Return the pair of a run, not yet run.
 
-    ``further``  faults of nodes beside that of the case; of all, one may be a babbling node
+    ``further``  more faults of nodes than that of the case; one of all may be a babbling node
     """
     case = scenario.case
     node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
@@ -70,8 +70,8 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()
         struck = with_node_faults(node, name, node_faults)
-        seen_from = peer_sent if is_corrupting else None
-        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
+        true_frames = peer_sent if is_corrupting else None
+        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, true_frames)
 
     sent_by_plant: set[Any] = set()
     controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)

@@ -84,7 +84,7 @@ class FrameSource:
             yield from self._produce(self._index - 1)
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Return the frames that follow a frame of another participant."""
+        """Return the frames that answer a frame of another sender."""
         if self._react is None or not self.onset_ns <= now_ns < self.end_ns:
             return ()
         return self._react(frame)

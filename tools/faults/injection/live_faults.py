@@ -1,4 +1,4 @@
-"""The faults of a live bus: the kinds, the magnitude of each, and the syntax.
+"""The faults of a live bus: their kinds, the magnitude of each, and how they are written.
 
     KIND[,key=value...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
 

@@ -4,9 +4,9 @@ It is held by a descriptor (``pidfd_open(2)``) from the start, so that a signal 
 process that got its number meanwhile.
 
 A clock that jumps is a pause of that length. CLOCK_MONOTONIC can be neither set nor offset for a
-running process (clock_settime(2), time_namespaces(7)). It jumps for a program only when the program
-or its virtual machine did not run meanwhile. A paused program observes the same: as many periods
-have passed without a tick.
+running process (clock_settime(2), time_namespaces(7)): for a program it jumps only while the
+program or its virtual machine does not run. A paused program observes the same, since as many
+periods have passed without a tick.
 
 A node's CAN controller that is in bus-off for a while, on an emulated bus.
 

@@ -1,4 +1,4 @@
-"""What a soak must show: a table of findings, each with its figure.
+"""What a soak must show: its findings, each with its figure.
 
 How long a frame may wait for the bus at most, whatever else is sent:
 
@@ -8,7 +8,7 @@ How long a frame may wait for the bus at most, whatever else is sent:
     C(k)  one frame of k, of the greatest length that its stuff bits can give it; k are the pair's
           messages of higher priority
     n     how many frames of a message may be ready at once
-    j     other people's messages of higher priority, one frame each T(j)
+    j     messages of the rest bus of higher priority, one frame each T(j)
 
 with the interval to the next frame in each. PLANT_STATUS, sent in between where SAFETY changes, may
 follow itself at once and has n + 1; CONTROLLER_SAFETY keeps a control period between two. For n = 1
@@ -57,7 +57,7 @@ def delay_bounds_ns(
     """Return the bound of each of ``can_ids``, the pair's that compete above the babbler [ns].
 
     ``at_once``  frames of one message that may be ready together
-    ``traffic``  other people's messages; together with the pair's they leave the bus some time
+    ``traffic``  messages of the rest bus; together with the pair's they leave the bus some time
 
     The 11-bit identifiers are of classic frames; the lowest one has the highest priority.
     """
