@@ -8,24 +8,21 @@ A client reports a broker that breaks the protocol as a BusError, or as an error
 
 import socket
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 
 import can
 
 from steer_by_wire.runtime.emulated_bus import protocol
+from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_US
 from steer_by_wire.runtime.port.python_can import BusError, BusPort
-from tests.fuzz.fuzzed_bus import (
-    BITRATE_BIT_S,
-    CHANNEL,
-    DATA_BITRATE_BIT_S,
-    FuzzedBus,
-    listening_socket,
-)
+from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
 from tests.fuzz.traffic import Choices, Sender, promise
+from tests.support.broker_bench import BITRATE_BIT_S
 
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
@@ -82,14 +79,13 @@ def fuzz_bus_client(data: bytes) -> None:
     answer = protocol.Answer(BITRATE_BIT_S, DATA_BITRATE_BIT_S).pack()
     said = answer + choices.rest() if choices.chance(224) else choices.rest()
     with ExitStack() as stack:
-        folder = stack.enter_context(TemporaryDirectory())
-        listener, address = listening_socket(folder)
-        stack.callback(listener.close)
+        address = Path(stack.enter_context(TemporaryDirectory())) / "socket"
+        listener = stack.enter_context(listening(UnixAddress(address)))
         thread = Thread(target=_pose_as_broker, args=(listener, said), daemon=True)
         thread.start()
         stack.callback(thread.join)
         try:
-            bus = EmulatedBus(CHANNEL, address=address, fd=fd)
+            bus = EmulatedBus(CHANNEL, address=str(address), fd=fd)
         except can.CanInitializationError as error:
             promise(len(str(error).splitlines()) == 1, f"not one line: {error!r}")
             return

@@ -2,19 +2,16 @@
 
 import socket
 from contextlib import ExitStack, suppress
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from steer_by_wire.runtime.emulated_bus import protocol
-from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
-from steer_by_wire.runtime.emulated_bus.journal import Journal
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.fuzz.traffic import promise
+from tests.support.broker_bench import Bench, send
 
 CHANNEL = "can0"
-BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
+DATA_BITRATE_BIT_S = 2_000_000
 _TURNS_MAX = 20_000
 """Turns of the broker by which every frame must have arrived."""
 
@@ -24,22 +21,11 @@ class FuzzedBus:
 
     def __init__(self) -> None:
         self._stack = ExitStack()
-        folder = self._stack.enter_context(TemporaryDirectory())
-        listener, self.address = listening_socket(folder)
-        self._stack.callback(listener.close)
-        self._now_ns = 0
-        self._broker = Broker(
-            listener,
-            BITRATE_BIT_S,
-            DATA_BITRATE_BIT_S,
-            Journal(lambda _line: True, is_verbose=True),
-            lambda: self._now_ns,
-        )
-        self._stack.callback(self._end)
+        self._bench = Bench(self._stack, data_bitrate_bit_s=DATA_BITRATE_BIT_S)
         self._said: list[Frame] = []
         self._received: list[Frame] = []
         self._raw = b""
-        self._speaker, self._listener = self._join(), self._join()
+        self._speaker, self._listener = self._bench.join(CHANNEL), self._bench.join(CHANNEL)
 
     def __enter__(self) -> "FuzzedBus":
         return self
@@ -49,18 +35,14 @@ class FuzzedBus:
 
     def connect(self) -> socket.socket:
         """Return a new connection to the broker."""
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._stack.callback(connection.close)
-        connection.connect(self.address)
-        connection.setblocking(False)
-        self.turn(0)
-        return connection
+        return self._bench.connect()
 
     def turn(self, elapsed_ns: int) -> None:
         """Let the broker process what is pending."""
-        self._now_ns += elapsed_ns
-        promise(self._broker.serve(0.0), "the broker has ended")
-        promise(self._broker.clients.figures.connected <= CLIENTS_MAX, "too many clients")
+        self._bench.now_ns += elapsed_ns
+        broker = self._bench.broker
+        promise(broker.serve(0.0), "the broker has ended")
+        promise(broker.clients.figures.connected <= CLIENTS_MAX, "too many clients")
         self._listen()
 
     def say(self) -> None:
@@ -69,7 +51,7 @@ class FuzzedBus:
         All have one identifier: others may overtake each other in the arbitration.
         """
         frame = Frame(0x700, len(self._said).to_bytes(4))
-        self._speaker.sendall(protocol.pack_frame(protocol.CLASSIC_RECORD, frame))
+        send(self._speaker, frame)
         self._said.append(frame)
 
     def finish(self) -> None:
@@ -80,17 +62,7 @@ class FuzzedBus:
             self.turn(NS_PER_MS // 4)
         promise(False, f"said {len(self._said)} frames, received {len(self._received)}")
 
-    def _join(self) -> socket.socket:
-        connection = self.connect()
-        connection.sendall(protocol.Hello(CHANNEL).pack())
-        self.turn(0)
-        answer = protocol.unpack_answer(connection.recv(protocol.ANSWER.size))
-        promise(not answer.reason, f"refused: {answer.reason}")
-        return connection
-
     def _listen(self) -> None:
-        if not hasattr(self, "_listener"):
-            return
         with suppress(BlockingIOError):
             promise(bool(self._speaker.recv(1 << 16)), "the broker has dropped the sender")
         with suppress(BlockingIOError):
@@ -112,18 +84,3 @@ class FuzzedBus:
         """Whether it is our next frame; an intruder may send the same, but never before us."""
         place = len(self._received)
         return place < len(self._said) and frame == self._said[place]
-
-    def _end(self) -> None:
-        one, other = socket.socketpair()
-        other.close()  # which makes the first one readable: the broker ends
-        with one:
-            self._broker.run(one.fileno())
-
-
-def listening_socket(folder: str) -> tuple[socket.socket, str]:
-    """Return a socket that listens, and its address."""
-    address = str(Path(folder) / "socket")
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    listener.bind(address)
-    listener.listen(16)
-    return listener, address

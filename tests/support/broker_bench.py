@@ -29,7 +29,12 @@ CLASSIC_FRAME_NS = 300_000
 class Bench:
     """A broker, its clock, its clients, and what it has reported."""
 
-    def __init__(self, stack: ExitStack, conditions: ChannelConditions = UNDISTURBED) -> None:
+    def __init__(
+        self,
+        stack: ExitStack,
+        conditions: ChannelConditions = UNDISTURBED,
+        data_bitrate_bit_s: int | None = None,
+    ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
         self._stack = stack
@@ -39,7 +44,12 @@ class Bench:
         self.is_read = True
         self.journal = Journal(self._tell)
         self.broker = Broker(
-            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, conditions=conditions
+            listener,
+            BITRATE_BIT_S,
+            data_bitrate_bit_s,
+            self.journal,
+            lambda: self.now_ns,
+            conditions=conditions,
         )
         stack.callback(self.broker.clients.close)
 
