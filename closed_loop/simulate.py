@@ -168,7 +168,7 @@ def _run_virtual(
     plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
 ) -> Run:
     from ..runtime.bus_model.transmit_queue import BusOverflowError
-    from .virtual_bus import virtual_wire, with_clocks
+    from .virtual_bus import virtual_bus, with_clocks
     from .virtual_pair import make_virtual_pair, run_virtual_nodes
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
@@ -182,7 +182,7 @@ def _run_virtual(
     try:
         run_virtual_nodes(
             *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
-            None if bus is None else virtual_wire(bus, plant.seed),
+            None if bus is None else virtual_bus(bus, plant.seed),
             None,
             lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
         )

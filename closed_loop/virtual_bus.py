@@ -50,9 +50,9 @@ class LossyReceiver:
 
 
 class SharedBus:
-    """A bus with other traffic on it, as the wire of a virtual-time executor.
+    """A bus with a rest bus on it, for a virtual-time executor.
 
-    ``messages``  what is sent beside the nodes' frames
+    ``messages``  of the rest bus
     ``seed``      of their phases
     ``errors``    of the bus, if it has any
 
@@ -108,7 +108,7 @@ class SharedBus:
         self.next_event_ns = self.model.next_event_ns
 
 
-def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
+def shared_bus(settings: BusSettings, seed: int) -> SharedBus:
     """Return the bus of plant and controller in virtual time; raises SettingsError."""
     messages = traffic_of(settings, seed)
 
@@ -120,9 +120,9 @@ def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
     return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
 
 
-def virtual_wire(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
-    """Return the same, with nothing but the lengths of frames where that is enough."""
-    return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else virtual_bus(settings, seed)
+def virtual_bus(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
+    """Return the same; only the lengths of frames count where nothing else is on the bus."""
+    return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else shared_bus(settings, seed)
 
 
 def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:

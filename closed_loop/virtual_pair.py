@@ -18,7 +18,7 @@ from ..runtime.node.virtual_time import VirtualTimeExecutor, Wire
 from ..runtime.program.host import no_collections
 from ..runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
-from .virtual_bus import QUIET_BUS, SharedBus, virtual_wire, with_clocks
+from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
 
 SLICE_NS = 1_000_000_000
 
@@ -64,7 +64,7 @@ def run_virtual_pair(
     Raises SettingsError.
     """
     pair = make_virtual_pair(plant_settings, controller_settings)
-    bus = None if settings is None else virtual_wire(settings, plant_settings.seed)
+    bus = None if settings is None else virtual_bus(settings, plant_settings.seed)
     nodes = with_clocks(pair.edge, pair.controller, settings or QUIET_BUS)
     run_virtual_nodes(*nodes, bus, candump_log, lambda: False)
     return PairResult(

@@ -88,7 +88,7 @@ class Progress(NamedTuple):
     """State of the plant: its motion, the steering's guard, the next sample to take, the next
     command to arrive, and the one in effect.
 
-    ``followed_ns``  when the wheel was last seen within its tolerance
+    ``followed_ns``  when the wheel was last within its tolerance
     ``plan``         the command that has brought the plan in the buffer, -1 for none
     ``is_new``       whether no value of it has been played yet
     ``played``       the newest sample for which a value was played

@@ -186,7 +186,7 @@ class Latencies:
 
     @property
     def echoed(self) -> int:
-        """Commands that were seen to act."""
+        """Commands that have acted, as the echoes show."""
         return self.round_trip.report()["samples"]  # type: ignore[no-any-return]
 
     def on_command(self, command: SteeringCommand, time_ns: int) -> None:

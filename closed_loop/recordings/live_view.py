@@ -355,7 +355,7 @@ class BusWatch:
             self._recent["uplink_s"].add(now_ns, message.uplink_latency_s)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
-        """Return every message of the DBC as seen at ``now_ns``."""
+        """Return every message of the DBC as it stands at ``now_ns``."""
         return tuple(self._message(name, now_ns) for name in MESSAGE_TYPES)
 
     def _message(self, name: str, now_ns: int) -> MessageView:

@@ -29,7 +29,7 @@ __tracebackhide__ = True  # pytest shows the line of the test whose demand was n
 
 
 class Detection(NamedTuple):
-    """Both times in the log [ns]; None for what was not seen."""
+    """Both times in the log [ns]; None for what did not happen."""
 
     onset_ns: int | None
     reaction_ns: int | None

@@ -16,7 +16,7 @@ from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time import Wire
 from ..pair_result import Trace
-from ..virtual_bus import virtual_bus, with_clocks
+from ..virtual_bus import shared_bus, with_clocks
 from ..virtual_pair import VirtualPair, make_virtual_pair, run_virtual_nodes
 from .delay_error import DelayErrors, DelayListener
 from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
@@ -74,7 +74,7 @@ def _ran(pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
             return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
-    return _ran_over(virtual_bus(bus, pair.plant.seed), pair, bus)
+    return _ran_over(shared_bus(bus, pair.plant.seed), pair, bus)
 
 
 def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.rest_bus_messages import load_of, rest_of, traffic_of
-from steer_by_wire.closed_loop.virtual_bus import virtual_bus
+from steer_by_wire.closed_loop.virtual_bus import shared_bus
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
 from steer_by_wire.runtime.bus_model.settings import BusSettings
@@ -146,7 +146,7 @@ class Receiver:
 
 def test_long_j1939_messages_are_sent_in_segments_one_of_a_source_at_a_time(tmp_path: Path) -> None:
     file = database(tmp_path, J1939 + J1939_CYCLES)
-    bus, receiver = virtual_bus(BusSettings(rest_bus=(str(file),)), 3), Receiver()
+    bus, receiver = shared_bus(BusSettings(rest_bus=(str(file),)), 3), Receiver()
     bus.watch(receiver.take)
     bus.advance(41 * NS_PER_S)
     times_ns: dict[tuple[int, int], list[int]] = {}
@@ -207,7 +207,7 @@ def test_a_database_may_list_what_carries_its_long_messages(tmp_path: Path) -> N
 @pytest.mark.parametrize("bit_error_rate", [0.0, 1e-3])
 def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> None:
     settings = BusSettings(bitrate_bit_s=10_000, load=1.5, bit_error_rate=bit_error_rate)
-    bus = virtual_bus(settings, 1)
+    bus = shared_bus(settings, 1)
     for now_ns in range(0, NS_PER_S, 7_654_321):
         bus.advance(now_ns)
         assert bus.busy_share <= 1.0

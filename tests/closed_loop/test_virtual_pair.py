@@ -24,7 +24,7 @@ BUILDERS = {
     "closed_loop/virtual_pair.py": "for all",
     "closed_loop/rig/rig.py": "beside any controller, behind the faults as well",
     "tools/faults/campaign/watched_pair.py": "watches stand between node and faults",
-    "tools/run/__main__.py": "in real time, behind the faults as well",
+    "tools/run/run_nodes.py": "in real time, behind the faults as well",
 }
 """Where a plant is made, and why there."""
 LOST = FaultSettings(kind=FaultKind.DROP, direction="uplink", message="LATERAL_ERROR", onset_s=0.5)

@@ -32,7 +32,9 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "plant_emulator.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.report.draw_pictures",),
-    "tools.run.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
+    "tools.run.__main__": (
+        "tools.run.run_nodes.run_virtual_nodes", "tools.run.run_nodes.run_threaded_nodes",
+    ),
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": (".worker_pool",),
     "tools.doctor.__main__": (

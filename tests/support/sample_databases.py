@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.closed_loop.virtual_bus import virtual_bus
+from steer_by_wire.closed_loop.virtual_bus import shared_bus
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.foreign_messages import read_message_set
@@ -44,7 +44,7 @@ def try_database(file: Path) -> Tried:
     """Run the pair beside the messages of a database."""
     settings = BusSettings(rest_bus=(str(file),), load=LOAD)
     try:
-        bus = virtual_bus(settings, 1)
+        bus = shared_bus(settings, 1)
     except SettingsError as error:
         return Tried(file, "refused", str(error))
     plant = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")

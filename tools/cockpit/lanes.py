@@ -1,6 +1,6 @@
 """The pairs that the cockpit itself runs: bus, plants, controllers, and a lane for each.
 
-With what a page draws beside the signals: the vehicle to scale and the path it is to follow.
+With what a page draws besides the signals: the vehicle to scale and the path it is to follow.
 """
 
 import signal

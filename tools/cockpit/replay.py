@@ -1,6 +1,6 @@
 """A recording as one block of data that a page plays: rows, changes of the lights, frame lists.
 
-    block    gzip of: length of the head u32 (little-endian), head (JSON), rows as in ``wire``
+    block    gzip of: length of the head u32 (little-endian), head (JSON), rows as in ``signals``
 
 A long recording has fewer rows a second, and says so; its running figures are still those of every
 frame.

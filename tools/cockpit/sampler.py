@@ -29,7 +29,7 @@ from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)
 _SILENT_S = 0.5
-"""After so long without VEHICLE_STATE the vehicle is drawn where it was seen last."""
+"""After so long without VEHICLE_STATE the vehicle is drawn where it was last."""
 
 
 class Place:

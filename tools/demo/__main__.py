@@ -11,23 +11,14 @@ for each pair, its candump log, reports, trace and settings.
 
 import argparse
 import sys
-import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from functools import partial
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.closed_loop.live_bus import BUSES, Channels, open_channels
-from steer_by_wire.closed_loop.live_pair import LivePair
-from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
-from steer_by_wire.closed_loop.processes import ProcessError
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.closed_loop.worker_processes import worker_pool
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.closed_loop.pair_result import PairFiles
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
@@ -39,14 +30,15 @@ from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
 from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.tools.demo.pictures import draw_all
+from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
 from steer_by_wire.tools.demo.story import (
     LAWS,
     QUANTITIES,
-    DemoLaw,
     LawResult,
     law_result,
     machine_table,
     phases_of,
+    stolen_line,
     story_table,
     summary_json,
     verdict_line,
@@ -54,14 +46,9 @@ from steer_by_wire.tools.demo.story import (
 )
 
 NAME = "steer-by-wire demo"
-VIRTUAL_WORKERS = 2
 
 DURATION_S_MIN, DURATION_S_MAX = 1.0, 3600.0
 """A shorter run has no latency to draw; a longer one is no demonstration."""
-
-POLL_S = 0.1
-GRACE_S = 30.0
-"""How much longer than its duration a run may take to start and end on a stalled machine."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,58 +85,10 @@ def _demo(options: argparse.Namespace) -> int:
     log = options.out / "bus.txt"
     with open_channels(options.bus, names, log, bus, plant.seed) as channels:
         console.print(f"bus: {channels.description}", soft_wrap=True)
-        live = _run_live(channels, files, plant.duration_s, console)
-    virtual = _run_virtual(plants, controllers, bus, console)
+        live = run_live(channels, files, plant.duration_s, console)
+    virtual = run_virtual(plants, controllers, bus, console)
     results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
     return _present(options, console, plant, channels, results)
-
-
-def _run_live(
-    channels: Channels, files: Mapping[DemoLaw, PairFiles], duration_s: float, console: Console
-) -> dict[DemoLaw, PairResult]:
-    with ExitStack() as stack:
-        pairs = {
-            law: stack.enter_context(LivePair(bus, pair_files))
-            for bus, (law, pair_files) in zip(channels.buses, files.items(), strict=True)
-        }
-        _wait(list(pairs.values()), duration_s, console)
-    for law, pair in pairs.items():
-        if pair.recording_failure:
-            console.print(f"log of {law.label} ends early: {pair.recording_failure}")
-    return {law: pair.result() for law, pair in pairs.items()}
-
-
-def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> None:
-    """Show progress until every plant has finished; raises ProcessError if one does not."""
-    start_s = time.monotonic()
-    columns = (TextColumn("{task.description}"), BarColumn(40), TimeRemainingColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task(f"{len(pairs)} pairs in real time", total=duration_s)
-        while sum(pair.plant_is_running for pair in pairs):
-            elapsed_s = time.monotonic() - start_s
-            if elapsed_s > duration_s + GRACE_S:
-                raise ProcessError(f"a plant still runs {GRACE_S:g} s after it should have ended")
-            progress.update(task, completed=min(elapsed_s, duration_s))
-            time.sleep(POLL_S)
-        progress.update(task, completed=duration_s)
-
-
-def _run_virtual(
-    plants: Mapping[DemoLaw, PlantSettings],
-    controllers: Mapping[DemoLaw, ControllerSettings],
-    bus: BusSettings,
-    console: Console,
-) -> dict[DemoLaw, PairResult]:
-    start_s = time.monotonic()
-    with worker_pool(VIRTUAL_WORKERS) as pool, console.status("the same in virtual time"):
-        futures = {
-            law: pool.submit(run_virtual_pair, plants[law], controllers[law], bus) for law in plants
-        }
-        results = {law: future.result() for law, future in futures.items()}
-    elapsed_s = time.monotonic() - start_s
-    motion_s = sum(settings.duration_s for settings in plants.values())
-    console.print(f"the same in virtual time: {motion_s:.0f} s of motion in {elapsed_s:.0f} s")
-    return results
 
 
 def _present(
@@ -170,21 +109,12 @@ def _present(
     for line in what_to_see(results, phases):
         console.print(f"  {line}", soft_wrap=True)
     console.print(machine_table(results))
-    console.print(_stolen([result.live for result in results]))
+    console.print(stolen_line([result.live for result in results]))
     console.print(f"pictures: {', '.join(str(path) for path in pictures)}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
     status = fail_status(NAME, options.fail_if, QUANTITIES, summary)
     console.print(verdict_line(results), soft_wrap=True)
     return status
-
-
-def _stolen(live: Sequence[PairResult]) -> str:
-    """Return what the machine did to the run: a stalled host must not be taken for a slow loop."""
-    stolen = [result.controller["host"].get("steal_fraction") for result in live]
-    known = [fraction for fraction in stolen if fraction is not None]
-    if not known:
-        return "time stolen by the host: not known on this platform"
-    return f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"
 
 
 if __name__ == "__main__":

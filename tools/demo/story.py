@@ -279,3 +279,12 @@ def _table() -> Table:
 
 def _mm(value_m: float) -> str:
     return f"{1e3 * value_m:.1f}"
+
+
+def stolen_line(live: Sequence[PairResult]) -> str:
+    """Return what the machine did to the run: a stalled host must not be taken for a slow loop."""
+    stolen = [result.controller["host"].get("steal_fraction") for result in live]
+    known = [fraction for fraction in stolen if fraction is not None]
+    if not known:
+        return "time stolen by the host: not known on this platform"
+    return f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"

@@ -13,52 +13,38 @@ condition of --fail-if is met. The last line is the verdict.
 import argparse
 import shlex
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from steer_by_wire.closed_loop.pair_result import PairFiles
-from steer_by_wire.closed_loop.threaded_pair import run_threaded_nodes
-from steer_by_wire.closed_loop.virtual_bus import SharedBus, virtual_wire, with_clocks
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
-from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from steer_by_wire.controller.node.summary import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
-from steer_by_wire.controller.settings import ControllerSettings, on_bus
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
-from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
-from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
-from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.program.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.program.option_types import bit_rate
 from steer_by_wire.runtime.program.program import (
     ExitStatus,
-    StopRequest,
     fail_status,
     run_main,
     say,
 )
-from steer_by_wire.runtime.program.report import host_report, loop_report, write_json
-from steer_by_wire.runtime.program.run_node import FINISHED
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
 from steer_by_wire.runtime.settings import (
-    Settings,
     SettingsError,
     load_settings,
     preset_names,
@@ -66,15 +52,14 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.result import (
-    CONTROLLER,
-    PLANT,
+    NAME,
     QUANTITIES,
-    Run,
+    reports_of,
     summary,
     verdict,
 )
+from steer_by_wire.tools.run.run_nodes import run_in_real_time, run_in_virtual_time
 
-NAME = "steer-by-wire run"
 BUS = "bus"
 """Name of the file with the settings of the bus."""
 CONTROLLER_PRESET = "practical_pd_ddob"
@@ -115,17 +100,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
     )
     add_overrides_argument(controller, "--controller-set", "one setting on top", dest=None)
-    wire = parser.add_mutually_exclusive_group()
-    wire.add_argument(
+    bus = parser.add_mutually_exclusive_group()
+    bus.add_argument(
         "--bitrate",
         type=bit_rate,
         metavar="BIT/S",
         help="bit rate of the bus in virtual time (default: 500000)",
     )
-    wire.add_argument(
+    bus.add_argument(
         "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
     )
-    wire.add_argument(
+    bus.add_argument(
         "--interface",
         choices=("virtual",),
         help="in real time, on python-can's bus within the process",
@@ -149,19 +134,18 @@ def _run(options: argparse.Namespace) -> int:
         files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
     log = files and files.candump_log
     if options.interface:
-        run = _run_in_real_time(plant_settings, controller_settings, log)
+        run = run_in_real_time(plant_settings, controller_settings, log)
     else:
-        run = _run_in_virtual_time(plant_settings, controller_settings, bus, options, log)
-    reports = {
-        PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
-        CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
-    }
+        run = run_in_virtual_time(
+            plant_settings, controller_settings, bus, log, is_ideal=options.ideal_wire
+        )
+    reports = reports_of(run, plant_settings, controller_settings)
     lines = summary(run, reports)
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
-        rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
-        write_trace(files.plant_trace, rig.path, rig.samples)
+        plant = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
+        write_trace(files.plant_trace, plant.path, plant.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
     status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))
@@ -197,72 +181,6 @@ def _bus_settings(options: argparse.Namespace) -> BusSettings:
     if options.ideal_wire and not settings.is_quiet:
         raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
     return settings
-
-
-def _run_in_virtual_time(
-    plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
-    settings: BusSettings,
-    options: argparse.Namespace,
-    candump_log: Path | None,
-) -> Run:
-    pair = make_virtual_pair(plant_settings, controller_settings)
-    bitrate = settings.bitrate_bit_s
-    bus = None if options.ideal_wire else virtual_wire(settings, plant_settings.seed)
-    stop = StopRequest()
-    begin_s = time.perf_counter()
-    with stop.on_signals():
-        try:
-            nodes = with_clocks(pair.edge, pair.controller, settings)
-            run_virtual_nodes(*nodes, bus, candump_log, stop)
-        except BusOverflowError as error:
-            raise BusError(f"{bitrate} bit/s are too few: {error}") from error
-    elapsed_s = time.perf_counter() - begin_s
-    wire = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
-    ended_by = stop.reason or FINISHED
-    where = f"virtual time over {wire}"
-    shared = bus if isinstance(bus, SharedBus) else None
-    return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
-
-
-def _run_in_real_time(
-    plant_settings: PlantSettings, controller_settings: ControllerSettings, candump_log: Path | None
-) -> Run:
-    params = motion_params(
-        plant_settings.vehicle,
-        plant_settings.actuator,
-        plant_settings.path,
-        plant_settings.disturbance,
-    )  # takes long, so before the first tick is due
-    stop = StopRequest()
-    with real_time(RealTimeRequest()) as answers, stop.on_signals():
-        steal = StealClock()
-        plant, controller, figures = run_threaded_nodes(
-            lambda start_ns: with_faults(
-                PlantNode(plant_settings, start_ns, params),
-                plant_settings.faults,
-                plant_settings.seed,
-            ),
-            lambda start_ns: ControllerNode(on_bus(controller_settings, takes_fd=False), start_ns),
-            candump_log,
-            stop,
-        )
-        host = host_report(answers, steal.fraction())
-    loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
-    description = "real time over python-can's interface virtual"
-    elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
-    return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
-
-
-def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "program": NAME,
-        "ended_by": run.ended_by,
-        "bus": run.bus,
-        "settings": settings.model_dump(mode="json"),
-        "node": dict(node),
-        **run.loops.get(program, {}),
-    }
 
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:

@@ -3,18 +3,23 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus
 from ...controller.node import summary as controller_report
 from ...controller.node.node import ControllerNode
+from ...controller.settings import ControllerSettings
 from ...plant_emulator.evaluation import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.faults.stage import FaultyNode
 from ...plant_emulator.node.node import PlantNode
+from ...plant_emulator.settings import PlantSettings
 from ...runtime.program.report import durations_line
 from ...runtime.program.run_node import FINISHED
 from ...runtime.program.thresholds import of_part
+from ...runtime.settings import Settings
 
-PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
+NAME = "steer-by-wire run"
+PROGRAMS = (PLANT, CONTROLLER)
 QUANTITIES = {
     **of_part(plant_quantities.QUANTITIES, PLANT),
     **of_part(controller_report.QUANTITIES, CONTROLLER, "controller_"),
@@ -37,6 +42,27 @@ class Run(NamedTuple):
     ended_by: str
     loops: Mapping[str, Mapping[str, Any]]
     shared: SharedBus | None = None
+
+
+def reports_of(
+    run: Run, plant: PlantSettings, controller: ControllerSettings
+) -> dict[str, dict[str, Any]]:
+    """Return the report of each program, as the program itself writes it."""
+    of_program: dict[str, tuple[Settings, Mapping[str, Any]]] = {
+        PLANT: (plant, run.plant.report()),
+        CONTROLLER: (controller, run.controller.report()),
+    }
+    return {
+        program: {
+            "program": NAME,
+            "ended_by": run.ended_by,
+            "bus": run.bus,
+            "settings": settings.model_dump(mode="json"),
+            "node": dict(node),
+            **run.loops.get(program, {}),
+        }
+        for program, (settings, node) in of_program.items()
+    }
 
 
 def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:

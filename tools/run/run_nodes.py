@@ -1,0 +1,82 @@
+"""Runs both nodes within the process: in virtual time, or in threads in real time."""
+
+import time
+from pathlib import Path
+
+from ...closed_loop.threaded_pair import run_threaded_nodes
+from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
+from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from ...controller.node.node import ControllerNode
+from ...controller.settings import ControllerSettings, on_bus
+from ...plant_emulator.faults.stage import with_faults
+from ...plant_emulator.node.node import PlantNode
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.vehicle.motion_parameters import motion_params
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.bus_model.transmit_queue import BusOverflowError
+from ...runtime.node import NS_PER_S
+from ...runtime.port.python_can import BusError
+from ...runtime.program.host import RealTimeRequest, StealClock, real_time
+from ...runtime.program.program import (
+    StopRequest,
+)
+from ...runtime.program.report import host_report, loop_report
+from ...runtime.program.run_node import FINISHED
+from .result import Run
+
+
+def run_in_virtual_time(
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    settings: BusSettings,
+    candump_log: Path | None,
+    *,
+    is_ideal: bool,
+) -> Run:
+    """Run both nodes on a bus with these settings; ``is_ideal`` if frames are to take no time."""
+    pair = make_virtual_pair(plant_settings, controller_settings)
+    bitrate = settings.bitrate_bit_s
+    bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
+    stop = StopRequest()
+    begin_s = time.perf_counter()
+    with stop.on_signals():
+        try:
+            nodes = with_clocks(pair.edge, pair.controller, settings)
+            run_virtual_nodes(*nodes, bus, candump_log, stop)
+        except BusOverflowError as error:
+            raise BusError(f"{bitrate} bit/s are too few: {error}") from error
+    elapsed_s = time.perf_counter() - begin_s
+    carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
+    where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
+    shared = bus if isinstance(bus, SharedBus) else None
+    return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
+
+
+def run_in_real_time(
+    plant_settings: PlantSettings, controller_settings: ControllerSettings, candump_log: Path | None
+) -> Run:
+    """Run both nodes in threads, on python-can's bus within the process."""
+    params = motion_params(
+        plant_settings.vehicle,
+        plant_settings.actuator,
+        plant_settings.path,
+        plant_settings.disturbance,
+    )  # takes long, so before the first tick is due
+    stop = StopRequest()
+    with real_time(RealTimeRequest()) as answers, stop.on_signals():
+        steal = StealClock()
+        plant, controller, figures = run_threaded_nodes(
+            lambda start_ns: with_faults(
+                PlantNode(plant_settings, start_ns, params),
+                plant_settings.faults,
+                plant_settings.seed,
+            ),
+            lambda start_ns: ControllerNode(on_bus(controller_settings, takes_fd=False), start_ns),
+            candump_log,
+            stop,
+        )
+        host = host_report(answers, steal.fraction())
+    loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
+    description = "real time over python-can's interface virtual"
+    elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
+    return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
