@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from .bus_listener import NAMES, BusListener, Export, ReceivedMessage
+from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency import Durations, History, Latencies
 from .log_file import CLOCK_STARTED_NS, LogError, open_log
@@ -268,6 +268,18 @@ def _date(time_ns: int | None) -> str | None:
 
 PROGRESS_FRAMES = 5_000
 """Frames between two reports of progress."""
+
+
+class Export(Protocol):
+    """A file that the messages of a log are written to."""
+
+    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:
+        """Add a message: time in the log [ns], and time since its start [s]."""
+        ...
+
+    def close(self) -> None:
+        """Write out what is still held back."""
+        ...
 
 
 class AnalysedLog(NamedTuple):

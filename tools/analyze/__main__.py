@@ -23,14 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.recordings.bus_listener import (
-    CsvTable,
-    Export,
-    MissingLibraryError,
-    ParquetTable,
-)
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
-from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
@@ -55,6 +49,7 @@ from steer_by_wire.runtime.settings import (
 from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html
 from steer_by_wire.tools.analyze.result import Result, print_results
+from steer_by_wire.tools.analyze.signal_tables import CsvTable, MissingLibraryError, ParquetTable
 
 if TYPE_CHECKING:
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable

@@ -10,9 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from ...closed_loop.recordings.bus_listener import MissingLibraryError, ReceivedMessage
+from ...closed_loop.recordings.bus_listener import ReceivedMessage
 from ...dbc.messages import MESSAGE_TYPES
 from ...runtime.command_line import installation
+from .signal_tables import MissingLibraryError
 
 
 class McapFile:

@@ -1,28 +1,35 @@
 """Runs both nodes within the process: in virtual time, or in threads in real time."""
 
 import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 
-from ...closed_loop.threaded_pair import run_threaded_nodes
+import can
+
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
-from ...plant_emulator.faults.stage import with_faults
+from ...plant_emulator.faults.stage import FaultyNode, with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import motion_params
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node import NS_PER_S
-from ...runtime.port.python_can import BusError
+from ...runtime.node.real_time import LoopFigures, RealTimeExecutor
+from ...runtime.port.python_can import BusError, BusPort
 from ...runtime.program.host import RealTimeRequest, StealClock, real_time
-from ...runtime.program.program import (
-    StopRequest,
-)
+from ...runtime.program.program import StopRequest
 from ...runtime.program.report import host_report, loop_report
 from ...runtime.program.run_node import FINISHED
 from .result import Run
+
+_CHANNEL_NUMBERS = count()
+"""python-can's virtual channels belong to the whole process: no two runs may share one."""
 
 
 def run_in_virtual_time(
@@ -80,3 +87,45 @@ def run_in_real_time(
     description = "real time over python-can's interface virtual"
     elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
     return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
+
+
+def run_threaded_nodes(
+    make_plant: Callable[[int], PlantNode | FaultyNode[PlantNode]],
+    make_controller: Callable[[int], ControllerNode],
+    candump_log: Path | None,
+    should_stop: Callable[[], bool],
+) -> tuple[PlantNode | FaultyNode[PlantNode], ControllerNode, dict[str, LoopFigures]]:
+    """Run both nodes, each in a thread and on a bus object of its own.
+
+    ``make_plant``, ``make_controller``  called with the time of the first tick [ns]
+    ``candump_log``  where every frame is written, as ``candump -L`` prints it
+    ``should_stop``  ends the run before the plant has finished
+
+    Returns the nodes and the figures of their loops, by program. Raises BusError.
+    """
+    with ExitStack() as stack:
+        channel = f"run_{next(_CHANNEL_NUMBERS)}"
+        buses = [stack.enter_context(can.Bus(interface="virtual", channel=channel)) for _ in "pc"]
+        if candump_log is not None:
+            listener = stack.enter_context(can.Bus(interface="virtual", channel=channel))
+            writer = can.CanutilsLogWriter(candump_log, channel=channel)
+            stack.callback(can.Notifier(listener, [writer]).stop)
+        start_ns = time.monotonic_ns()
+        plant, controller = make_plant(start_ns), make_controller(start_ns)
+        executors = {
+            "plant_emulator": RealTimeExecutor(plant, BusPort(buses[0])),
+            "controller": RealTimeExecutor(controller, BusPort(buses[1])),
+        }
+        _run_all(list(executors.values()), should_stop)
+        return plant, controller, {name: run.figures for name, run in executors.items()}
+
+
+def _run_all(executors: list[RealTimeExecutor], should_stop: Callable[[], bool]) -> None:
+    """Run until one has ended; then end the others. Raises what an executor has raised."""
+    one_has_ended = False
+    with ThreadPoolExecutor(len(executors)) as pool:
+        runs = [pool.submit(each.run, lambda: one_has_ended or should_stop()) for each in executors]
+        wait(runs, return_when=FIRST_COMPLETED)
+        one_has_ended = True
+    for run in runs:
+        run.result()
