@@ -1,4 +1,4 @@
-"""Compiled runs: the same step functions as the nodes, bit for bit, thousands of runs a second.
+"""Compiled runs: the step functions of the nodes, bit for bit, thousands of runs a second.
 
-Admission rule: it is compiled, or lays out what compiled code reads or leaves.
+Not here: any arithmetic of its own, which stands in the steps. Begin at `engine.py`.
 """

@@ -1,4 +1,4 @@
-"""Reads logs of a bus: any format in, signals and figures out.
+"""What the frames on a bus say, from a log of any format or live: signals, latency and figures.
 
-Admission rule: it reads frames that were on a bus; it draws and writes nothing.
+Not here: drawing, and recording (`live_bus.py`, `runtime/recording`). Begin at `log_analysis.py`.
 """

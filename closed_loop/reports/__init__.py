@@ -1,5 +1,4 @@
-"""What reports share: the page, the style of the pictures, and drawings of gains.
+"""What reports share: the HTML page, the style of pictures, tables and findings in the terminal.
 
-Admission rule: it presents results, knows no study and no campaign, and is used by two programs or
-by runs that are started from Python.
+Not here: any figure, which each report computes itself. Begin at `page.py`.
 """

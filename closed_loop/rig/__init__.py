@@ -1,6 +1,6 @@
-"""Drives a plant with any controller: starts both, keeps their files, and judges the run.
+"""The rig: a plant in a test's hands, to be driven by any controller; it keeps and judges each run.
 
-Admission rule: what a test of somebody's controller needs, with or without pytest.
+Not here: the fixtures for pytest (`pytest_plugin.py`). Begin at `rig.py`.
 """
 
 from .outcome import Outcome

@@ -54,6 +54,17 @@ def test_a_failure_names_figure_seed_and_folder(tmp_path: Path) -> None:
     assert str(outcome.files.folder) in folder
 
 
+def test_what_is_read_from_a_log_that_was_cut_off_fails_and_says_so(tmp_path: Path) -> None:
+    """Half a log was taken for the whole run."""
+    outcome = Rig(tmp_path, overrides={"duration_s": 2.0}).run("paper_pd")
+    cut = outcome._replace(cut_off="has not read for too long")
+    cut.assert_holds()  # by the plant's own report
+    with pytest.raises(AssertionError, match="the recording was cut off: has not read for too"):
+        cut.assert_round_trip(p99_ms=1000.0)
+    with pytest.raises(AssertionError, match="the recording was cut off: has not read for too"):
+        cut.assert_detects("a fault", within_ms=100.0)
+
+
 def test_a_loop_that_does_not_hold_fails_without_any_limit(tmp_path: Path) -> None:
     overrides = {"duration_s": 20.0, "latency.downlink.mean_s": 0.5}
     outcome = Rig(tmp_path, overrides=overrides).run("practical_pd_dob")
