@@ -3,12 +3,10 @@
 The loop is compiled without knowing the law: the law's params and state have the law's own types,
 but their addresses are plain numbers, and so are those of the law's functions.
 
-Arrays without reference counts, for the inside of a compiled loop.
-
-Passing a NamedTuple of arrays to a function raises and lowers every array's reference count,
-atomically, which here costs more than the arithmetic. A borrowed array points to the same memory
-and has no count, so its owner must outlive it: borrow in the function that Python calls, which
-holds the owners as its arguments.
+Inside the loop arrays are borrowed. Passing a NamedTuple of arrays to a function raises and lowers
+every array's reference count, atomically, which here costs more than the arithmetic. A borrowed
+array points to the same memory and has no count, so its owner must outlive it: borrow in the
+function that Python calls, which holds the owners as its arguments.
 """
 
 from collections.abc import Sequence
@@ -22,6 +20,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from ...controller.prediction.vehicle_estimator import VehicleGains
+
+_types: Any = numba.types
+_cgutils: Any = cgutils
+"""Untyped, as numba has no types for them."""
+
+KEPT_BYTES = 2048
+"""Size of the memory that ``at`` may be given."""
 
 
 def _uncounted(_typing: Any, kind: Any) -> Any:
@@ -52,14 +57,6 @@ def without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 borrowed: Any = intrinsic(_uncounted)
 """For compiled code: returns an array, or a record with all its arrays and records of arrays, in
 the same memory but without reference counts; anything else unchanged."""
-
-
-_types: Any = numba.types
-_cgutils: Any = cgutils
-"""Untyped, as numba has no types for them."""
-
-KEPT_BYTES = 2048
-"""Size of the memory that ``at`` may be given."""
 
 
 class Memory(NamedTuple):

@@ -3,10 +3,6 @@
 ``register_jitable`` leaves a function as it is and lets numba compile it where a compiled function
 calls it. No arithmetic is written twice, so a compiled run gives the same bits. Functions that the
 steps call are found and registered too.
-
-``new_record`` in compiled code: a tuple becomes a NamedTuple without any work.
-
-``runtime.record.new_record`` is ``tuple.__new__``, which numba does not know.
 """
 
 import sys
@@ -258,7 +254,10 @@ _lower_builtin: Any = lower_builtin
 
 @cache
 def register_records() -> None:
-    """Let compiled functions call ``new_record``."""
+    """Let compiled functions call ``new_record``, which is ``tuple.__new__`` and unknown to numba.
+
+    In compiled code it costs nothing: the tuple and the NamedTuple have the same layout.
+    """
     _type_callable(new_record)(_typing)
     _lower_builtin(new_record, _types.NamedTupleClass, _types.BaseTuple)(_same)
 

@@ -1,17 +1,15 @@
 """How well the path was held in a log, by the measured lateral error from the first command on.
 
-Deviation of the centre of gravity (CG) from the path, from what the bus carries.
-
-GROUND_TRUTH has it, where the plant sends that. Else it is computed.
-
-LATERAL_ERROR is of the preview point, d ahead of the CG, and so is the curvature of VEHICLE_STATE.
-In the frame of the path beside the preview point the CG is at (-d cos Δψ, y - d sin Δψ), and the
-path there at d²/2 times its mean curvature on the way back, weighted towards the preview point:
+The deviation of the centre of gravity (CG) from the path is in GROUND_TRUTH, where the plant sends
+that. Otherwise it is computed. LATERAL_ERROR is of the preview point, d ahead of the CG, and so is
+the curvature of VEHICLE_STATE. In the frame of the path at the preview point the CG is at
+(-d cos Δψ, y - d sin Δψ), and the path there at d²/2 times its mean curvature on the way back,
+weighted towards the preview point:
 
     y_cg = y - d sin Δψ - ρ d²/2        ρ as it was d/3 earlier
 
-Both messages have come through the same uplink. What is left is of the third order: a millimetre
-beside the plant's own figure.
+Both messages have come through the same uplink. What is left is of the third order: it
+differs from the plant's own figure by a millimetre.
 """
 
 import math

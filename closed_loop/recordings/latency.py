@@ -22,7 +22,7 @@ uplink lost is not on the bus, so it shows only as a missing counter.
 The evaluation works in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
 apart after one window.
 
-When the plant sensed, up to a constant: from the numbers of its samples and their arrivals.
+When the plant sensed follows, up to a constant, from the numbers of its samples and their arrivals:
 
     s_k = s_0 + k T + (samples skipped before k) T
 

@@ -1,4 +1,4 @@
-"""From frames to a view: the state of the bus now, and its history over the last SPAN_S.
+"""The state of the bus now and its history over the last SPAN_S, as programs show them live.
 
 Commands are due at a fixed period: the median of those between commands that are half the span
 apart, so that a burst of late ones does not count. A straight line of this period through the

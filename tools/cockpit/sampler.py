@@ -1,13 +1,12 @@
 """From the frames of one lane to rows of signals, lights and a list of frames.
 
-Live it is given the frames as they come, in a replay those of a recording; both therefore show the
-same figures. The running figures are those of every LATERAL_ERROR that was accepted.
+Frames come live or from a recording, and so both show the same figures. The running figures are
+those of every LATERAL_ERROR that was accepted.
 
-Where the vehicle is in the world: the point of the path beside its preview point.
-
-With the path known, the arc length decides: V times the time since the motion started. Of a foreign
-bus the path is not known; it is then put together from the curvature in VEHICLE_STATE, which drifts
-with the resolution of that signal, but is right in shape.
+The vehicle is drawn at the point of the path nearest to its preview point. Where the path is known,
+the arc length gives that point: V times the time since the motion started. The path of a foreign
+bus is not known. It is put together from the curvature in VEHICLE_STATE, which drifts with the
+resolution of that signal, but has the right shape.
 """
 
 import math

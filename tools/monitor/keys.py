@@ -1,7 +1,4 @@
-"""Reads keys from a terminal without waiting for a line, and restores the terminal afterwards.
-
-What the keys do: each changes the requested latency, and sends it.
-"""
+"""The keys of the monitor: read without waiting for a line; each changes the latency asked for."""
 
 import os
 import re
