@@ -1,12 +1,16 @@
 """Design gains and filters of a controller for a vehicle known within bounds.
 
     steer-by-wire design VEHICLE --spec SPEC [--out DIR] [--verify]
+    steer-by-wire design VEHICLE --frontier FRONTIER [--out DIR]
 
 From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
 preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
 prints why each value is what it is. The presets practical_* are the output of
 
     steer-by-wire design paper_vehicle --spec practical --out controller/presets
+
+A frontier compares the structures of a law: the least error of each for every delay that it
+guarantees, all at the same noise. It leaves frontier.csv and two pictures in DIR.
 
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
 written.
@@ -39,6 +43,8 @@ from steer_by_wire.runtime.settings import load_settings, preset_names
 from steer_by_wire.tools.design.candidate import KEYS, any_settings
 from steer_by_wire.tools.design.design import Design, NoDesignError, verification_line, verify
 from steer_by_wire.tools.design.explanation import demand_lines, reason_lines
+from steer_by_wire.tools.design.frontier.program import run_frontier
+from steer_by_wire.tools.design.frontier.settings import FrontierSettings
 from steer_by_wire.tools.design.predictor import design_predictor
 from steer_by_wire.tools.design.report import (
     predictor_figures,
@@ -62,6 +68,7 @@ from steer_by_wire.tools.design.worker import (
 NAME = "steer-by-wire design"
 SHIPPED = "steer_by_wire.tools.design"
 """The package with vehicles and specifications."""
+FRONTIERS = f"{SHIPPED}.frontier"
 NO_DESIGN = 1
 WORKERS = 2
 _POLL_S = 0.2
@@ -73,15 +80,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         NAME,
         __doc__,
         f"{NAME} paper_vehicle --spec practical --out out/gains",
-        "VEHICLE --spec SPEC [options]",
+        "VEHICLE (--spec SPEC | --frontier FRONTIER) [options]",
     )
     parser.add_argument(
         "vehicle", type=settings_file(SHIPPED), metavar="VEHICLE",
         help="a file, or paper_vehicle or highway_vehicle",
     )  # fmt: skip
-    parser.add_argument(
-        "--spec", type=settings_file(SHIPPED), required=True, metavar="SPEC",
+    wanted = parser.add_mutually_exclusive_group(required=True)
+    wanted.add_argument(
+        "--spec", type=settings_file(SHIPPED), metavar="SPEC",
         help=f"a file, or one of {', '.join(_specifications())}",
+    )  # fmt: skip
+    wanted.add_argument(
+        "--frontier", type=settings_file(FRONTIERS), metavar="FRONTIER",
+        help="compare the structures of a law instead: a file, or frontier",
     )  # fmt: skip
     add_overrides_argument(parser, what="one value on top of the specification")
     add_out_argument(parser, "out/gains", "folder for the presets")
@@ -104,6 +116,13 @@ def _specifications() -> list[str]:
 def _run(options: argparse.Namespace) -> int:
     begin_s = time.perf_counter()
     vehicle = load_settings(VehicleFile, None, options.vehicle)
+    if options.frontier is not None:
+        asked = load_settings(FrontierSettings, None, options.frontier, options.overrides)
+        for line in run_frontier(asked, vehicle, options.out):
+            print(line)
+        print(f"-> {options.out}: frontier.csv, frontier.png, frontier_trials.png")
+        print(f"{time.perf_counter() - begin_s:.0f} s")
+        return int(ExitStatus.OK)
     spec = load_settings(Specification, None, options.spec, options.overrides)
     refuse_what_the_rig_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
     pictures = options.pictures or options.out

@@ -7,7 +7,7 @@ search goes to better neighbours until there is none, judged first by the coarse
 fine one. The result is the best point of the lattice whose stability the eigenvalues confirm.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -150,8 +150,13 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective
 
 
-def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
-    """Search the parameters of a law; deterministic for the seed of the specification."""
+def find(
+    coarse: Study, fine: Study, law: str, progress: Progress, known: Sequence[Candidate] = ()
+) -> Found:
+    """Search the parameters of a law; deterministic for the seed of the specification.
+
+    ``known``  candidates from which the search goes on where they are better
+    """
 
     def show_fine(costs: Collection[float]) -> None:
         left = 0.5 ** (len(costs) / _HALVED_AFTER)
@@ -164,6 +169,9 @@ def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
         rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in last.best))
         nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
         descend(lattice.cost, nearest)
+    for candidate in known:
+        if lattice.cost(candidate) < lattice.cost(lattice.best()[0]):
+            descend(lattice.cost, candidate)
     judged += len(lattice.known)
     finely = _Lattice(fine, show_fine)
     for candidate in lattice.best()[:_KEPT]:

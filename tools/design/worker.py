@@ -44,7 +44,7 @@ def begin_worker(progress: SharedProgress) -> None:
 
 def run_job(job: Job) -> Design:
     """Design a law and write its preset and its picture."""
-    found = design(job.spec, job.vehicle, job.law, partial(_report, job.place))
+    found = design(job.spec, job.vehicle, job.law, partial(report_progress, job.place))
     name = preset_name(job.spec, job.law)
     text = preset_text(job.spec, job.vehicle, found, job.sources)
     (job.preset_folder / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -53,6 +53,7 @@ def run_job(job: Job) -> Design:
     return found
 
 
-def _report(index: int, done: float, best: float) -> None:
+def report_progress(index: int, done: float, best: float) -> None:
+    """Write how much of a job is done, and its best cost."""
     for progress in _PROGRESS:
         progress[2 * index : 2 * index + 2] = done, best

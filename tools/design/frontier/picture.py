@@ -1,0 +1,105 @@
+"""Pictures of the frontier: the error over the guaranteed delay, and the trials beside it."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ....closed_loop.reports.plot_style import COLOURS
+from .frontier import PREDICTOR, Row
+from .settings import FrontierSettings
+
+_LOOK: Mapping[str, tuple[str, str]] = {
+    "PD": (COLOURS[6], "-"),
+    "PD + map": (COLOURS[6], "--"),
+    "PD + CDOB": (COLOURS[0], "-"),
+    "PD + DOB": (COLOURS[4], "-"),
+    "PD + DDOB": (COLOURS[3], "-"),
+    "PID": (COLOURS[1], "-"),
+    PREDICTOR: (COLOURS[2], ":"),
+}
+_PER_MM = 1e3
+Figure1 = Callable[[Row], float]
+
+
+def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
+    """Draw the error over the delay, one line for each structure."""
+    figure = Figure(figsize=(8.0, 5.0))
+    axes = figure.subplots()
+    _lines(axes, rows, lambda row: _PER_MM * row.point.rms_m, is_named=True)
+    axes.set(
+        yscale="log",
+        xlabel="guaranteed delay [ms]: every corner is stable to 1.3 times it"
+        if asked.margin_share == 0.3
+        else "guaranteed delay [ms]",
+        ylabel="RMS of the lateral error [mm]",
+    )
+    axes.set_title("Least error of each structure, each at its own best", fontsize=11)
+    axes.legend(fontsize=8, ncols=2)
+    figure.text(
+        0.01, -0.02,
+        f"Worst of the vehicle's corners and of all delays up to the one shown; noise on the wheel"
+        f" at most {asked.noise_gain_rad_m_max:g} rad per m;\npeak sensitivity at most"
+        f" {asked.peak_sensitivity_max:g}. Predictor: the shipped preset, which reads more signals"
+        " and passes a tenth of the noise.",
+        fontsize=7.5, color="0.35", va="top",
+    )  # fmt: skip
+    return figure
+
+
+def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
+    """Draw six trials of the same designs."""
+    trials = asked.trials
+    figure = Figure(figsize=(12.0, 7.5))
+    panels = figure.subplots(2, 3).ravel()
+    shown: tuple[tuple[str, Figure1], ...] = (
+        (
+            f"RMS with {_PER_MM * trials.sensor_noise_m:g} mm of noise [mm]",
+            lambda row: _PER_MM * row.trials.noisy_rms_m,
+        ),
+        (
+            f"Peak after a side wind of {trials.side_force_n:g} N [mm]",
+            lambda row: _PER_MM * row.trials.wind_peak_m,
+        ),
+        (
+            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm]",
+            lambda row: max(1e-2, _PER_MM * row.trials.offset_left_m),
+        ),
+        ("RMS with a wrong vehicle [mm]", lambda row: _PER_MM * row.trials.wrong_rms_m),
+        (
+            f"RMS with {100.0 * trials.jitter_share:g} % of jitter, 95 % of seeds [mm]",
+            lambda row: _PER_MM * row.trials.jitter_95_m,
+        ),
+        (
+            f"Stable up to, behind an unknown lag of {trials.lag_s:g} s [ms]",
+            lambda row: row.point.lagged_ms,
+        ),
+    )
+    for axes, (title, figure_of) in zip(panels, shown, strict=True):
+        _lines(axes, rows, figure_of, is_named=axes is panels[0])
+        axes.set_title(title, fontsize=10)
+        axes.set(xlabel="guaranteed delay [ms]")
+        if "Stable" not in title:
+            axes.set_yscale("log")
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def _lines(axes: Axes, rows: Sequence[Row], figure_of: Figure1, *, is_named: bool) -> None:
+    for structure, (colour, style) in _LOOK.items():
+        chosen = [row for row in rows if row.point.structure == structure]
+        points = [(row.point.delay_ms, figure_of(row)) for row in chosen]
+        held = [(x, y) for x, y in points if math.isfinite(y)]
+        lost = [x for x, y in points if math.isinf(y)]
+        if not held:
+            continue
+        axes.plot(
+            *zip(*held, strict=True), style, marker="o", ms=4, color=colour,
+            label=structure if is_named else None,
+        )  # fmt: skip
+        if lost:
+            axes.plot(
+                lost, [1.0] * len(lost), "x", ms=7, color=colour, clip_on=False,
+                transform=axes.get_xaxis_transform(),
+            )  # fmt: skip

@@ -1,0 +1,128 @@
+"""Designs one structure for each delay, from the longest to the shortest.
+
+A design for a longer delay meets the demands of a shorter one. It is judged there as well, and the
+search for the shorter delay goes on from it.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from ....controller.analysis.sampled_loop import SampledLoop
+from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
+from ....controller.filters.transfer_function import TransferFunction
+from ....controller.laws.assembly import LawDesign, design_law
+from ....controller.settings import ControllerSettings
+from ....runtime.node import NS_PER_MS, NS_PER_S
+from ..candidate import Candidate, controller_settings
+from ..judgement import Study, make_study
+from ..loop_figures import behind_lag
+from ..search import find
+from ..specification import DelayTable, DStabilityTable, Specification
+from ..vehicle_file import VehicleFile
+from .settings import STRUCTURES, FrontierSettings
+
+_WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
+"""Demands that are not made: they say what a loop is like at delays that it meets with ease."""
+_STEPS = 12
+"""Delays that are tested up to the guaranteed one."""
+_STEP_MS_MIN = 5.0
+MARGIN_NS_MAX = 1_500_000_000
+
+
+class Point(NamedTuple):
+    """A structure at its best for a delay.
+
+    ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
+    ``rms_m``        of the preview point's error, worst of corners and delays, without noise
+    ``margin_ms``    delay at which the worst corner becomes unstable
+    ``nominal_ms``   the same of the nominal vehicle
+    ``lagged_ms``    the same of the worst corner, behind the lag of the trials
+    ``values``       of the parameters, by their keys in the settings
+    """
+
+    structure: str
+    delay_ms: float
+    rms_m: float
+    noise_gain_rad_m: float
+    peak_sensitivity: float
+    margin_ms: float
+    nominal_ms: float
+    lagged_ms: float
+    judged: int
+    values: dict[str, float]
+
+
+def sweep(
+    asked: FrontierSettings,
+    vehicle: VehicleFile,
+    structure: str,
+    done: Callable[[float], None],
+) -> Iterator[Point]:
+    """Yield a point for each delay, the longest first; delays without a design have none."""
+    law, takes_map = STRUCTURES[structure]
+    known: list[Candidate] = []
+    for index, delay_ms in enumerate(reversed(asked.delays_ms)):
+        spec = specification_for(asked, law, delay_ms)
+
+        def study(fine: bool, spec: Specification = spec) -> Study:
+            first_tick = max(1, round(asked.ignore_s * NS_PER_S / spec.period_ns))
+            return make_study(
+                spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map,
+                first_tick=first_tick,
+            )  # fmt: skip
+
+        def progress(share: float, _best: float, index: int = index) -> None:
+            done((index + share) / len(asked.delays_ms))
+
+        found = find(study(False), study(True), law, progress, known)
+        if not found.feasible:
+            continue
+        known = [found.candidate]
+        settings = controller_settings(spec, vehicle, law, found.candidate.values())
+        demands = {demand.name: demand.value for demand in found.judgement.demands}
+        yield Point(
+            structure,
+            delay_ms,
+            demands["RMS error"],
+            demands["noise gain"],
+            demands["peak sensitivity"],
+            *margins_ms(settings, vehicle, asked.trials.lag_s),
+            found.judged,
+            found.candidate.values(),
+        )
+
+
+def specification_for(asked: FrontierSettings, law: str, delay_ms: float) -> Specification:
+    """Return what a structure has to meet at every delay up to one."""
+    step_ms = max(_STEP_MS_MIN, delay_ms / _STEPS)
+    return Specification(
+        name="frontier",
+        laws=(law,),
+        rate_hz=asked.rate_hz,
+        peak_sensitivity_max=asked.peak_sensitivity_max,
+        noise_gain_rad_m_max=asked.noise_gain_rad_m_max,
+        delay=DelayTable(ms_max=delay_ms, step_ms=step_ms, margin_ms=asked.margin_share * delay_ms),
+        d_stability=DStabilityTable(settling_1_s=0.1, bandwidth_rad_s=5.0),
+        course=asked.course,
+        search=asked.search,
+    )
+
+
+def margins_ms(
+    settings: ControllerSettings, vehicle: VehicleFile, lag_s: float
+) -> tuple[float, float, float]:
+    """Return the delay margins of worst corner, nominal vehicle, and worst corner behind a lag."""
+    design, nominal = design_law(settings), VehicleFile(vehicle=vehicle.vehicle).models
+    corners = vehicle.models
+    lagged = [behind_lag(model, lag_s) for model in corners]
+    return (
+        min(_margin_ms(design, model, settings.period_ns) for model in corners),
+        min(_margin_ms(design, model, settings.period_ns) for model in nominal),
+        min(_margin_ms(design, model, settings.period_ns) for model in lagged),
+    )
+
+
+def _margin_ms(design: LawDesign, model: TransferFunction, period_ns: int) -> float:
+    intervals = stable_delays(SampledLoop(design, model, period_ns), MARGIN_NS_MAX)
+    margin_ns = delay_margin_ns(intervals, MARGIN_NS_MAX)
+    return (MARGIN_NS_MAX if margin_ns is None else margin_ns) / NS_PER_MS

@@ -1,0 +1,164 @@
+"""What a design does in runs: noise, side wind, a wheel offset, a wrong vehicle and jitter.
+
+Each run has the real limits on the commands, frames, and the steering's guard as it is by default.
+The runs are compiled, which gives the numbers of the nodes in virtual time.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....closed_loop.compiled.engine import Outcome, run_batch
+from ....controller.filters.nominal_model import NominalVehicle
+from ....controller.laws.feed_forward import FeedForwardSettings
+from ....controller.settings import ControllerSettings
+from ....plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from ....plant_emulator.path.settings import PathSettings, StraightSettings
+from ....plant_emulator.sensors.settings import SensorNoiseSettings
+from ....plant_emulator.settings import PlantSettings
+from ....plant_emulator.vehicle.settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    DisturbanceStep,
+    VehicleSettings,
+)
+from ....runtime.node import NS_PER_MS
+from ..vehicle_file import VehicleFile
+from .settings import FrontierSettings
+
+_FIRST_SEED = 1001
+_AT_S = 5.0
+"""When the side wind and the wheel offset begin."""
+_LAST_S = 10.0
+"""At the end of a run: what is left of an offset."""
+_WRONG_FRONT_STIFFNESS = 0.7
+"""Of the nominal front cornering stiffness; outside the box."""
+
+
+class Trials(NamedTuple):
+    """Results at the delay that a design guarantees; infinite where the run was lost.
+
+    ``noisy_rms_m``     nominal vehicle, sensor noise
+    ``wind_peak_m``     peak on a straight after the step of the side force
+    ``offset_left_m``   mean error at the end, after a step of the wheel's offset
+    ``wrong_rms_m``     heaviest and fastest corner, its front tyres softer by 30 %
+    ``jitter_median_m``, ``jitter_95_m``  RMS over the seeds
+    ``jitter_lost``     how many of the seeds left the path
+    """
+
+    noisy_rms_m: float
+    wind_peak_m: float
+    offset_left_m: float
+    wrong_rms_m: float
+    jitter_median_m: float
+    jitter_95_m: float
+    jitter_lost: int
+
+
+def try_out(
+    asked: FrontierSettings,
+    vehicle: VehicleFile,
+    settings: ControllerSettings,
+    delay_ms: float,
+) -> Trials:
+    """Run a design at its delay."""
+    trials, nominal = asked.trials, vehicle.vehicle.vehicle
+    ellipse, straight = asked.course.paths[0], StraightSettings(kind="straight")
+    constant = LatencySettings(mean_s=delay_ms / 1e3)
+
+    def run(**tables: Any) -> "_Errors":
+        given = {"vehicle": nominal, "path": ellipse, "line": constant} | tables
+        return _run(asked, settings, **given)
+
+    def step(**values: float) -> DisturbanceSettings:
+        return DisturbanceSettings(steps=(DisturbanceStep(at_s=_AT_S, **values),))
+
+    noise = SensorNoiseSettings(lateral_error_m=trials.sensor_noise_m)
+    wind = run(path=straight, disturbance=step(side_force_n=trials.side_force_n))
+    offset = run(path=straight, disturbance=step(steering_offset_rad=trials.steering_offset_rad))
+    wrong = vehicle.box.vertices()[-1]
+    wrong = wrong._replace(
+        front_cornering_stiffness_n_rad=_WRONG_FRONT_STIFFNESS
+        * wrong.front_cornering_stiffness_n_rad
+    )
+    rms_m = np.array([each.rms_m for each in _jittered(asked, run, delay_ms)])
+    lost = ~np.isfinite(rms_m)
+    return Trials(
+        run(noise=noise).rms_m,
+        wind.peak_m,
+        offset.left_m,
+        run(vehicle=wrong).rms_m,
+        float(np.quantile(rms_m, 0.5, method="higher")),
+        float(np.quantile(rms_m, 0.95, method="higher")),
+        int(np.count_nonzero(lost)),
+    )
+
+
+def with_map(settings: ControllerSettings, takes_map: bool) -> ControllerSettings:
+    """Return a design with the steer for the map's curvature, if it takes that."""
+    if not takes_map:
+        return settings
+    return settings.model_copy(update={"feed_forward": FeedForwardSettings()})
+
+
+def worst_rms_m(
+    asked: FrontierSettings, vehicle: VehicleFile, settings: ControllerSettings, delay_ms: float
+) -> float:
+    """Return the RMS of the worst corner at no delay and at this one, without noise."""
+    return max(
+        _run(asked, settings, corner, asked.course.paths[0], LatencySettings(mean_s=s)).rms_m
+        for corner in vehicle.box.vertices()
+        for s in (0.0, delay_ms / 1e3)
+    )
+
+
+class _Errors(NamedTuple):
+    rms_m: float
+    peak_m: float
+    left_m: float
+
+
+_LOST = _Errors(math.inf, math.inf, math.inf)
+
+
+def _jittered(asked: FrontierSettings, run: Any, delay_ms: float) -> Iterator[_Errors]:
+    mean_s = delay_ms / 1e3 / (1.0 + asked.margin_share)
+    line = LatencySettings(
+        model="gamma", mean_s=mean_s, spread_s=asked.trials.jitter_share * mean_s
+    )
+    for seed in range(_FIRST_SEED, _FIRST_SEED + asked.trials.seeds):
+        yield run(line=line, seed=seed)
+
+
+def _run(
+    asked: FrontierSettings,
+    settings: ControllerSettings,
+    vehicle: NominalVehicle,
+    path: PathSettings,
+    line: LatencySettings,
+    disturbance: DisturbanceSettings | None = None,
+    noise: SensorNoiseSettings | None = None,
+    seed: int = _FIRST_SEED,
+) -> _Errors:
+    plant = PlantSettings(
+        duration_s=asked.course.duration_s,
+        seed=seed,
+        sensor_period_ms=settings.period_ns / NS_PER_MS,
+        vehicle=VehicleSettings(**vehicle._asdict()),
+        path=path,
+        actuator=ActuatorSettings(),
+        latency=BothLatencySettings(downlink=line),
+        disturbance=disturbance or DisturbanceSettings(),
+        sensor_noise=noise or SensorNoiseSettings(),
+    )
+    batch = run_batch(plant, settings)
+    counts = batch.lateral_error_m[batch.time_s >= asked.ignore_s]
+    if batch.outcome is not Outcome.COMPLETE:
+        return _LOST
+    peak_m = float(np.abs(counts).max())
+    last = batch.lateral_error_m[batch.time_s >= asked.course.duration_s - _LAST_S]
+    if peak_m > asked.trials.lost_m:
+        return _LOST
+    return _Errors(float(np.sqrt(np.mean(np.square(counts)))), peak_m, abs(float(last.mean())))
