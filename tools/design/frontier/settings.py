@@ -66,7 +66,7 @@ class FrontierSettings(Settings):
     """At the start of each run, while it settles on the path."""
     course: CourseTable
     trials: TrialsTable = TrialsTable()
-    search: SearchTable = SearchTable(starts=1)
+    search: SearchTable = SearchTable()
 
     @model_validator(mode="after")
     def _refuse_delays_out_of_order(self) -> Self:

@@ -4,6 +4,7 @@ A design for a longer delay meets the demands of a shorter one. It is judged the
 search for the shorter delay goes on from it.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from ....controller.laws.assembly import LawDesign, design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..candidate import Candidate, controller_settings
-from ..judgement import Study, make_study
+from ..judgement import Study, judge_law, make_study
 from ..loop_figures import behind_lag
 from ..search import find
 from ..specification import DelayTable, DStabilityTable, Specification
@@ -59,37 +60,55 @@ def sweep(
     done: Callable[[float], None],
 ) -> Iterator[Point]:
     """Yield a point for each delay, the longest first; delays without a design have none."""
-    law, takes_map = STRUCTURES[structure]
+    law = STRUCTURES[structure].law
     known: list[Candidate] = []
     for index, delay_ms in enumerate(reversed(asked.delays_ms)):
-        spec = specification_for(asked, law, delay_ms)
-
-        def study(fine: bool, spec: Specification = spec) -> Study:
-            first_tick = max(1, round(asked.ignore_s * NS_PER_S / spec.period_ns))
-            return make_study(
-                spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map,
-                first_tick=first_tick,
-            )  # fmt: skip
 
         def progress(share: float, _best: float, index: int = index) -> None:
             done((index + share) / len(asked.delays_ms))
 
-        found = find(study(False), study(True), law, progress, known)
-        if not found.feasible:
-            continue
-        known = [found.candidate]
-        settings = controller_settings(spec, vehicle, law, found.candidate.values())
-        demands = {demand.name: demand.value for demand in found.judgement.demands}
-        yield Point(
-            structure,
-            delay_ms,
-            demands["RMS error"],
-            demands["noise gain"],
-            demands["peak sensitivity"],
-            *margins_ms(settings, vehicle, asked.trials.lag_s),
-            found.judged,
-            found.candidate.values(),
+        coarse, fine = (
+            study(asked, vehicle, structure, delay_ms, is_fine) for is_fine in (False, True)
         )
+        found = find(coarse, fine, law, progress, known)
+        if found.feasible:
+            known = [found.candidate]
+            yield point_of(fine, asked, structure, found.candidate.values(), found.judged)
+
+
+def study(
+    asked: FrontierSettings, vehicle: VehicleFile, structure: str, delay_ms: float, fine: bool
+) -> Study:
+    """Return what a structure is judged by at a delay, coarse for the search or fine."""
+    law, takes_map = STRUCTURES[structure]
+    spec = specification_for(asked, law, delay_ms)
+    first_tick = max(1, round(asked.ignore_s * NS_PER_S / spec.period_ns))
+    return make_study(
+        spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map, first_tick=first_tick
+    )
+
+
+def point_of(
+    fine: Study,
+    asked: FrontierSettings,
+    structure: str,
+    values: dict[str, float],
+    judged: int = 1,
+) -> Point:
+    """Return the figures of a structure with these parameters, whether it meets them or not."""
+    law, spec = STRUCTURES[structure].law, fine.spec
+    settings = controller_settings(spec, fine.vehicle, law, values)
+    demands = {demand.name: demand.value for demand in judge_law(fine, law, values).demands}
+    return Point(
+        structure,
+        spec.delay.ms_max,
+        demands.get("RMS error", math.inf),
+        demands.get("noise gain", math.inf),
+        demands.get("peak sensitivity", math.inf),
+        *margins_ms(settings, fine.vehicle, asked.trials.lag_s),
+        judged,
+        values,
+    )
 
 
 def specification_for(asked: FrontierSettings, law: str, delay_ms: float) -> Specification:
