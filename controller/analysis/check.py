@@ -72,7 +72,7 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
         yield "NOT STABLE, even without delay:"
         yield f"  its slowest mode {_decay_in_words(figures['decay_1_s'])}"
     else:
-        yield "Margins without delay, at the command on the wire:"
+        yield "Margins without delay, at the command on the bus:"
         yield from _margins(figures["margins"])
     yield ""
     yield "Constant delay between command and wheel angle:"
@@ -116,7 +116,7 @@ def _looking_back(figures: Figures) -> Iterator[str]:
     if fallback is not None:
         yield f"{fallback['when']}, the law is {fallback['law']}, with a"
         yield from _delays(fallback["stable_delays"])
-        yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
+        yield "around the nominal plant. A heavier or a faster vehicle tolerates less delay; --law"
         yield f"{fallback['law']} --check analyses it."
     yield from figures["closing"]
     yield "Latency that varies is for simulation: steer-by-wire study."

@@ -6,7 +6,7 @@ opening, closing       of a law that looks back: lines before and after the anal
 law_poles              of the law alone; absent for laws that look back
 closed_loop_poles      around the nominal plant, without delay; absent without a model
 decay_1_s              of the slowest mode without delay; null for laws that look back
-margins                without delay, at the command on the wire; null where not stable
+margins                without delay, at the command on the bus; null where not stable
 delays                 of a law that looks back: sensitivity and noise at some constant delays
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``

@@ -35,7 +35,7 @@ RealFunction = Callable[[FloatArray], FloatArray]
 
 
 class StabilityMargins(NamedTuple):
-    """How far the loop, cut at the command on the wire, is from instability.
+    """How far the loop, cut at the command on the bus, is from instability.
 
     ``gain_max``        factor above 1 that the loop gain must stay below; inf where there is none
     ``gain_min``        factor below 1 that it must stay above; 0 where there is none
@@ -86,7 +86,7 @@ class SampledLoop:
     def loop_response(self, omega_rad_s: FloatArray, delay_ns: int) -> ComplexArray:
         """Return the loop transfer at each ω above 0, up to Nyquist [rad/s].
 
-        The loop is cut where the command goes onto the wire; -1 is the critical point.
+        The loop is cut where the command goes onto the bus; -1 is the critical point.
         """
         return self._responder(delay_ns)(omega_rad_s)
 

@@ -27,47 +27,47 @@ def unit_responses(
 
     Counters of a law, which are not 0 at rest, are subtracted.
     """
-    wire = _Wire(timing, speed_m_s)
-    rest = _settled_at_rest(design, params, wire, timing, tick)
+    loop_input = _LoopInput(timing, speed_m_s)
+    rest = _settled_at_rest(design, params, loop_input, timing, tick)
     ticks, samples = rows_read_at(timing, tick)
     at_rest = own_floats(rest)
-    responses = [design.step(params, rest, wire.observed(tick))]
+    responses = [design.step(params, rest, loop_input.observed(tick))]
     for unit in range(len(at_rest)):
         moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
-        responses.append(design.step(params, filled(rest, moved, float), wire.observed(tick)))
-    numbers = [(wire.sent_rad, number) for number in ticks]
+        responses.append(design.step(params, filled(rest, moved, float), loop_input.observed(tick)))
+    numbers = [(loop_input.sent_rad, number) for number in ticks]
     for sample in samples:
-        numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
+        numbers += [(loop_input.lateral_error_m, sample), (loop_input.heading_error_rad, sample)]
     for ring, number in numbers:
         ring[number % _RING] = 1.0
-        responses.append(design.step(params, rest, wire.observed(tick)))
+        responses.append(design.step(params, rest, loop_input.observed(tick)))
         ring[number % _RING] = 0.0
     if timing.samples_per_state:
-        responses.append(design.step(params, rest, wire.observed(tick, 1.0)))
+        responses.append(design.step(params, rest, loop_input.observed(tick, 1.0)))
     rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in responses]
     columns: FloatArray = np.array(rows) - np.array(rest_rows)
     return columns.T
 
 
 def _settled_at_rest(
-    design: LawDesign, params: Any, wire: "_Wire", timing: Timing, tick: int
+    design: LawDesign, params: Any, loop_input: "_LoopInput", timing: Timing, tick: int
 ) -> Any:
     """Return the state before a tick of a law after zero input for long enough.
 
     The law starts with the first tick of a common multiple, as laws that count periods require.
     """
     rest: Any = None
-    for periods in (1, ceil(_SETTLED_NS / wire.period_ns)):
+    for periods in (1, ceil(_SETTLED_NS / loop_input.period_ns)):
         rest = design.initial_state(0.0)
         first = (tick - periods) // timing.ticks * timing.ticks
         for before in range(first, tick):
-            rest, _ = design.step(params, rest, wire.observed(before))
+            rest, _ = design.step(params, rest, loop_input.observed(before))
         if not any(value is False for value in floats_of(rest)):
             break  # it predicts, or takes its derivative from the filter
     return rest
 
 
-class _Wire:
+class _LoopInput:
     """Input of a law, all zero except the values set in the rings."""
 
     def __init__(self, timing: Timing, speed_m_s: float) -> None:

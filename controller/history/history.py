@@ -38,7 +38,7 @@ command before, whose age shows only how long none has come, or one of the first
 
 
 class HistoryParams(NamedTuple):
-    """Parameters of the memory.
+    """Parameters of the history.
 
     ``loop_delay``  periods and averaging
     ``limits``  age limits of the delay and of the vehicle's speed

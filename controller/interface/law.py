@@ -143,7 +143,7 @@ class LookingBack(NamedTuple):
 
 class Law(NamedTuple):
     """A law; ``Any`` stands for its own params and state, both NamedTuples of numbers, and for the
-    settings, ``law_settings.LawSettings``, which contain the law.
+    settings, ``controller.laws.settings.LawSettings``, which contain the law.
 
     ``step``      ``step(params, state, LawInput) -> (state, LawOutput)``: one control period
     ``at_rest``   state after a constant lateral error [m] and no steering, from the params

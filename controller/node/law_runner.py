@@ -22,10 +22,10 @@ FAILURES_MAX = 1
 
 
 class LawRunner:
-    """Holds the law, its state and its memory.
+    """Holds the law, its state and the history of the bus.
 
     ``design``    the law
-    ``memory``    commands, measurements and echoes for a law that looks back; None for others
+    ``bus_history``  commands, measurements and echoes for a law that looks back; None for others
     ``output``    newest finite output
     ``acting``    index of the value of the newest plan that acts first; -1 for no plan
     ``failures``  how often its output was not finite
@@ -34,7 +34,7 @@ class LawRunner:
 
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
         self.design = design_law(settings)
-        self.memory = (
+        self.bus_history = (
             BusHistory(
                 settings.loop_delay,
                 settings.age_limits,
@@ -43,7 +43,7 @@ class LawRunner:
             if self.design.looks_back
             else None
         )
-        self._history = NO_HISTORY if self.memory is None else self.memory.history
+        self._history = NO_HISTORY if self.bus_history is None else self.bus_history.history
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
         self.acting = -1
@@ -86,8 +86,10 @@ class LawRunner:
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
-        memory, design = self.memory, self.design
-        loop_delay = NO_LOOP_DELAY if memory is None else memory.loop_delay(period, now_ns)
+        bus_history, design = self.bus_history, self.design
+        loop_delay = (
+            NO_LOOP_DELAY if bus_history is None else bus_history.loop_delay(period, now_ns)
+        )
         vehicle = received.vehicle_at(now_ns)
         error_m, history = received.lateral_error_m, self._history
         observed = LawInput(error_m, sent_rad, vehicle, loop_delay, history)

@@ -91,7 +91,7 @@ def is_trusted(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int
 
 
 def is_not_forward(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
-    """Whether the vehicle stands or reverses, which no law is for."""
+    """Whether the vehicle stands or reverses, and no law may steer."""
     return not evidence.goes_forward
 
 

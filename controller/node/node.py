@@ -95,27 +95,27 @@ class ControllerNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Process a frame; the response to a measurement is sent at the next tick."""
-        received, memory = self._received, self._law.memory
+        received, bus_history = self._received, self._law.bus_history
         before_ns = received.errors.arrival_ns
         message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
             received.lateral_error_m = message.lateral_error_m
             self._supervisor.on_measurement(before_ns, now_ns)
-            if memory is not None:
-                memory.on_error(message, received.errors.counter, now_ns)
+            if bus_history is not None:
+                bus_history.on_error(message, received.errors.counter, now_ns)
         elif type(message) is SteeringStatus:
             self._on_echo(message, now_ns)
-            if memory is not None:
-                memory.on_echo(message, received.statuses.counter, now_ns)
+            if bus_history is not None:
+                bus_history.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             received.vehicle = VehicleReading(*message)
             speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
-            if memory is not None:
-                memory.on_vehicle(now_ns)
-        elif type(message) is PathAhead and memory is not None:
-            memory.on_path(message, received.vehicle.speed_m_s)
+            if bus_history is not None:
+                bus_history.on_vehicle(now_ns)
+        elif type(message) is PathAhead and bus_history is not None:
+            bus_history.on_path(message, received.vehicle.speed_m_s)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
@@ -202,7 +202,7 @@ class ControllerNode:
             "law_failures": law.failures,
             **self._figures.report(self._failure),
             "stale": self._safety.went_stale,
-            "sensor_period": None if law.memory is None else law.memory.sensor_period(),
+            "sensor_period": None if law.bus_history is None else law.bus_history.sensor_period(),
             "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),
             "accepted": reception.accepted,
             "lost": reception.lost,
@@ -262,18 +262,22 @@ class ControllerNode:
         ``before_rad``  the command of the period before
         """
         steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
-        memory, acting, arrival_ns = law.memory, law.acting, self._received.errors.arrival_ns
+        bus_history, acting, arrival_ns = (
+            law.bus_history,
+            law.acting,
+            self._received.errors.arrival_ns,
+        )
         is_planned = acting >= 0 and mode is _ACTIVE
-        if is_planned and memory is not None:
-            row = memory.plan_of(period)
+        if is_planned and bus_history is not None:
+            row = bus_history.plan_of(period)
             frame = self._commands.plan(row, acting, before_rad, mode, now_ns)
         else:
             frame = self._commands.command(steer_rad, mode, now_ns)
-        if memory is not None:
-            memory.on_command(period, steer_rad, is_planned=is_planned)
+        if bus_history is not None:
+            bus_history.on_command(period, steer_rad, is_planned=is_planned)
         if figures.samples_left and arrival_ns is not None:
-            seen = self._received.lateral_error_m, now_ns - arrival_ns
-            figures.keep(ControlSample(now_ns, mode, *seen, law.output, steer_rad))
+            error_m, age_ns = self._received.lateral_error_m, now_ns - arrival_ns
+            figures.keep(ControlSample(now_ns, mode, error_m, age_ns, law.output, steer_rad))
         return frame
 
     @property

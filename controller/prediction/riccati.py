@@ -70,5 +70,5 @@ def filter_gain(a: Matrix, h: Matrix, q: Matrix, r: Matrix) -> Matrix:
     ``q`` and ``r`` are the covariances of the state's noise over a period and of the measurement.
     """
     p = solve_riccati(transposed(a), transposed(h), q, r)
-    seen = product(h, p)
-    return transposed(quotient(r + product(seen, transposed(h)), seen))
+    observed = product(h, p)
+    return transposed(quotient(r + product(observed, transposed(h)), observed))

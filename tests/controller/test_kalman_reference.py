@@ -152,10 +152,10 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
 def record(
     node: ControllerNode, first: int, last: int
 ) -> tuple[list[float], list[tuple[float, float] | None]]:
-    """Return what filterpy is given, read off the node's memory when all is over."""
-    memory = node._law.memory
-    assert memory is not None
-    history = memory.history
+    """Return what filterpy is given, read off the node's history when all is over."""
+    bus_history = node._law.bus_history
+    assert bus_history is not None
+    history = bus_history.history
     commands_rad, measurements = [], []
 
     def sent_rad(tick: int) -> float:

@@ -16,13 +16,13 @@ from steer_by_wire.controller.history.loop_delay import (
     unwrapped,
 )
 from steer_by_wire.controller.interface.law import LoopDelay
-from tests.support.fed_memory import (
+from tests.support.fed_history import (
     LIMITS,
     MS,
     NO_COMMAND,
     PARAMS,
     PERIOD_NS,
-    Wire,
+    FedHistory,
     driven,
     echo,
     error,
@@ -92,14 +92,14 @@ def test_a_counter_of_16_bits_is_unwrapped_within_half_a_round(number: int, off:
     assert unwrapped(number % (1 << 16), number - off, 1 << 16) == number
 
 
-# The memory
+# The history
 
 
 def test_samples_and_ticks_are_numbered_through_many_rounds_of_the_counters() -> None:
-    wire = driven(3000, latency=7)
-    loop_delay = wire.loop_delay(3000)
+    fed = driven(3000, latency=7)
+    loop_delay = fed.loop_delay(3000)
     assert loop_delay == LoopDelay(3000, 2999, 2999, 65.0 * MS, True)
-    history = wire.memory.history
+    history = fed.history.history
     for sample in (2000, 2600, 2999):
         assert history.lateral_error_m[sample & history.sample_mask] == 0.001 * sample
         assert history.heading_error_rad[sample & history.sample_mask] == 0.0001 * sample
@@ -108,31 +108,31 @@ def test_samples_and_ticks_are_numbered_through_many_rounds_of_the_counters() ->
 
 
 def test_the_command_counter_is_unwrapped_beyond_its_16_bits() -> None:
-    wire = Wire()
+    fed = FedHistory()
     for tick in range((1 << 16) + 20):
-        wire.command(tick, float(tick))
+        fed.command(tick, float(tick))
     number = (1 << 16) + 20
-    wire.sample(number, number - 9)
-    history = wire.memory.history
+    fed.sample(number, number - 9)
+    history = fed.history.history
     tick = history.applied_tick[number & history.sample_mask]
     assert tick == number - 9
     assert history.sent_rad[tick & history.tick_mask] == float(number - 9)
 
 
 def test_nothing_is_known_before_the_speed_is() -> None:
-    memory = BusHistory(PARAMS, LIMITS)
-    memory.on_error(error(0.1), 0, 0)
-    memory.on_echo(echo(0, NO_COMMAND), 0, 0)
-    assert memory.loop_delay(0, 0) == LoopDelay(0, -1, -1, 0.0, False)
-    memory.on_vehicle(0)
-    assert memory.loop_delay(0, 0).error_sample == 0
+    history = BusHistory(PARAMS, LIMITS)
+    history.on_error(error(0.1), 0, 0)
+    history.on_echo(echo(0, NO_COMMAND), 0, 0)
+    assert history.loop_delay(0, 0) == LoopDelay(0, -1, -1, 0.0, False)
+    history.on_vehicle(0)
+    assert history.loop_delay(0, 0).error_sample == 0
 
 
 def test_a_lost_measurement_leaves_a_gap_and_its_echo_stays() -> None:
-    wire = driven(50, latency=3)
-    wire.memory.on_echo(echo(47), 50, 50 * PERIOD_NS)
-    wire.sample(51, 48)
-    history = wire.memory.history
+    fed = driven(50, latency=3)
+    fed.history.on_echo(echo(47), 50, 50 * PERIOD_NS)
+    fed.sample(51, 48)
+    history = fed.history.history
     assert not history.has_error[50]
     assert history.has_error[49]
     assert history.has_error[51]
@@ -140,13 +140,13 @@ def test_a_lost_measurement_leaves_a_gap_and_its_echo_stays() -> None:
 
 
 def test_a_lost_echo_takes_the_command_before_to_have_stayed() -> None:
-    wire = driven(50, latency=3)
+    fed = driven(50, latency=3)
     for number in (50, 51):
-        wire.memory.on_error(error(0.0), number, number * PERIOD_NS)
-    assert wire.loop_delay(52).echo_sample == 49
-    assert wire.loop_delay(52).error_sample == 51
-    wire.sample(52, 49)
-    assert [wire.memory.history.applied_tick[number] for number in (49, 50, 51, 52)] == [
+        fed.history.on_error(error(0.0), number, number * PERIOD_NS)
+    assert fed.loop_delay(52).echo_sample == 49
+    assert fed.loop_delay(52).error_sample == 51
+    fed.sample(52, 49)
+    assert [fed.history.history.applied_tick[number] for number in (49, 50, 51, 52)] == [
         46,
         46,
         46,
@@ -155,75 +155,75 @@ def test_a_lost_echo_takes_the_command_before_to_have_stayed() -> None:
 
 
 def test_a_gap_longer_than_the_counters_round_is_bridged_by_the_clock() -> None:
-    wire = driven(50, latency=3)
+    fed = driven(50, latency=3)
     for number in range(50, 650):
-        wire.command(number, 0.5)
-    wire.sample(650, 647)
-    assert wire.loop_delay(650).error_sample == 650
-    history = wire.memory.history
+        fed.command(number, 0.5)
+    fed.sample(650, 647)
+    assert fed.loop_delay(650).error_sample == 650
+    history = fed.history.history
     assert not any(history.has_error[number] for number in range(50, 650))
 
 
 def test_frames_older_than_the_newest_are_left_out() -> None:
-    wire = driven(50, latency=3)
-    wire.sample(48, 40, at_ns=50 * PERIOD_NS)
-    assert wire.loop_delay(50).error_sample == 49
-    assert wire.memory.history.applied_tick[48] == 45
+    fed = driven(50, latency=3)
+    fed.sample(48, 40, at_ns=50 * PERIOD_NS)
+    assert fed.loop_delay(50).error_sample == 49
+    assert fed.history.history.applied_tick[48] == 45
 
 
 def test_a_frame_from_before_the_first_is_left_out() -> None:
-    wire = Wire()
-    wire.sample(2, None)
-    wire.memory.on_error(error(9.0), (2 - 5) % 256, 2 * PERIOD_NS)
-    assert wire.loop_delay(2).error_sample == 2
-    assert 9.0 not in wire.memory.history.lateral_error_m
+    fed = FedHistory()
+    fed.sample(2, None)
+    fed.history.on_error(error(9.0), (2 - 5) % 256, 2 * PERIOD_NS)
+    assert fed.loop_delay(2).error_sample == 2
+    assert 9.0 not in fed.history.history.lateral_error_m
 
 
 def test_a_skipped_tick_has_the_command_before_it() -> None:
-    wire = driven(20, latency=3)
-    wire.command(25, 0.7)
-    history = wire.memory.history
+    fed = driven(20, latency=3)
+    fed.command(25, 0.7)
+    history = fed.history.history
     assert [history.sent_rad[tick] for tick in range(19, 26)] == [0.19] * 6 + [0.7]
 
 
 def test_an_echo_is_of_the_tick_that_sent_it_though_ticks_were_skipped() -> None:
-    wire = driven(20, latency=3)
+    fed = driven(20, latency=3)
     for period in (25, 26):
-        wire.command(period, 0.7)
-    wire.sample(30, 20)  # the command after the twenty before
-    assert wire.memory.history.applied_tick[30] == 25
+        fed.command(period, 0.7)
+    fed.sample(30, 20)  # the command after the twenty before
+    assert fed.history.history.applied_tick[30] == 25
 
 
 def test_echoes_that_stop_make_the_delay_unknown_after_the_timeout() -> None:
-    wire = driven(50, latency=3)
+    fed = driven(50, latency=3)
     last_ns = 49 * PERIOD_NS
     timeout_ns = LIMITS.steering_status_ns
-    wire.memory.on_vehicle(last_ns + timeout_ns)
-    assert wire.memory.loop_delay(79, last_ns + timeout_ns).is_measured
-    assert not wire.memory.loop_delay(80, last_ns + timeout_ns + 1).is_measured
+    fed.history.on_vehicle(last_ns + timeout_ns)
+    assert fed.history.loop_delay(79, last_ns + timeout_ns).is_measured
+    assert not fed.history.loop_delay(80, last_ns + timeout_ns + 1).is_measured
 
 
 def test_a_speed_that_is_too_old_makes_the_delay_unknown_but_what_is_known_of_it_stays() -> None:
-    wire = driven(50, latency=3)
+    fed = driven(50, latency=3)
     until_ns = 49 * PERIOD_NS + LIMITS.vehicle_state_ns
-    fresh, stale = wire.memory.loop_delay(64, until_ns), wire.memory.loop_delay(64, until_ns + 1)
+    fresh, stale = fed.history.loop_delay(64, until_ns), fed.history.loop_delay(64, until_ns + 1)
     assert fresh.is_measured
     assert stale == fresh._replace(is_measured=False)
-    wire.memory.on_vehicle(until_ns + 1)
-    assert wire.memory.loop_delay(64, until_ns + 1) == fresh
+    fed.history.on_vehicle(until_ns + 1)
+    assert fed.history.loop_delay(64, until_ns + 1) == fresh
 
 
 def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:
     """Its counters begin again; the clock and the command counter say where they belong."""
-    wire = driven(50, latency=3)
+    fed = driven(50, latency=3)
     now = 700
     for number in range(50, now):
-        wire.command(number, 0.5)
+        fed.command(number, 0.5)
     for number in range(100):  # the plant's samples 0, 1, ... with echoes of the present
-        wire.memory.on_echo(echo(now + number - 3), number % 256, (now + number) * PERIOD_NS)
-        wire.command(now + number, 0.5)
-    loop_delay = wire.memory.loop_delay(now + 100, (now + 100) * PERIOD_NS)
-    history = wire.memory.history
+        fed.history.on_echo(echo(now + number - 3), number % 256, (now + number) * PERIOD_NS)
+        fed.command(now + number, 0.5)
+    loop_delay = fed.history.loop_delay(now + 100, (now + 100) * PERIOD_NS)
+    history = fed.history.history
     assert history.applied_tick[loop_delay.echo_sample & history.sample_mask] == now + 96
     # From a sample to where a command acts: that is all a prediction needs.
     acts_ns = loop_delay.tick * PERIOD_NS + loop_delay.delay_ns - loop_delay.echo_sample * PERIOD_NS
@@ -231,11 +231,11 @@ def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:
 
 
 def test_an_echo_of_a_command_forgotten_or_never_sent_is_none() -> None:
-    wire = driven(50, latency=3)
-    wire.sample(50, 60)  # never sent
-    assert wire.memory.history.applied_tick[50] == -1
+    fed = driven(50, latency=3)
+    fed.sample(50, 60)  # never sent
+    assert fed.history.history.applied_tick[50] == -1
     for number in range(50, 50 + RING_SIZE):
-        wire.command(number, 0.0)
+        fed.command(number, 0.0)
     number = 50 + RING_SIZE
-    wire.sample(number, 40)
-    assert wire.memory.history.applied_tick[number & wire.memory.history.sample_mask] == -1
+    fed.sample(number, 40)
+    assert fed.history.history.applied_tick[number & fed.history.history.sample_mask] == -1

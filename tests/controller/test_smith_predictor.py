@@ -96,8 +96,8 @@ FAST = (
 FAST_SMITH = (*FAST, 'law="smith"', "smith={delay_s=0.3, washout_rad_s=0.2}")
 
 
-def test_a_fast_smith_predictor_bears_its_own_delay_and_few_others() -> None:
-    """Gains that bear 16 ms without it: with it 300 ms, but neither 8 ms more nor less."""
+def test_a_fast_smith_predictor_tolerates_its_own_delay_and_few_others() -> None:
+    """Gains that tolerate 16 ms without it: with it 300 ms, but neither 8 ms more nor less."""
     ((first_ms, last_ms),) = stable_ms(FAST)
     assert first_ms == 0.0
     assert 15.0 < last_ms < 17.0

@@ -14,7 +14,7 @@ from steer_by_wire.plant_emulator.faults.stage import with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
-from tests.support.fed_memory import MS, PERIOD_NS, Wire, driven
+from tests.support.fed_history import MS, PERIOD_NS, FedHistory, driven
 from tests.support.plant_link import START_NS, link
 
 ONSET_S = 6.0
@@ -61,23 +61,23 @@ def test_the_predictors_steer_is_calm_after_an_outage(outage_s: float, delay_s: 
 
 def test_an_outage_says_nothing_of_the_delay() -> None:
     """Echoes go on naming the last command followed, which grows old."""
-    wire = driven(100, 5)
-    assert wire.loop_delay(99).delay_ns == 45 * MS
+    fed = driven(100, 5)
+    assert fed.loop_delay(99).delay_ns == 45 * MS
     for code in (
         SteeringStatusCode.HOLDING,
         SteeringStatusCode.FALLBACK,
         SteeringStatusCode.SAFE_STATE,
     ):
-        reported(wire, 100, 94, code)
-        assert wire.memory.loop_delay(100, 100 * PERIOD_NS).delay_ns == 45 * MS
-    reported(wire, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
-    assert wire.memory.loop_delay(101, 101 * PERIOD_NS).delay_ns > 45 * MS
+        reported(fed, 100, 94, code)
+        assert fed.history.loop_delay(100, 100 * PERIOD_NS).delay_ns == 45 * MS
+    reported(fed, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
+    assert fed.history.loop_delay(101, 101 * PERIOD_NS).delay_ns > 45 * MS
 
 
-def reported(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) -> None:
+def reported(fed: FedHistory, sample: int, counter: int, code: SteeringStatusCode) -> None:
     """Echo of a sample with the wheel at a thousandth of its number."""
     status = SteeringStatus(0.001 * sample, counter, code)
-    wire.memory.on_echo(status, sample % 256, sample * PERIOD_NS)
+    fed.history.on_echo(status, sample % 256, sample * PERIOD_NS)
 
 
 @pytest.mark.parametrize(
@@ -95,19 +95,19 @@ def reported(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) ->
 def test_the_wheel_is_remembered_where_its_command_does_not_act(
     code: SteeringStatusCode, is_overruled: bool
 ) -> None:
-    wire = driven(100, 5)
-    reported(wire, 100, 94, code)
-    history = wire.memory.history
+    fed = driven(100, 5)
+    reported(fed, 100, 94, code)
+    history = fed.history.history
     assert history.is_overruled[100] is is_overruled
     assert history.wheel_rad[100] == pytest.approx(0.1)
     assert not any(history.is_overruled[:100])
 
 
 def test_where_echoes_are_lost_the_wheel_is_taken_to_stay() -> None:
-    wire = driven(100, 5)
-    reported(wire, 100, 94, SteeringStatusCode.FALLBACK)
-    reported(wire, 104, 100, SteeringStatusCode.APPLYING)
-    history = wire.memory.history
+    fed = driven(100, 5)
+    reported(fed, 100, 94, SteeringStatusCode.FALLBACK)
+    reported(fed, 104, 100, SteeringStatusCode.APPLYING)
+    history = fed.history.history
     assert history.is_overruled[99:105] == [False, True, True, True, True, False]
     assert history.wheel_rad[100:104] == pytest.approx([0.1] * 4)
 

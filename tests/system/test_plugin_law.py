@@ -200,7 +200,7 @@ def test_check_analyses_a_linear_one_and_says_of_others_that_they_are_not(
         return capsys.readouterr().out
 
     own = text(OWN)
-    assert "# Margins without delay, at the command on the wire:" in own
+    assert "# Margins without delay, at the command on the bus:" in own
     assert "#   delay margin  " in own
     other = text(f"{LAWS}:DIVIDES")
     reason = "# Not analysed: the law is not linear in the lateral error and its own commands.\n"

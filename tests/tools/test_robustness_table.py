@@ -62,7 +62,7 @@ def test_a_washout_mends_the_cdob() -> None:
     assert cdob_ms > 5.0 * pd_ms
 
 
-def test_pd_at_a_fast_corner_bears_80_ms_that_vary_enough() -> None:
+def test_pd_at_a_fast_corner_tolerates_80_ms_that_vary_enough() -> None:
     """But not a constant 80 ms."""
     settings = controller_preset(f"{FILTERED.family}_pd", FILTERED.overrides)
     spreads = table.robustness(settings, corner_plants()[3]).spreads

@@ -1,4 +1,4 @@
-"""The path ahead on the bus, and in the controller's memory."""
+"""The path ahead on the bus, and in the controller's history."""
 
 import pytest
 
@@ -6,8 +6,8 @@ from steer_by_wire.dbc.messages import PathAhead, VehicleState
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.sensors.path_ahead import VALUES, spacing_m
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.fed_memory import PERIOD_NS as TICK_NS
-from tests.support.fed_memory import Wire
+from tests.support.fed_history import PERIOD_NS as TICK_NS
+from tests.support.fed_history import FedHistory
 from tests.support.plant_link import PERIOD_NS, START_NS, link
 
 LANE_CHANGE = {"kind": "single_lane_change", "start_m": 5.0, "offset_m": 3.5, "length_m": 30.0}
@@ -44,18 +44,18 @@ def test_the_spacing_reaches_as_far_as_asked_within_the_signal() -> None:
     assert spacing_m(80.0, 10.0) == pytest.approx(12.75)
 
 
-def test_the_memory_knows_the_curvature_of_samples_to_come() -> None:
-    wire = Wire()
+def test_the_history_knows_the_curvature_of_samples_to_come() -> None:
+    fed = FedHistory()
     for number in range(6):
-        wire.sample(number, None)
-        wire.command(number, 0.0)
+        fed.sample(number, None)
+        fed.command(number, 0.0)
     ahead = [0.001 * index for index in range(VALUES)]
-    assert wire.loop_delay(5).path_end == -1
-    wire.memory.on_path(PathAhead(4, 1.0, *ahead), 10.0)
-    loop_delay, history = wire.memory.loop_delay(5, 5 * TICK_NS), wire.memory.history
+    assert fed.loop_delay(5).path_end == -1
+    fed.history.on_path(PathAhead(4, 1.0, *ahead), 10.0)
+    loop_delay, history = fed.history.loop_delay(5, 5 * TICK_NS), fed.history.history
     assert loop_delay.path_end == 4 + 250
     known = [history.curvature_1_m[sample] for sample in (0, 4, 9, 14, 254)]
     assert known == pytest.approx([0.0, 0.0, 0.0005, 0.001, 0.025])
     # Of one that names a sample on the other side of the counter's wrap, only the future counts.
-    wire.memory.on_path(PathAhead(254, 1.0, *ahead), 10.0)
-    assert wire.memory.loop_delay(5, 5 * TICK_NS).path_end == -2 + 250
+    fed.history.on_path(PathAhead(254, 1.0, *ahead), 10.0)
+    assert fed.history.loop_delay(5, 5 * TICK_NS).path_end == -2 + 250

@@ -1,4 +1,4 @@
-"""The memory of the controller, fed with echoes and measurements as its node does."""
+"""The history of the controller, fed with echoes and measurements as its node does."""
 
 from steer_by_wire.controller.history.history import BusHistory
 from steer_by_wire.controller.history.loop_delay import LoopDelayParams
@@ -21,31 +21,31 @@ def error(value_m: float) -> LateralError:
     return LateralError(value_m, 0.1 * value_m)
 
 
-class Wire:
-    """Feeds a memory as the node does: echo and measurement of a sample, then the tick."""
+class FedHistory:
+    """Feeds a history as the node does: echo and measurement of a sample, then the tick."""
 
     def __init__(self, params: LoopDelayParams = PARAMS) -> None:
-        self.memory = BusHistory(params, LIMITS)
+        self.history = BusHistory(params, LIMITS)
 
     def command(self, period: int, steer_rad: float) -> None:
-        self.memory.on_command(period, steer_rad)
+        self.history.on_command(period, steer_rad)
 
     def sample(self, number: int, counter: int | None, at_ns: int | None = None) -> None:
         now_ns = number * PERIOD_NS if at_ns is None else at_ns
         status = echo(0, NO_COMMAND) if counter is None else echo(counter % (1 << 16))
-        self.memory.on_echo(status, number % 256, now_ns)
-        self.memory.on_vehicle(now_ns)
-        self.memory.on_error(error(0.001 * number), number % 256, now_ns)
+        self.history.on_echo(status, number % 256, now_ns)
+        self.history.on_vehicle(now_ns)
+        self.history.on_error(error(0.001 * number), number % 256, now_ns)
 
     def loop_delay(self, period: int) -> LoopDelay:
-        return self.memory.loop_delay(period, period * PERIOD_NS)
+        return self.history.loop_delay(period, period * PERIOD_NS)
 
 
-def driven(samples: int, latency: int, start: int = 0) -> Wire:
+def driven(samples: int, latency: int, start: int = 0) -> FedHistory:
     """Return a wire after so many samples, every command in effect ``latency`` samples later."""
-    wire = Wire()
+    fed = FedHistory()
     for number in range(start, start + samples):
         tick = number - start - latency
-        wire.sample(number, tick if tick >= 0 else None)
-        wire.command(number, 0.01 * (number - start))
-    return wire
+        fed.sample(number, tick if tick >= 0 else None)
+        fed.command(number, 0.01 * (number - start))
+    return fed
