@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="do not run, but print what steer-by-wire check does",
+        help="do not run; analyse the loop, as steer-by-wire check does",
     )
     parser.set_defaults(json=False)
     add_fail_if_argument(parser, ENDING.quantities)
@@ -82,7 +82,7 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
         "--vehicle",
         type=Path,
         metavar="VEHICLE.toml",
-        help="[vehicle] of a file that plant and design read too, for [nominal_model]",
+        help="take [nominal_model] from [vehicle] of a file",
     )
     laws = ", ".join(LAWS)
     parser.add_argument(

@@ -39,13 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--vehicle",
         type=Path,
         metavar="VEHICLE.toml",
-        help="take [vehicle] from a file that controller and design read too",
+        help="take [vehicle] from a file",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     parser.add_argument(
         "--check",
         action="store_true",
-        help="do not run: print the settings, and what vehicle, path and limits come to",
+        help="do not run; print settings, and figures of vehicle, path and limits",
     )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_fail_if_argument(parser, ENDING.quantities)

@@ -77,7 +77,7 @@ def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = 
 def add_overrides_argument(
     parser: argparse._ActionsContainer,
     option: str = "--set",
-    what: str = "one setting on top of the file",
+    what: str = "override one setting",
     dest: str | None = "overrides",
 ) -> None:
     """Add a repeatable option for ``TABLE.KEY=VALUE``; ``dest`` as in argparse."""

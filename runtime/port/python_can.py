@@ -30,11 +30,11 @@ from ..settings.error_text import one_line
 _AUTO_CHANNEL = "vcan0"
 _BUS_HELP: Mapping[str, tuple[str, ...]] = {
     "--interface": ("socketcan, emulated, slcan, pcan, ... (default: as available)", "NAME"),
-    "--channel": ("of the interface (default: vcan0)", "NAME"),
-    "--bitrate": ("where the interface sets it", "BIT_S"),
-    "--fd": ("CAN FD",),
-    "--data-bitrate": ("of the data phase of CAN FD", "BIT_S"),
-    "--timing": ("bit timing, as f_clock=80000000 tseg1=5 tseg2=2 sjw=2 brp=2", "K=V"),
+    "--channel": ("channel of the interface (default: vcan0)", "NAME"),
+    "--bitrate": ("bit rate, if the interface can set it", "BIT_S"),
+    "--fd": ("use CAN FD",),
+    "--data-bitrate": ("bit rate of the data phase of CAN FD", "BIT_S"),
+    "--timing": ("bit timing, such as f_clock=80000000 tseg1=5 tseg2=2 sjw=2 brp=2", "K=V"),
     "--bus-kwargs": ("further arguments of the interface", "K=V"),
 }
 """One line of help for each of python-can's options, and the metavar of those with a value."""

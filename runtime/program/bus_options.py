@@ -18,18 +18,18 @@ _NOT_HERE = {
 
 
 def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options for other traffic."""
-    group = parser.add_argument_group("other traffic on the bus")
+    """Add the options for the rest bus."""
+    group = parser.add_argument_group("rest bus")
     group.add_argument(
-        "--bus-settings", type=Path, metavar="BUS.toml", help="all of the bus from a file"
+        "--bus-settings", type=Path, metavar="BUS.toml", help="read these options from a file"
     )
     group.add_argument(
         "--rest-bus", action="append", default=[], metavar="FILE.dbc",
-        help="send the periodic messages of a database too; repeatable",
+        help="also send the periodic messages of a database; repeatable",
     )  # fmt: skip
     group.add_argument(
         "--load", type=_number, metavar="SHARE",
-        help=f"of the bus for these, or for a made message set; to {LOAD_MAX:g}",
+        help=f"bus load of these, or of a built-in message set; at most {LOAD_MAX:g}",
     )  # fmt: skip
 
 
@@ -44,15 +44,15 @@ def add_error_arguments(
     group = parser.add_argument_group("errors on the bus")
     group.add_argument(
         "--bit-error-rate", type=_number, metavar="RATE",
-        help="share of the bits that are wrong: 0 to 0.01",
+        help="share of wrong bits: 0 to 0.01",
     )  # fmt: skip
     group.add_argument(
         "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
-        help="another share in bursts: mean interval, mean length",
+        help="a higher share in bursts: mean interval, mean length",
     )  # fmt: skip
     group.add_argument(
         "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
-        help="a line that is dominant or recessive for a time; repeatable",
+        help="hold the line dominant or recessive for a time; repeatable",
     )  # fmt: skip
     group.add_argument(
         "--needs-acknowledgement", action="store_true", default=None,
@@ -61,7 +61,7 @@ def add_error_arguments(
     if nodes:
         group.add_argument(
             "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
-            metavar="NODE=RATE", help=f"share that {nodes} alone sees wrong; repeatable",
+            metavar="NODE=RATE", help=f"share of wrong bits at {nodes} alone; repeatable",
         )  # fmt: skip
     if has_clocks:
         group.add_argument(

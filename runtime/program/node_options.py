@@ -31,7 +31,7 @@ def make_parser(
         help="write every frame: .log .asc .blf .csv .db .trc .mf4",
     )
     parser.add_argument(
-        "-q", "--quiet", action="store_true", help="print nothing while running but errors"
+        "-q", "--quiet", action="store_true", help="while running, print errors only"
     )
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
@@ -41,7 +41,7 @@ def make_parser(
         type=clock,
         default=ClockSettings(),
         metavar="PPM[:PPM_S]",
-        help="by which the program's timers run fast, and its change",
+        help="error of the program's clock, and its drift per second",
     )
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
@@ -54,7 +54,7 @@ def make_parser(
         type=seconds,
         default=PATIENCE_S,
         metavar="SECONDS",
-        help="how long the bus may stay away (default: %(default)g)",
+        help="end if the bus is not back after this time (default: %(default)g)",
     )
     group.add_argument(
         "--no-fast-socketcan",
@@ -71,7 +71,9 @@ def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str)
     parser.add_argument(
         "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
     )
-    parser.add_argument("--preset", metavar="NAME", help=f"settings below the file's: {presets}")
+    parser.add_argument(
+        "--preset", metavar="NAME", help=f"preset, which the file overrides: {presets}"
+    )
     add_overrides_argument(parser)
 
 

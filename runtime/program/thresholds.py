@@ -87,7 +87,7 @@ def add_fail_if_argument(
         default=[],
         type=condition_of(quantities),
         metavar="CONDITION",
-        help=f"end with status 6 if it is true, as 'rms_m > 0.02'; repeatable: "
+        help=f"end with status 6 if it holds, such as 'rms_m > 0.02'; repeatable; of: "
         f"{', '.join(quantities)}",
     )
 

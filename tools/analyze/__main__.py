@@ -79,16 +79,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
     )
-    add_out_argument(parser, "out/logs", "a folder for each FILE is made in it")
-    parser.add_argument(
-        "--join", action="store_true", help="the files are one log, one after the other"
-    )
+    add_out_argument(parser, "out/logs", "a folder for the results, with one for each FILE")
+    parser.add_argument("--join", action="store_true", help="treat the files as parts of one log")
     parser.add_argument(
         "--preview-m",
         type=number(0.0, 100.0, "m"),
         default=PREVIEW_M,
         metavar="M",
-        help="of the plant's preview point, ahead of the centre of gravity (default: %(default)g)",
+        help="distance of the preview point ahead of the centre of gravity (default: %(default)g)",
     )
     parser.add_argument(
         "--channel", help="the channel to read, if the log has several (default: all)"
@@ -105,14 +103,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=Path,
         metavar="VEHICLE.toml",
         help="also write smoothed.csv: vehicle state, disturbance, delay and steering lag, with"
-        " deviations, by the model of a file with [vehicle]",
+        " standard deviations, for [vehicle] of a file",
     )
     parser.add_argument(
         "--verdict-set",
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help=f"a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
+        help=f"set a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
     )
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

@@ -139,7 +139,9 @@ def _print_line(line: str) -> bool:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(
-        NAME, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", NAME
+        NAME,
+        "Run a CAN bus between processes, with bit-accurate timing and without CAN hardware.",
+        NAME,
     )
     parser.add_argument(
         "--address",
@@ -173,7 +175,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--end-with-stdin",
         action="store_true",
-        help="end when standard input is closed, as at the end of the parent",
+        help="end when standard input is closed, as when the parent ends",
     )
     parser.add_argument(
         "--priority",
@@ -195,7 +197,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         type=whole_number(0, 2**63 - 1),
         default=1,
         metavar="N",
-        help="of traffic and noise (default: %(default)s)",
+        help="seed of rest bus and noise (default: %(default)s)",
     )
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:

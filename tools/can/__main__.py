@@ -40,7 +40,7 @@ def _add_bit_rates(parser: argparse.ArgumentParser) -> None:
         type=data_bit_rate,
         default=2_000_000,
         metavar="BIT_S",
-        help="of CAN FD's data phase (default: %(default)s)",
+        help="bit rate of CAN FD's data phase (default: %(default)s)",
     )
 
 

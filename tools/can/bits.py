@@ -29,7 +29,9 @@ USAGE = "FRAME|RECORDING [options]"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
-    parser.add_argument("frame", metavar="FRAME|RECORDING", help="as cansend takes it, or a file")
+    parser.add_argument(
+        "frame", metavar="FRAME|RECORDING", help="a frame as cansend takes it, or a recording"
+    )
     parser.add_argument("--vcd", type=output_file, metavar="FILE", help="write the waveform")
 
 

@@ -1,4 +1,4 @@
-"""Bounds the response time of each message on a CAN bus, beside the worst case simulated.
+"""Bounds the response time of each message on a CAN bus, and simulates the worst case.
 
     steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="DBC, KCD, SYM, ARXML")
     parser.add_argument(
         "--jitter-ms", type=number(0.0, 60_000.0, "ms"), default=0.0, metavar="MS",
-        help="how late each release can be (default: %(default)g)",
+        help="release jitter of each message (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
         "--error-interval-ms", type=number(0.0, 60_000.0, "ms"), metavar="MS",
@@ -53,11 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--errors-at-once", type=whole_number(0, 100), default=0, metavar="N",
-        help="so many more errors at the worst instants, as in a burst",
+        help="add N errors at the worst instants, as in a burst",
     )  # fmt: skip
     parser.add_argument(
         "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
-        help="errors at random: the chance that a release misses its deadline",
+        help="random errors: print the probability of a missed deadline too",
     )  # fmt: skip
     parser.add_argument(
         "--period", action="append", default=[], metavar="NAME=MS",
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
-        help="of the random phases (default: %(default)s)",
+        help="seed of the random phases (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
 

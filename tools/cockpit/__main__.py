@@ -52,28 +52,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example += f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html"
     parser = command_parser(NAME, __doc__, example, "[RECORDING...] [options]")
     parser.add_argument(
-        "recordings", nargs="*", type=Path, metavar="RECORDING", help="one log, of any format"
+        "recordings", nargs="*", type=Path, metavar="RECORDING", help="one log, in any format"
     )
     parser.add_argument(
         "--export", type=output_file, metavar="FILE", help="write the replay as one page, and end"
     )
-    parser.add_argument("--log-channel", metavar="NAME", help="of a recording with several")
+    parser.add_argument(
+        "--log-channel", metavar="NAME", help="channel to replay, if there are several"
+    )
     parser.add_argument(
         "--scenario",
         metavar="TITLE",
-        help=f"to begin with: {', '.join(one.title for one in scenarios())}",
+        help=f"preset to begin with: {', '.join(one.title for one in scenarios())}",
     )
     parser.add_argument(
         "--bus",
         choices=BUSES,
         default="auto",
-        help="of our own pairs (default: vcan0 where there is one, else emulated)",
+        help="bus to start programs on (default: vcan0 if there is one, else emulated)",
     )
     parser.add_argument(
-        "--allow-control", action="store_true", help="let the page change a foreign bus's latency"
+        "--allow-control",
+        action="store_true",
+        help="let the page control a bus that it did not start",
     )
     parser.add_argument(
-        "--port", type=int, default=0, metavar="N", help="of 127.0.0.1 (default: any that is free)"
+        "--port", type=int, default=0, metavar="N", help="port of 127.0.0.1 (default: any free one)"
     )
     parser.add_argument(
         "--no-browser", dest="browser", action="store_false", help="only print the address"

@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--frontier", type=settings_file(FRONTIERS), metavar="FRONTIER",
         help="compare the structures of a law instead: a file, or frontier",
     )  # fmt: skip
-    add_overrides_argument(parser, what="one value on top of the specification")
+    add_overrides_argument(parser, what="override one value of the specification")
     add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR",

@@ -1,4 +1,4 @@
-"""Inject thousands of faults into the pair in virtual time, and show what is detected how soon.
+"""Inject thousands of faults in virtual time, and report which are detected, and how soon.
 
     steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
     steer-by-wire faults --live
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="one value on top of the specification; repeatable",
+        help="override one value of the specification; repeatable",
     )
     add_out_argument(parser, "out/faults")
     parser.add_argument(

@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--vehicle",
         type=Path,
         metavar="VEHICLE.toml",
-        help="with [vehicle], for plant and controller, as design reads it",
+        help="take the vehicle of plant and controller from [vehicle] of a file",
     )
     plant = parser.add_argument_group("plant")
     plant.add_argument(
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     plant.add_argument(
         "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
     )
-    add_overrides_argument(plant, "--plant-set", "one setting on top", dest=None)
+    add_overrides_argument(plant, "--plant-set", "override one setting", dest=None)
     plant.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
     plant.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     controller = parser.add_argument_group("controller")
@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     controller.add_argument(
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
     )
-    add_overrides_argument(controller, "--controller-set", "one setting on top", dest=None)
+    add_overrides_argument(controller, "--controller-set", "override one setting", dest=None)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate",
@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="bit rate of the bus in virtual time (default: 500000)",
     )
     bus.add_argument(
-        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
+        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the bus"
     )
     bus.add_argument(
         "--interface",

@@ -157,7 +157,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--write-single-file", type=Path, metavar="FILE", help="write this program as one file"
     )
     parser.add_argument(
-        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="and its arguments"
+        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="command with its arguments"
     )
     options = parser.parse_args(arguments)
     if options.command[:1] == ["--"]:
