@@ -1,7 +1,7 @@
 """A first loop: PD with both observers behind a jittery latency
 =============================================================
 
-Its mean is 80 ms; a steering offset sets in after 10 s.
+The mean latency is 80 ms; a steering offset begins after 10 s.
 
 ::
 
@@ -27,7 +27,7 @@ def main(folder: Path = Path("out/examples")) -> Run:
     print(f"lateral error: RMS {1e3 * run.lateral_error_rms_m:.1f} mm")
     print(f"largest command: {abs(run.controller.sent_rad).max():.3f} rad")
     folder.mkdir(parents=True, exist_ok=True)
-    run.save(folder / "first_loop")  # settings and tables: all it takes to make the run again
+    run.save(folder / "first_loop")  # settings and tables: enough to repeat the run
     run.plot().savefig(folder / "first_loop.png")
     return run
 

@@ -1,9 +1,8 @@
-"""A controller from another house, on cantools and python-can
-===========================================================
+"""A controller written from the DBC alone, on cantools and python-can
+===================================================================
 
-The DBC file is all it has of this project.
-
-It answers every LATERAL_ERROR with a STEERING_COMMAND: PD with a filtered derivative.
+It uses none of this project's code. It answers every LATERAL_ERROR with a STEERING_COMMAND: PD with
+a filtered derivative.
 
 ::
 

@@ -2,15 +2,15 @@
 ===========================================
 
 After Liu, Xia, Chen, Rees and Hu, IEEE Transactions on Industrial Electronics 54 (2), 2007. An
-observer of the single-track model follows the late output. The model runs on through the commands
-in transit, then with its own feedback. All of this sequence is sent, and the plant takes what is
-due. Neither the path nor a disturbance is in the model:
+observer of the single-track model follows the delayed output. The model runs on through the
+commands in transit, then with its own feedback. The whole sequence is sent, and the plant takes the
+value that is due. Neither the path nor a disturbance is in the model:
 
 ::
 
     x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then -K x[k],   x = (β, r, Δψ, y)
 
-Beside ``predictor``, with the tables of ``highway_packet``, behind 250 ms:
+Compared with ``predictor``, with the tables of ``highway_packet``, behind 250 ms:
 
 ::
 
@@ -58,7 +58,7 @@ class State(NamedTuple):
 def design(settings: ControllerSettings) -> Schedule:
     noise, period_s = settings.estimator, settings.link.sensor_period_s
     q, r = noise_covariances(noise, period_s)
-    q = q[:4, :4] + np.diag([0.0, 0.0, 1e-2, 0.0]) * period_s  # what a bend is to this model
+    q = q[:4, :4] + np.diag([0.0, 0.0, 1e-2, 0.0]) * period_s  # a bend acts like this noise
     weight = np.diag([0.0, 0.0, 0.0, settings.predictor.steer_per_error_rad_m**2])
     loop_delay, reserve_samples = (
         settings.loop_delay,

@@ -1,7 +1,7 @@
 """A latency model of your own: two routes, one of them slow
 =========================================================
 
-The slow one takes a share of the frames.
+A share of the frames takes the slow route.
 
 ::
 

@@ -1,7 +1,7 @@
 """A law of your own: PD with an integral that does not wind up
 ============================================================
 
-In virtual time, beside plain PD:
+Compared with plain PD, in virtual time:
 
 ::
 

@@ -1,10 +1,10 @@
 """A network of your own, from the log of a ping
 =============================================
 
-``ping -D -i 0.25 HOST > ping.log`` has measured it.
+The log is from ``ping -D -i 0.25 HOST > ping.log``.
 
 Half of each round trip delays the commands, the other half the measurements. (The log beside this
-file is made up: a vehicle changes to a slower radio cell after 27 s.)
+file is artificial: a vehicle changes to a slower radio cell after 27 s.)
 
 ::
 

@@ -26,7 +26,7 @@ def slalom(own: Slalom) -> Any:
     """Return a road that bends to the left and right in turn; straight before and after."""
     points, start_m = [(5.0, 0.0)], 5.0
     for bend in range(own.bends):
-        # The first and the last bend are half as long, so that the road goes on as it came.
+        # The first and the last bend are half as long: the road ends in its first direction.
         length_m = own.bend_m * (0.5 if bend in (0, own.bends - 1) else 1.0)
         side = 1.0 if bend % 2 == 0 else -1.0
         points.append((start_m + 0.5 * length_m, side * own.curvature_1_m))

@@ -1,7 +1,7 @@
 """A vehicle of your own: tyres whose side force saturates
 =======================================================
 
-Beside the linear ones of the rig.
+Compared with the linear tyres of the plant.
 
 ::
 
@@ -54,7 +54,7 @@ SATURATING = VehicleModel(rates, settings=Tyres)
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     road: dict[str, Any] = {
         "plant.vehicle.speed_m_s": 40.0 / 3.6,
-        # The steering is to refuse nothing: it would keep the tyres from their limits.
+        # The limits of the steering are off; they would keep the tyres from saturating.
         "plant.safety.lateral_acceleration_m_s2_max": "off",
         "plant.safety.lateral_jerk_m_s3_max": "off",
         "plant.path": {"kind": "single_lane_change", "start_m": 20.0, "length_m": 30.0},

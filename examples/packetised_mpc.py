@@ -1,15 +1,15 @@
 """Packetised MPC: a quadratic program with limits, its whole solution sent as a plan
 ===================================================================================
 
-State, prediction and cost are those of the law ``packet``. In place of its feedback, the values of
-the plan minimise, until 1.5 s after it and on the path as far as that is known,
+State, prediction and cost are those of the law ``packet``. Instead of feedback, the values of the
+plan minimise, until 1.5 s after the plan and for the path as far as it is known,
 
 ::
 
     sum of (k y)² + (u - u_ss)²     u_ss holds the vehicle on the path at that sample
 
-with angle and rate limited: least distance programming, Lawson and Hanson 1974. Beside ``packet``
-on a path known ahead, with a wheel that turns at 0.2 rad/s at most:
+with angle and rate limited: least distance programming, Lawson and Hanson 1974. Compared with
+``packet`` on a path known ahead, with a wheel that turns at 0.2 rad/s at most:
 
 ::
 

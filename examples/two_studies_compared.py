@@ -1,8 +1,8 @@
 """Two studies compared: what does a network in order cost?
 ========================================================
 
-Both run the same laws, latencies and seeds; in one a newer command overtakes a late one, in the
-other it waits behind it.
+Both studies have the same laws, latencies and seeds. In one a newer command overtakes a late one,
+in the other it waits behind it.
 
 ::
 
