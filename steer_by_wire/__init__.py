@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from .plant_emulator.vehicle.single_track_model import VehicleParams
     from .runtime.settings import Settings, SettingsError
 
+__version__ = "0.1.0"
+
 _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
     "controller.settings": ("ControllerSettings",),

@@ -10,11 +10,11 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, metadata
 from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
-from .runtime.command_line import DISTRIBUTION, INTERRUPTED_STATUS, missing_library
+from . import __version__
+from .runtime.command_line import INTERRUPTED_STATUS, missing_library
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         case ["-h" | "--help" | "help", *_]:
             return _print(_help())
         case ["-V" | "--version", *_]:
-            return _print(f"{NAME} {_version()}")
+            return _print(f"{NAME} {__version__}")
         case ["--completion", *shells]:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
@@ -152,13 +152,6 @@ def _nearest(word: str) -> str:
 def _refuse(name: str, text: str) -> int:
     print(f"{name}: error: {text}", file=sys.stderr)
     return STATUS_USAGE
-
-
-def _version() -> str:
-    try:
-        return metadata(DISTRIBUTION)["Version"]
-    except PackageNotFoundError:
-        return "(not installed)"
 
 
 def _help() -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import steer_by_wire
 from steer_by_wire import command
 from steer_by_wire.command import FORMER, PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
@@ -110,9 +111,12 @@ def test_help_of_a_name_is_its_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("usage: steer-by-wire check ")
 
 
-def test_the_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_is_the_distributions_and_the_packages(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"steer-by-wire {metadata(DISTRIBUTION)['Version']}\n"
+    assert metadata(DISTRIBUTION)["Version"] == steer_by_wire.__version__
+    assert capsys.readouterr().out == f"steer-by-wire {steer_by_wire.__version__}\n"
 
 
 @pytest.mark.parametrize(

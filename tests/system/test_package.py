@@ -14,10 +14,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of what git knows, so that nothing else slips in."""
-    copy = tmp_path_factory.mktemp("source")
+def copied(copy: Path, *, has_links: bool) -> Path:
+    """Copy what git knows, so that nothing else slips in; a link is a file where git makes none.
+
+    Such a file has the link's target as its text. That is the default of Git for Windows.
+    """
     names = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -28,10 +29,17 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in names:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / name).is_symlink():
-            (copy / name).symlink_to((ROOT / name).readlink())
+            target = (ROOT / name).readlink()
+            (copy / name).symlink_to(target) if has_links else (copy / name).write_text(str(target))
         else:
             (copy / name).write_bytes((ROOT / name).read_bytes())
     return copy
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkout without symbolic links."""
+    return copied(tmp_path_factory.mktemp("source"), has_links=False)
 
 
 def built(folder: Path, out: Path) -> zipfile.ZipFile:
@@ -48,8 +56,15 @@ def built(folder: Path, out: Path) -> zipfile.ZipFile:
 
 @pytest.fixture(scope="module")
 def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The project's wheel."""
+    """The project's wheel, built where there are no symbolic links; all tests below install it."""
     return built(source, tmp_path_factory.mktemp("wheel"))
+
+
+def test_links_in_the_checkout_change_nothing_in_the_wheel(
+    wheel: zipfile.ZipFile, tmp_path: Path
+) -> None:
+    with_links = built(copied(tmp_path / "source", has_links=True), tmp_path)
+    assert sorted(with_links.namelist()) == sorted(wheel.namelist())
 
 
 def test_with_vcan_is_installed_without_the_rest(source: Path, tmp_path: Path) -> None:
@@ -69,9 +84,10 @@ def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfi
     wanted = {
         f"steer_by_wire/{path.relative_to(ROOT)}"
         for package in packages
-        for suffix in ("*.py", "*.toml", "*.dbc", "*.js", "*.css", "*.html", "*.svg", "py.typed")
+        for suffix in ("*.py", "*.toml", "*.dbc", "*.js", "*.css", "*.html", "*.svg")
         for path in (ROOT / package).rglob(suffix)
     }
+    wanted |= {f"steer_by_wire/{name}" for name in ("__init__.py", "command.py", "py.typed")}
     wanted.add("steer_by_wire/tools/cockpit/page/vendor/uPlot.LICENSE")
     assert "steer_by_wire/dbc/steer_by_wire.dbc" in wanted
     assert wanted - set(wheel.namelist()) == set()
