@@ -23,7 +23,7 @@ docs: $(STAMP)
 benchmark: $(STAMP)
 	$(BIN)/python -m benchmarks loop
 
-$(STAMP): requirements.lock pyproject.toml
+$(STAMP): requirements.lock pyproject.toml setup.py
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer: make PYTHON=python3.12")'
 	@echo 'Installing into $(VENV), once; this takes a few minutes.'
 	$(PYTHON) -m venv $(VENV)

@@ -66,7 +66,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN; which rate it can keep"),
-            "with-vcan": _tool("vcan", "run a command with a real vcan0"),
+            "with-vcan": Program("with_vcan.__main__", "run a command with a real vcan0"),
         },
     }
 )

@@ -48,7 +48,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.paper.__main__": (".reproduce_all",),
     "tools.faults.live.soak": (".run_live_soak",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
-    "tools.vcan.__main__": (".choose",),
+    "with_vcan.__main__": (".choose",),
 }  # fmt: skip
 """Every program that takes arguments, and where it is stopped; a dot stands for its own module."""
 PROGRAMS: Mapping[str, tuple[str, ...]] = {

@@ -33,7 +33,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-from steer_by_wire.tools.vcan.system_calls import adopt_orphans
+from steer_by_wire.with_vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
 FORKED = ("steer_by_wire", "can", "cantools", "pytest")

@@ -70,13 +70,14 @@ def test_links_in_the_checkout_change_nothing_in_the_wheel(
 def test_with_vcan_is_installed_without_the_rest(source: Path, tmp_path: Path) -> None:
     with_vcan = built(source / "packaging" / "with_vcan", tmp_path)
     with_vcan.extractall(tmp_path)
-    command = [sys.executable, "-S", "-c", "from with_vcan import main; main()", "--help"]
+    command = [sys.executable, "-S", "-m", "with_vcan", "--help"]
     alone = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "PYTHONPATH": str(tmp_path)}
     result = subprocess.run(command, env=alone, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     assert "usage: with-vcan" in result.stdout
     metadata = with_vcan.read("with_vcan-0.1.0.dist-info/METADATA").decode()
     assert "Requires-Dist" not in metadata
+    assert "with_vcan/xstate.c" in with_vcan.namelist()
 
 
 def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfile.ZipFile) -> None:
@@ -87,6 +88,9 @@ def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfi
         for suffix in ("*.py", "*.toml", "*.dbc", "*.js", "*.css", "*.html", "*.svg")
         for path in (ROOT / package).rglob(suffix)
     }
+    with_vcan = ROOT / "packaging" / "with_vcan"
+    files = with_vcan.glob("with_vcan/*.[cp]*")
+    wanted |= {f"steer_by_wire/{path.relative_to(with_vcan)}" for path in files}
     wanted |= {f"steer_by_wire/{name}" for name in ("__init__.py", "command.py", "py.typed")}
     wanted.add("steer_by_wire/tools/cockpit/page/vendor/uPlot.LICENSE")
     assert "steer_by_wire/dbc/steer_by_wire.dbc" in wanted

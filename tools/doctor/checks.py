@@ -23,9 +23,9 @@ from ...runtime.port.python_can import (
     choose_bus,
 )
 from ...runtime.program.host import RealTimeRequest, real_time
-from ..vcan import xstate
-from ..vcan.__main__ import backends
-from ..vcan.request import Request, missing_programs
+from ...with_vcan import xstate
+from ...with_vcan.__main__ import backends
+from ...with_vcan.request import Request, missing_programs
 
 DETECTION_TIMEOUT_S = 20.0
 """Time limit for all adapters together: a driver that hangs must not hang us."""
@@ -176,7 +176,7 @@ def _ways_to_vcan() -> list[Finding]:
 
 def find_uml_library() -> Finding:
     """Check whether User Mode Linux needs its library here, and has it."""
-    from ..vcan import uml
+    from ...with_vcan import uml
 
     name = "uml's library"
     if not xstate.is_needed(uml.cpuinfo()):

@@ -1,12 +1,5 @@
-"""The command with-vcan, which is the single file beside this one."""
+"""A real vcan0 on any Linux machine: the command ``with-vcan``, also installed by itself.
 
-import os
-import sys
-from pathlib import Path
-from typing import NoReturn
-
-
-def main() -> NoReturn:
-    """Become it."""
-    file = str(Path(__file__).with_name("with-vcan.pyz"))
-    os.execv(sys.executable, [sys.executable, file, *sys.argv[1:]])  # noqa: S606 as given
+Nothing but the standard library of Python 3.10, and no other package of ours: a contract of the
+import linter. Begin with ``__main__.py``; ``host``, ``namespace`` and ``uml`` are its three ways.
+"""

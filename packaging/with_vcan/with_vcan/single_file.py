@@ -8,8 +8,7 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-_PACKAGE = Path(__file__).absolute().parents[2]
-ABOVE = ("__init__.py", "runtime/__init__.py", "runtime/command_line.py", "tools/__init__.py")
+_PACKAGE = Path(__file__).resolve().parent
 _SHEBANG = b"#!/usr/bin/env python3\n"
 _BOOT = """import hashlib
 import os
@@ -35,7 +34,7 @@ if not os.path.isdir(folder):
         pass
 sys.dont_write_bytecode = True
 sys.path[0] = folder
-from steer_by_wire.tools.vcan.__main__ import main
+from with_vcan.__main__ import main
 
 sys.exit(main())
 """
@@ -46,11 +45,8 @@ def write_single_file(path: Path) -> None:
     content = BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         _add(archive, "__main__.py", _BOOT)
-        ours = sorted(Path(__file__).parent.glob("*.py"))
-        above = [_PACKAGE / name for name in ABOVE]
-        for module in [*above, *ours, Path(__file__).with_name("xstate.c")]:
-            name = str(Path("steer_by_wire") / module.relative_to(_PACKAGE))
-            _add(archive, name, module.read_text(encoding="utf-8"))
+        for file in sorted((*_PACKAGE.glob("*.py"), _PACKAGE / "xstate.c")):
+            _add(archive, f"with_vcan/{file.name}", file.read_text(encoding="utf-8"))
     path.write_bytes(_SHEBANG + content.getvalue())
     path.chmod(path.stat().st_mode | 0o111)
 

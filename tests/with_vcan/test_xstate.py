@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.tools.doctor import checks as doctor_checks
-from steer_by_wire.tools.vcan import uml, xstate
-from steer_by_wire.tools.vcan.request import BackendError
+from steer_by_wire.with_vcan import uml, xstate
+from steer_by_wire.with_vcan.request import BackendError
 
 ROOT = Path(__file__).resolve().parents[2]
 NOBODY = 65534
@@ -90,7 +90,7 @@ def test_a_user_who_may_not_look_where_it_is_kept_compiles_it(tmp_path: Path) ->
         pytest.skip("this folder is not for others to read")
     script = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r});"
-        "from steer_by_wire.tools.vcan import xstate;"
+        "from steer_by_wire.with_vcan import xstate;"
         "print(xstate.obstacle(), xstate.library()[:4])"
     )
     done = subprocess.run(

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.vcan import uml, xstate
-from steer_by_wire.tools.vcan.__main__ import choose
-from steer_by_wire.tools.vcan.request import SYSTEM_FOLDERS, BackendError, Request
+from steer_by_wire.with_vcan import uml, xstate
+from steer_by_wire.with_vcan.__main__ import choose
+from steer_by_wire.with_vcan.request import SYSTEM_FOLDERS, BackendError, Request
 from tests.support.running_program import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,8 +77,8 @@ def boots(machine: Path) -> int:
 WITH_CPUINFO = """
 import sys
 from pathlib import Path
-from steer_by_wire.tools.vcan import uml
-from steer_by_wire.tools.vcan.__main__ import main
+from steer_by_wire.with_vcan import uml
+from steer_by_wire.with_vcan.__main__ import main
 uml.CPUS = Path(sys.argv[1])
 sys.exit(main(["--backend", "uml", *sys.argv[2:]]))
 """

@@ -7,21 +7,24 @@ time is up, 126 and 127 for a command that cannot be run or is not found.
 """
 
 import argparse
+import math
 import os
 import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.runtime.command_line import command_parser, seconds, whole_number
-from steer_by_wire.tools.vcan.request import BackendError, Request, interface_names, netem_of
+from .request import BackendError, Request, interface_names, netem_of
 
 NAME = "with-vcan"
 UNAVAILABLE_STATUS = 3
 UNWRITABLE_STATUS = 4
 STDERR = 2
+SECONDS_MAX, MEBIBYTES = 1e9, (128, 65536)
+"""Of ``--timeout`` and ``--memory``."""
 BACKENDS = ("host", "namespace", "uml")
 """Modules beside this one."""
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
@@ -43,7 +46,7 @@ class Backend(NamedTuple):
 def backends() -> Iterator[Backend]:
     """Yield the backends of this platform, best first; each is imported at its turn."""
     for name in BACKENDS if sys.platform == "linux" else ():
-        module = import_module(f"steer_by_wire.tools.vcan.{name}")
+        module = import_module(f".{name}", __package__)
         yield Backend(name, module.obstacle, module.run)
 
 
@@ -65,7 +68,7 @@ def choose(wanted: str, request: Request) -> Backend:
 
 
 def _advice() -> str:
-    from steer_by_wire.tools.vcan.system_calls import FINIT_MODULE
+    from .system_calls import FINIT_MODULE
 
     if platform.machine() in FINIT_MODULE:
         return f"on Debian and Ubuntu, apt-get install {PACKAGES}"
@@ -92,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _write_single_file(path: Path) -> int:
-    from steer_by_wire.tools.vcan.single_file import write_single_file
+    from .single_file import write_single_file
 
     try:
         write_single_file(path)
@@ -103,7 +106,7 @@ def _write_single_file(path: Path) -> int:
 
 
 def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
-    from steer_by_wire.tools.vcan.supervision import TIMEOUT_STATUS, block_signals
+    from .supervision import TIMEOUT_STATUS, block_signals
 
     # Otherwise one of our pipes could get the number of a closed standard stream.
     while os.open(os.devnull, os.O_RDWR) <= STDERR:
@@ -116,8 +119,13 @@ def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = command_parser(
-        NAME, __doc__, f"{NAME} ip -details link show vcan0", "[options] COMMAND..."
+    parser = argparse.ArgumentParser(
+        prog=NAME,
+        usage="%(prog)s [options] COMMAND...",
+        description=(__doc__ or "").partition("\n")[0],
+        epilog=f"example:\n  {NAME} ip -details link show vcan0",
+        formatter_class=partial(argparse.RawDescriptionHelpFormatter, max_help_position=30),
+        allow_abbrev=False,
     )
     parser.add_argument(
         "--backend",
@@ -134,7 +142,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "interfaces or one, in both directions",
     )
     parser.add_argument(
-        "--timeout", type=seconds, metavar="SECONDS", help="end with status 124 after this time"
+        "--timeout", type=_seconds, metavar="SECONDS", help="end with status 124 after this time"
     )
     parser.add_argument(
         "--interfaces",
@@ -145,7 +153,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--memory",
-        type=whole_number(128, 65536),
+        type=_mebibytes,
         default=1024,
         metavar="MIB",
         help="memory of User Mode Linux",
@@ -169,6 +177,26 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     if not (options.command or options.which or options.write_single_file):
         parser.error("a command is missing")
     return options
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= SECONDS_MAX:
+        raise argparse.ArgumentTypeError(
+            f"allowed is above 0 to {SECONDS_MAX:g} s, not {text[:60]!r}"
+        )
+    return value
+
+
+def _mebibytes(text: str) -> int:
+    low, high = MEBIBYTES
+    is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(high))
+    if not (is_whole and low <= int(text) <= high):
+        raise argparse.ArgumentTypeError(f"allowed is {low} to {high}, not {text[:60]!r}")
+    return int(text)
 
 
 def _interfaces(text: str) -> tuple[str, ...]:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.vcan import request as request_module
-from steer_by_wire.tools.vcan.__main__ import main
-from steer_by_wire.tools.vcan.request import Request, interface_names, link_commands, netem_of
+from steer_by_wire.with_vcan import request as request_module
+from steer_by_wire.with_vcan.__main__ import main
+from steer_by_wire.with_vcan.request import Request, interface_names, link_commands, netem_of
 
 
 def test_netem_delays_every_frame_of_its_interface() -> None:
@@ -107,7 +107,7 @@ def test_one_file_is_all_it_takes(tmp_path: Path) -> None:
     assert version.returncode == 0
     assert "COMMAND" in version.stdout
     (unpacked,) = (tmp_path / ".cache" / "with-vcan").iterdir()
-    assert (unpacked / "steer_by_wire" / "tools" / "vcan" / "xstate.c").is_file()
+    assert (unpacked / "with_vcan" / "xstate.c").is_file()
     main(["--write-single-file", str(again)])
     assert again.read_bytes() == file.read_bytes()
 

@@ -16,9 +16,9 @@ from typing import IO, NamedTuple
 
 import pytest
 
-from steer_by_wire.tools.vcan.__main__ import choose
-from steer_by_wire.tools.vcan.guard import descendants
-from steer_by_wire.tools.vcan.request import BackendError, Request
+from steer_by_wire.with_vcan.__main__ import choose
+from steer_by_wire.with_vcan.guard import descendants
+from steer_by_wire.with_vcan.request import BackendError, Request
 from tests.support.running_program import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -275,7 +275,7 @@ def test_a_command_that_cannot_be_run_is_reported_as_by_a_shell(backend: str) ->
 
 STOPPED_UNDER_A_TRACER = """
 import ctypes, os, signal, time
-from steer_by_wire.tools.vcan.guard import reap
+from steer_by_wire.with_vcan.guard import reap
 child = os.fork()
 if child == 0:
     ctypes.CDLL(None).ptrace(0, 0, None, None)  # PTRACE_TRACEME

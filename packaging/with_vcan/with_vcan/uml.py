@@ -169,7 +169,7 @@ def _make_folder(request: Request) -> Path:
     if any(character.isspace() or character in "\",'" for character in place):
         place = "/tmp"  # noqa: S108 the kernel's command line has blanks between its words
     folder = Path(tempfile.mkdtemp(prefix="with_vcan-", dir=place))
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[1]  # of the package with_vcan, wherever it stands
     job = {
         "terminal": has_terminal(),
         "command": request.command,
@@ -191,7 +191,7 @@ def _make_folder(request: Request) -> Path:
     (folder / "python").symlink_to(os.path.realpath(sys.executable))
     (folder / "init.py").write_text(
         f"import sys\nsys.path.append({str(root)!r})\nsys.dont_write_bytecode = True\n"
-        f"from steer_by_wire.tools.vcan.uml_guest import main\nmain({str(folder)!r})\n",
+        f"from with_vcan.uml_guest import main\nmain({str(folder)!r})\n",
         encoding="utf-8",
     )
     return folder
