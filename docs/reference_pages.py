@@ -43,16 +43,17 @@ def commands_page() -> str:
     for group, programs in GROUPS.items():
         parts.append(f"## {group}\n")
         for name, program in programs.items():
-            help_text = _help(name).rstrip()
-            parts.append(f"### {NAME} {name}\n\n{program.summary}\n\n```text\n{help_text}\n```\n")
+            parts.append(f"### {NAME} {name}\n\n{program.summary}\n")
+            helps = [_help(name), *(_help(name, one) for one in program.subcommands)]
+            parts += [f"```text\n{text.rstrip()}\n```\n" for text in helps]
     return "\n".join(parts)
 
 
-def _help(name: str) -> str:
+def _help(name: str, *words: str) -> str:
     printed = io.StringIO()
     os.environ["COLUMNS"] = HELP_COLUMNS
     with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
-        start(name, ["--help"])
+        start(name, [*words, "--help"])
     return printed.getvalue()
 
 

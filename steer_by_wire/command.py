@@ -27,15 +27,17 @@ class Program(NamedTuple):
     ``module``       in this package
     ``summary``      one line for the list
     ``main``         its function, which takes the arguments and returns an exit status
+    ``subcommands``  with a ``--help`` of their own
     """
 
     module: str
     summary: str
     main: str = "main"
+    subcommands: tuple[str, ...] = ()
 
 
-def _tool(name: str, summary: str, module: str = "__main__") -> Program:
-    return Program(f"tools.{name}.{module}", summary)
+def _tool(name: str, summary: str, module: str = "__main__", subcommands: str = "") -> Program:
+    return Program(f"tools.{name}.{module}", summary, subcommands=tuple(subcommands.split()))
 
 
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
@@ -51,7 +53,11 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
-            "can": _tool("can", "frames bit by bit; bounds on the delay of each message"),
+            "can": _tool(
+                "can",
+                "frames bit by bit; bounds on the delay of each message",
+                subcommands="bits response-times",
+            ),
         },
         "Design and test": {
             "check": Program(
@@ -62,7 +68,11 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "design": _tool("design", "gains for your vehicle and any delay up to a limit"),
             "study": _tool("study", "thousands of runs over latency, jitter, laws and vehicles"),
             "paper": _tool("paper", "the paper's figures and tables, reproduced"),
-            "faults": _tool("faults", "a thousand faulty runs, what detected each; inject, soak"),
+            "faults": _tool(
+                "faults",
+                "a thousand faulty runs, what detected each; inject, soak",
+                subcommands="inject soak",
+            ),
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN; which rate it can keep"),
