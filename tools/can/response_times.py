@@ -132,8 +132,8 @@ def steering_text(steering: Steering) -> str:
         f"bus load: {100 * steering.load:.1f} %",
         f"LATERAL_ERROR and STEERING_COMMAND together: {_ms(steering.least_ns)} ms on a free bus, "
         f"{most}",
-        "Constant delay that the loop of each law tolerates, and the load by more urgent messages "
-        "(sent more and more often) at which the bus alone reaches it:",
+        "Constant delay that the loop of each law tolerates, and the load at which the bus alone "
+        "delays that much, were all other messages sent more often:",
     ]
     width = max(len(tolerance.preset) for tolerance in steering.tolerances)
     return "\n".join([*lines, *(_tolerance(t, width) for t in steering.tolerances)])
@@ -170,11 +170,12 @@ def _tolerance(tolerance: Tolerance, width: int) -> str:
     if tolerance.margin_ns == 0:
         return f"  {tolerance.preset:{width}}  not stable, even without delay"
     if tolerance.margin_ns is None:
-        margin = "any delay that was tried"
+        margin = "any delay tried"
     else:
         margin = f"{tolerance.margin_ns / 1e6:6.1f} ms"
-    at = "no load" if tolerance.load_max is None else f"{100 * tolerance.load_max:.1f} % load"
-    return f"  {tolerance.preset:{width}}  {margin}, reached at {at}"
+    if tolerance.load_max is None:
+        return f"  {tolerance.preset:{width}}  {margin}: the bus alone never delays that much"
+    return f"  {tolerance.preset:{width}}  {margin}: at {100 * tolerance.load_max:.1f} % load"
 
 
 def _verdict(response: Response) -> str:

@@ -21,9 +21,9 @@ class Tolerance(NamedTuple):
     """One controller.
 
     ``margin_ns``     constant delay up to which its loop is stable; None beyond the search's limit,
-                      0 if it is not even stable without
-    ``load_max``      load by the steering and what has priority over it, up to which the bus alone
-                      stays below that margin; None if no load exceeds it
+                      0 if it is unstable even without delay
+    ``load_max``      load of the steering and of what has priority over it, up to which the bus
+                      alone delays less than that; None if it does at any load
     """
 
     preset: str
@@ -78,7 +78,7 @@ def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tol
     design = design_law(settings)
     if settings.model is None or design.looking_back is not None:
         raise SettingsError(
-            f"preset {preset} looks back: see steer-by-wire check --preset {preset}"
+            f"preset {preset} uses past measurements: see steer-by-wire check --preset {preset}"
         )
     loop = SampledLoop(design, settings.model, settings.period_ns)
     margin_ns = delay_margin_ns(stable_delays(loop))
