@@ -36,8 +36,8 @@ class Program(NamedTuple):
     subcommands: tuple[str, ...] = ()
 
 
-def _tool(name: str, summary: str, module: str = "__main__", subcommands: str = "") -> Program:
-    return Program(f"tools.{name}.{module}", summary, subcommands=tuple(subcommands.split()))
+def _tool(name: str, summary: str, *subcommands: str) -> Program:
+    return Program(f"tools.{name}.__main__", summary, subcommands=subcommands)
 
 
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
@@ -56,7 +56,8 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "can": _tool(
                 "can",
                 "frames bit by bit; bounds on the delay of each message",
-                subcommands="bits response-times",
+                "bits",
+                "response-times",
             ),
         },
         "Design and test": {
@@ -71,7 +72,8 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "faults": _tool(
                 "faults",
                 "a thousand faulty runs, what detected each; inject, soak",
-                subcommands="inject soak",
+                "inject",
+                "soak",
             ),
         },
         "This machine": {
