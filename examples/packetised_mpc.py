@@ -35,13 +35,13 @@ from steer_by_wire.controller.interface.law import (
 )
 from steer_by_wire.controller.laws import packet
 from steer_by_wire.controller.laws.predictor import PredictorState
-from steer_by_wire.controller.prediction import estimator
+from steer_by_wire.controller.prediction import vehicle_estimator
 from steer_by_wire.controller.prediction.measured_vehicle import measured_gains
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
 
 Array = NDArray[np.float64]
-Cost = tuple[estimator.VehicleGains, float, int]  # model, k, samples between two values
-REST = estimator.estimator_at_rest(0.0)
+Cost = tuple[vehicle_estimator.VehicleGains, float, int]  # model, k, samples between two values
+REST = vehicle_estimator.estimator_at_rest(0.0)
 TAIL = 150  # samples after the plan, with the predictor's feedback
 
 
@@ -60,7 +60,7 @@ class Params(NamedTuple):
 def terms(
     cost: Cost,
     plan: Array,
-    z: estimator.EstimatorState = REST,
+    z: vehicle_estimator.EstimatorState = REST,
     loop_delay: LoopDelay = NO_LOOP_DELAY,
     history: History = NO_HISTORY,
 ) -> Array:
@@ -81,7 +81,7 @@ def terms(
         u = float(planned[k]) if k <= ends else steer_for(g, z)
         u_ss = per_curvature * z.curvature_1_m - z.offset_rad
         found += [weight_rad_m * z.lateral_error_m, u - u_ss]
-        z = estimator.step_on_path(g, loop_delay, history, z, u)
+        z = vehicle_estimator.step_on_path(g, loop_delay, history, z, u)
     return np.array(found)
 
 
@@ -89,7 +89,7 @@ def terms(
 def factors(cost: Cost, count: int) -> tuple[Array, Array, Array, Array]:
     """Return Q and R of the terms by the plan's values, Qᵀ of those by the state, R⁻¹ by limits."""
     q, r = np.linalg.qr(np.array([terms(cost, one) for one in np.eye(count)]).T)
-    states = [estimator.EstimatorState(0, *one) for one in np.eye(len(REST) - 1).tolist()]
+    states = [vehicle_estimator.EstimatorState(0, *one) for one in np.eye(len(REST) - 1).tolist()]
     by_state = q.T @ np.array([terms(cost, np.zeros(count), z) for z in states]).T
     limited = np.vstack((np.eye(count), np.eye(count) - np.eye(count, k=-1)))
     return q, r, by_state, limited @ np.linalg.inv(r)
@@ -104,7 +104,7 @@ def planned(p: Params, x: PredictorState, observed: LawInput) -> int:
     row = history.plans[loop_delay.tick & history.plan_mask]
     spacing, acts, count = int(row[1]), int(row[0] + acting * row[1]), len(row) - 2 - acting
     g = measured_gains(of.measured, x.measured)
-    z = estimator.estimate_to(
+    z = vehicle_estimator.estimate_to(
         of.loop_delay, g, x.estimate, loop_delay, history, loop_delay.error_sample
     )
     z = predict(of.loop_delay, g, z, loop_delay, history, float(acts - z.sample))

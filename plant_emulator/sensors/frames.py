@@ -21,7 +21,7 @@ _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = _WHEEL_RANGE
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
-(_CG_RANGE,) = limits(GroundTruth).values()
+_CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
 _NO_ERROR = LateralError(0.0, 0.0)
 
 
