@@ -14,7 +14,7 @@ from rich.table import Table
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.node.statistics import DurationSummary, durations_report
 from ...runtime.program.program import say
-from .measurement import REAL_TIME, Measured, Measurement, RoundTrip, measure, steps
+from .measurement import REAL_TIME, Measured, Measurement, measure, steps
 from .wake_ups import Figures, WakeUps
 
 WIDTH_MIN = 95
@@ -169,42 +169,27 @@ def _measured_record(measured: Measured) -> dict[str, Any]:
     return {
         "rights": measured.rights,
         "is_real_time": measured.rights == REAL_TIME,
-        "answers": [answer._asdict() for answer in measured.answers],
+        "answers": _plain(measured.answers),
         "rate_kept_hz": rate_kept_hz(measured.wake_ups),
         "wake_ups": [_wake_ups_record(wake_ups) for wake_ups in measured.wake_ups],
-        "round_trip": _round_trip_record(measured.round_trip),
+        "round_trip": _plain(measured.round_trip),
         "round_trip_obstacle": measured.obstacle or None,
     }
 
 
 def _wake_ups_record(wake_ups: WakeUps) -> dict[str, Any]:
-    return {
-        "rate_hz": wake_ups.rate_hz,
-        "is_kept": is_kept(wake_ups),
-        "judged_by": "undisturbed" if judged(wake_ups) is wake_ups.undisturbed else "everything",
-        "everything": _figures_record(wake_ups.everything),
-        "undisturbed": _figures_record(wake_ups.undisturbed),
-        "steal_fraction": wake_ups.steal_fraction,
-    }
+    by = "undisturbed" if judged(wake_ups) is wake_ups.undisturbed else "everything"
+    return {**_plain(wake_ups), "is_kept": is_kept(wake_ups), "judged_by": by}
 
 
-def _figures_record(figures: Figures) -> dict[str, Any]:
-    return {
-        "lateness": durations_report(figures.lateness),
-        "done": durations_report(figures.done),
-        "missed": figures.missed,
-    }
-
-
-def _round_trip_record(trip: RoundTrip | None) -> dict[str, Any] | None:
-    if trip is None:
-        return None
-    return {
-        "everything": durations_report(trip.everything),
-        "undisturbed": durations_report(trip.undisturbed),
-        "unanswered": trip.unanswered,
-        "steal_fraction": trip.steal_fraction,
-    }
+def _plain(value: Any) -> Any:
+    """Return records as dictionaries by their fields, summaries of durations in seconds."""
+    if isinstance(value, DurationSummary):
+        return durations_report(value)
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    fields = value._asdict().items() if hasattr(value, "_asdict") else None
+    return value if fields is None else {name: _plain(one) for name, one in fields}
 
 
 def _wake_up_cells(figures: Figures) -> tuple[str, ...]:
