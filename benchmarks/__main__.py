@@ -20,10 +20,14 @@ from rich.console import Console
 from benchmarks import batch, loop
 from benchmarks.bus import benchmark as bus
 from benchmarks.measurement import line_record, lines_table
-from steer_by_wire.runtime.command_line import add_subcommand, command_parser
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    add_subcommand,
+    command_parser,
+    run_main,
+)
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.host import StealClock
-from steer_by_wire.runtime.program.option_types import add_json_argument
-from steer_by_wire.runtime.program.program import ExitStatus, run_main
 from steer_by_wire.runtime.program.report import write_json
 
 NAME = "python -m benchmarks"

@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.program.option_types import output_file
+from steer_by_wire.runtime.command_line import output_file
 
 DURATION_S = 60.0
 NETWORKS = {

@@ -12,15 +12,14 @@ from pathlib import Path
 
 from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
 from ..dbc.secoc.secured_frame import CONTROLLER
-from ..runtime.command_line import command_parser
+from ..runtime.command_line import command_parser, run_main, say
 from ..runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
     make_parser,
 )
-from ..runtime.program.program import fail_status, run_main, say
 from ..runtime.program.report import json_text
-from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
+from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, fail_status
 from ..runtime.settings import SettingsError
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures

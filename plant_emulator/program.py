@@ -10,9 +10,9 @@ from pathlib import Path
 
 from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
 from ..dbc.secoc.secured_frame import PLANT
+from ..runtime.command_line import output_file, run_main, say
+from ..runtime.exit_status import ExitStatus
 from ..runtime.program.node_options import load_program_settings, make_parser
-from ..runtime.program.option_types import output_file
-from ..runtime.program.program import ExitStatus, run_main, say
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check_option import check_text
 from .evaluation.fail_if_quantities import QUANTITIES

@@ -1,4 +1,4 @@
-"""What the command lines of all programs share: help, types of options, and how programs start.
+"""What the command lines of all programs share: help, types of options, their start and their end.
 
 argparse turns an error of a type into one line. Standard library only, because programs without any
 other library use it too.
@@ -7,17 +7,24 @@ other library use it too.
 import argparse
 import importlib
 import math
+import os
+import select
 import shutil
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+from .exit_status import ExitStatus, UserError, cause_of
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
 DURATION_S_MAX = 1e9
-INSTALLATION_STATUS = 2
-INTERRUPTED_STATUS = 130
+BLOCKED_S = 2.0
+"""How long a line waits for a full pipe; then this line and all later ones are dropped."""
 
 
 class _OneScreen(argparse.RawDescriptionHelpFormatter):
@@ -74,6 +81,13 @@ def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = 
     parser.add_argument("--out", type=Path, default=Path(default), metavar="DIR", help=help_text)
 
 
+def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--json``, a file for the figures that are also printed."""
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
+
+
 def add_overrides_argument(
     parser: argparse._ActionsContainer,
     option: str = "--set",
@@ -122,21 +136,148 @@ seconds = number(0.0, DURATION_S_MAX, "s", excludes_low=True)
 """Reads a duration [s]."""
 
 
-def start_program(module: str, arguments: Sequence[str] | None, name: str) -> int:
-    """Import a program and run its ``main(arguments)``; returns its exit status.
+def output_file(text: str) -> Path:
+    """Read the name of a file to write after the run."""
+    path = Path(text)
+    try:
+        if path.is_dir():
+            raise argparse.ArgumentTypeError(f"{text} is a directory")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
+    except OSError as error:  # not a possible file name
+        raise argparse.ArgumentTypeError(f"{text[:60]}: {error.strerror}") from error
+    if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
+        raise argparse.ArgumentTypeError(f"{text} may not be written")
+    return path
 
-    The import takes half a second, in which neither Ctrl-C nor a missing library or a damaged DBC
-    may cause a traceback.
+
+def start_program(
+    module: str, arguments: Sequence[str] | None, name: str, function: str = "main"
+) -> int:
+    """Import a program and run its ``function(arguments)``; returns its exit status.
+
+    ``name``  of the program, for error messages
+
+    The import takes up to two seconds, in which neither Ctrl-C nor a missing library or a damaged
+    DBC may cause a traceback.
     """
     try:
-        status: int = importlib.import_module(module).main(arguments)
+        status: int = getattr(importlib.import_module(module), function)(arguments)
         return status
     except KeyboardInterrupt:
-        return INTERRUPTED_STATUS
+        return ExitStatus.INTERRUPTED
+    except ModuleNotFoundError as error:
+        say(name, f"error: {missing_library(error)}", sys.stderr)
     except ImportError as error:
-        text = missing_library(error) if isinstance(error, ModuleNotFoundError) else error
-        print(f"{name}: error: {text}", file=sys.stderr)
-        return INSTALLATION_STATUS
+        say(name, f"error: {error}", sys.stderr)
+    return ExitStatus.SETTINGS
+
+
+def run_main(name: str, main: Callable[[], int]) -> int:
+    """Call ``main``; turns errors that a user can cause into lines and an exit status.
+
+    A signal that ends programs does so as Ctrl-C does, so that nothing is left behind.
+    """
+    try:
+        with ending_signals(signal.default_int_handler):
+            status = main()
+        print(end="", flush=True)
+        return status
+    except BrokenPipeError:
+        # The reader has gone, as after "| head".
+        _silence(sys.stdout)
+        return ExitStatus.OK
+    except KeyboardInterrupt:
+        text, status = "interrupted", ExitStatus.INTERRUPTED
+    except Exception as error:
+        known = _line_and_status(error)
+        if known is None:
+            raise
+        text, status = known
+    for line in text.splitlines():
+        say(name, f"error: {line}", sys.stderr)
+    return status
+
+
+def _line_and_status(error: Exception) -> tuple[str, ExitStatus] | None:
+    """Return what to report of an error, and how to end; None for a mistake of the program."""
+    # Whoever raises an error of python-can has imported it; this module does without.
+    can = sys.modules.get("can")
+    if isinstance(error, UserError):
+        return str(error), error.exit_status
+    if can is not None and isinstance(error, can.CanError):
+        return str(error), ExitStatus.BUS
+    if isinstance(error, OSError):
+        where = error.filename2 or error.filename
+        return f"{where}: {cause_of(error)}" if where else cause_of(error), ExitStatus.OUTPUT
+    if isinstance(error, UnicodeEncodeError):
+        # Names on the command line may have any bytes; printing and storing need text.
+        return f"{error.object[:60]}: is not UTF-8 text", ExitStatus.OUTPUT
+    return None
+
+
+@contextmanager
+def ending_signals(handler: Any) -> Iterator[None]:
+    """Handle SIGINT, SIGTERM and SIGHUP with ``handler`` within the block.
+
+    A shell ignores SIGINT for programs in the background. SIGHUP comes with the end of the
+    terminal; below nohup it stays ignored.
+    """
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    with ExitStack() as stack:
+        for number in numbers:
+            stack.enter_context(handled(number, handler))
+        yield
+
+
+@contextmanager
+def handled(number: int, handler: Any) -> Iterator[None]:
+    """Handle a signal with ``handler`` within the block; only in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread can handle signals
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def say(name: str, text: str, stream: TextIO | None = None) -> None:
+    """Print one line to ``stream``, standard output unless given, at once.
+
+    A closed pipe, a full disk or a reader that reads no further must neither keep a run from its
+    end nor cost its report.
+    """
+    stream = stream or sys.stdout
+    try:
+        if not _takes_a_line(stream):
+            raise BlockingIOError
+        print(f"{name}: {text}", file=stream, flush=True)
+    except OSError:
+        _silence(stream)
+
+
+def _takes_a_line(stream: TextIO) -> bool:
+    """Whether ``stream`` takes a line without blocking, now or within BLOCKED_S.
+
+    A terminal that somebody has stopped is waited for: they see it, and can let it go on.
+    """
+    try:
+        descriptor = stream.fileno()
+    except OSError:  # in memory
+        return True
+    if stream.isatty() or os.name != "posix":  # elsewhere select knows sockets only
+        return True
+    return bool(select.select([], [descriptor], [], BLOCKED_S)[1])
+
+
+def _silence(stream: TextIO) -> None:
+    """Redirect ``stream`` to nowhere, including what Python still buffers."""
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def missing_library(error: ModuleNotFoundError) -> str:

@@ -6,7 +6,6 @@ which a newcomer needs them. A program is imported only when it is started.
 
 import argparse
 import difflib
-import importlib
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
 from . import __version__
-from .runtime.command_line import INTERRUPTED_STATUS, missing_library
+from .runtime.command_line import start_program
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
@@ -134,17 +133,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def start(name: str, words: Sequence[str]) -> int:
     """Import a program and run it; a missing library is reported in one line."""
-    program, called = PROGRAMS[name], f"{NAME} {name}"
-    try:
-        run = getattr(importlib.import_module(f"{__package__}.{program.module}"), program.main)
-        status: int = run(words)
-    except ModuleNotFoundError as error:
-        if (error.name or __package__).partition(".")[0] == __package__:
-            raise
-        return _refuse(called, missing_library(error))
-    except KeyboardInterrupt:  # while modules are imported; a running program handles its own
-        return INTERRUPTED_STATUS
-    return status
+    program = PROGRAMS[name]
+    module = f"{__package__}.{program.module}"
+    return start_program(module, words, f"{NAME} {name}", program.main)
 
 
 def _print(text: str) -> int:

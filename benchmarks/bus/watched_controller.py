@@ -25,11 +25,10 @@ from typing import Any
 from steer_by_wire.controller.node.node import RECEIVED, ControllerNode
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError
+from steer_by_wire.runtime.command_line import output_file, run_main
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Wrapper
 from steer_by_wire.runtime.program.node_options import load_program_settings, make_parser
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import run_main
 from steer_by_wire.runtime.program.run_node import run_node
 from steer_by_wire.tools.doctor.wake_ups import measurements
 

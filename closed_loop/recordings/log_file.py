@@ -25,12 +25,12 @@ from typing import Any, NamedTuple
 import can
 
 from ...runtime.command_line import installation
+from ...runtime.exit_status import one_line
 from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.frame.message import frame_of
 from ...runtime.node import NS_PER_S
 from ...runtime.recording.candump import parse_entry
 from ...runtime.settings import SettingsError
-from ...runtime.settings.error_text import one_line
 
 SEEN_MAX = 1000
 """How many lines from the beginning are kept: far more than any format's header."""

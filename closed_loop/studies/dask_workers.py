@@ -10,8 +10,7 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
-from ...runtime.command_line import installation
-from ...runtime.program.program import handled
+from ...runtime.command_line import handled, installation
 from ...runtime.settings import SettingsError
 from .compiled_runs import Computed
 from .study import Study

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
+from ...runtime.exit_status import one_line
 from ...runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
-from ...runtime.settings.error_text import one_line
 from .layout import NOT_AVAILABLE_NAME, MessageLayout, packed_signal, signal_range
 from .packing import packing_of
 from .protection import COUNTERS, protect

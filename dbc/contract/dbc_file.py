@@ -10,7 +10,7 @@ from pathlib import Path
 import cantools.database
 from cantools.database.can import Database, Message, Signal
 
-from ...runtime.settings.error_text import one_line
+from ...runtime.exit_status import one_line
 from ..codec.codec import FILE, ContractError
 from ..codec.layout import NOT_AVAILABLE_NAME, MessageLayout, SignalLayout
 from ..codec.protection import header_bits

@@ -9,8 +9,9 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from ...runtime.command_line import say
+from ...runtime.exit_status import ExitStatus
 from ...runtime.node import N
-from ...runtime.program.program import ExitStatus, say
 from ...runtime.program.report import causes_line
 from ...runtime.program.run_node import run_node
 from ...runtime.program.thresholds import Ending

@@ -16,14 +16,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from ..exit_status import ExitStatus, UserError
+
 _DEFAULT_TCP_PORT = 29580
 _PORT_DIGITS_MAX = 20
 """Longer texts are paths; Python does not convert thousands of digits."""
 _BACKLOG = 32
 
 
-class AddressError(Exception):
+class AddressError(UserError):
     """An address that is invalid, in use, or not safe to use."""
+
+    exit_status = ExitStatus.BUS
 
 
 class UnixAddress(NamedTuple):

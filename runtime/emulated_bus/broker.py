@@ -21,7 +21,7 @@ next millisecond, which is four frames.
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ..node import NEVER_NS, NS_PER_S, NS_PER_US
 from ..node.statistics import DurationStatistics, DurationSummary
@@ -83,21 +83,19 @@ class Broker:
         """How long after an end of frame the broker came to deliver it: its wake-ups and stalls."""
         return self._lateness.summary()
 
-    def run(self, end_descriptor: int | None = None) -> None:
-        """Serve until ``end_descriptor`` is readable or closed, or until KeyboardInterrupt."""
+    def run(self, ends: Sequence[int] = ()) -> None:
+        """Serve until one of the descriptors ``ends`` is readable or closed."""
         try:
-            while self.serve(self._timeout_s(), end_descriptor):
+            while self.serve(self._timeout_s(), ends):
                 pass
         finally:
             self.clients.close()
 
-    def serve(self, timeout_s: float | None, end_descriptor: int | None = None) -> bool:
+    def serve(self, timeout_s: float | None, ends: Sequence[int] = ()) -> bool:
         """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
         now_ns = self._clock_ns()
         clients = self.clients
-        sources = clients.sources(now_ns)
-        if end_descriptor is not None:
-            sources.append(end_descriptor)
+        sources = [*clients.sources(now_ns), *ends]
         readable, writable, _ = select.select(sources, clients.writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.

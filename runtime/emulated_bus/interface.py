@@ -148,33 +148,40 @@ class EmulatedBus(can.BusABC):
         python-can filters too, because frames on their way have passed the filters before
         ``set_filters``. Error frames are not filtered.
         """
+        while (raw := self._next_record(timeout)) is not None:
+            try:
+                frame, time_ns = unpack_delivery(self._record, raw)
+            except ProtocolError as error:
+                raise can.CanOperationError(str(error)) from error
+            if isinstance(frame, Buffer):
+                (self._full.discard if frame.has_room else self._full.add)(frame[:2])
+                timeout = 0.0  # a frame may be behind it
+                continue
+            if frame.flags & ERROR:
+                self._confinement = state_of(frame) or self._confinement
+            message = _received_message(frame, time_ns, self._channel)
+            return message, bool(message.is_error_frame)
+        return None, False
+
+    def _next_record(self, timeout: float | None) -> bytes | None:
+        """Return the next record, or None when none is complete within ``timeout`` [s]."""
         try:
             # Without waiting, one system call is enough.
             waits = timeout is None or timeout > 0
             if waits and not select.select([self._socket], [], [], timeout)[0]:
-                return None, False
+                return None
             received = self._socket.recv(self._record.size - len(self._partial))
         except BlockingIOError:
-            return None, False
+            return None
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
         if not received:
             raise self._lost(None)
         self._partial += received
         if len(self._partial) < self._record.size:
-            return None, False
+            return None
         raw, self._partial = self._partial, b""
-        try:
-            frame, time_ns = unpack_delivery(self._record, raw)
-        except ProtocolError as error:
-            raise can.CanOperationError(str(error)) from error
-        if isinstance(frame, Buffer):
-            (self._full.discard if frame.has_room else self._full.add)(frame[:2])
-            return self._recv_internal(0.0)  # a frame may be behind it
-        if frame.flags & ERROR:
-            self._confinement = state_of(frame) or self._confinement
-        message = _received_message(frame, time_ns, self._channel)
-        return message, bool(message.is_error_frame)
+        return raw
 
     def _send_all(self, raw: bytes, timeout: float | None) -> None:
         """Write ``raw`` whole or not at all."""

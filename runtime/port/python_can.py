@@ -22,10 +22,10 @@ import can
 import can.cli
 from can.util import load_environment_config, load_file_config
 
+from ..exit_status import ExitStatus, UserError, one_line
 from ..frame import Frame
 from ..frame.message import frame_of, message_of
 from ..node.real_time import Received
-from ..settings.error_text import one_line
 
 _AUTO_CHANNEL = "vcan0"
 _BUS_HELP: Mapping[str, tuple[str, ...]] = {
@@ -50,8 +50,10 @@ _FULL_CODES = {
 """Codes of drivers whose transmit queue is full, by python-can's exception for their failures."""
 
 
-class BusError(Exception):
+class BusError(UserError):
     """The bus cannot be opened or has failed; the text is one line for the user."""
+
+    exit_status = ExitStatus.BUS
 
 
 class OpenBus(NamedTuple):

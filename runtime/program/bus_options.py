@@ -1,4 +1,4 @@
-"""Options for what else happens on a bus, the same for every program that has one."""
+"""Options for a bus: its bit rates, the rest bus and errors, the same for every program."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -6,8 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from ..bus_model.settings import LEVELS, LOAD_MAX, BusSettings, ClockSettings
+from ..command_line import whole_number
 from ..settings import COMMAND_LINE, Preset, SettingsError, load_settings, with_values
 
+bit_rate = whole_number(10_000, 1_000_000)
+"""Reads a bit rate as ISO 11898 allows it, of CAN FD the one of the arbitration [bit/s]."""
+data_bit_rate = whole_number(10_000, 8_000_000)
+"""Reads the bit rate of the data phase of CAN FD [bit/s]."""
 _PARTS = 3
 """Of a burst, and of a stuck line."""
 _NOT_HERE = {

@@ -12,11 +12,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from ..settings.error_text import cause_of
+from ..command_line import whole_number
+from ..exit_status import cause_of
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
-PRIORITY_MAX = 99  # of SCHED_FIFO, sched(7)
+priority = whole_number(0, 99)
+"""Reads a priority of SCHED_FIFO (sched(7)), or 0."""
 _STAT = Path("/proc/stat")
 _STEAL_FIELD = 7
 """Of the cpu line of /proc/stat: time that the hypervisor gave to other guests, proc(5)."""

@@ -1,18 +1,28 @@
-"""The options that both programs have, and the settings that they name."""
+"""The options of a program that runs a node, and the settings that they name."""
 
 import argparse
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import TypeVar
 
 from ..bus_model.settings import ClockSettings
-from ..command_line import add_overrides_argument, command_parser, seconds
+from ..command_line import (
+    add_overrides_argument,
+    command_parser,
+    output_file,
+    seconds,
+    whole_number,
+)
 from ..port.python_can import add_bus_arguments
+from ..recording.recording import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
 from .bus_options import clock
-from .option_types import SPIN_US_MAX, output_file, priority, recording_file, spin_us
+from .host import priority
 
 _S = TypeVar("_S", bound=Settings)
+_SPIN_US_MAX = 10_000
 PATIENCE_S = 60.0
 """How long ``--reconnect`` waits for the bus by default."""
 
@@ -26,7 +36,7 @@ def make_parser(
     parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
     parser.add_argument(
         "--record",
-        type=recording_file,
+        type=_recording_file,
         metavar="FILE",
         help="write every frame: .log .asc .blf .csv .db .trc .mf4",
     )
@@ -93,10 +103,10 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--spin-us",
-        type=spin_us,
+        type=whole_number(0, _SPIN_US_MAX),
         default=0,
         metavar="US",
-        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
+        help=f"busy-wait this long before a deadline, 0 to {_SPIN_US_MAX}; occupies a processor",
     )
 
 
@@ -114,3 +124,27 @@ def load_program_settings(
     preset = read_preset(preset_package, options.preset) if options.preset else None
     own = [*options.overrides, *overrides]
     return load_settings(model, preset, options.settings, own, shared)
+
+
+def _recording_file(text: str) -> Path:
+    """Read the name of a recording."""
+    path = output_file(text)
+    if obstacle := recording_obstacle(path):
+        raise argparse.ArgumentTypeError(obstacle)
+    return path
+
+
+def settings_file(package: str) -> Callable[[str], Path]:
+    """Return the type of an option that takes a TOML file, or one of ``package`` by its name."""
+
+    def read(text: str) -> Path:
+        if text.endswith(".toml") or os.path.exists(text):
+            return Path(text)
+        names = preset_names(package)
+        if text not in names:
+            raise argparse.ArgumentTypeError(
+                f"{text[:60]!r} is neither a .toml file nor one of {', '.join(names)}"
+            )
+        return Path(str(resources.files(package) / f"{text}.toml"))
+
+    return read

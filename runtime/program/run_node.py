@@ -13,6 +13,8 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from ..bus_model.settings import ClockSettings
+from ..command_line import say
+from ..exit_status import ExitStatus
 from ..node import NS_PER_S, NS_PER_US, N, Node
 from ..node.drifting_clock import DriftingClock
 from ..node.real_time import LoopFigures, RealTimeExecutor, unobserved
@@ -23,10 +25,10 @@ from ..recording.recording import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
 from .host import RealTimeRequest, StealClock, real_time
-from .program import ExitStatus, StopRequest, fail_status, say
 from .report import connection_report, host_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
-from .thresholds import Ending
+from .stop_request import StopRequest
+from .thresholds import Ending, fail_status
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""

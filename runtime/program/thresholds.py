@@ -11,9 +11,13 @@ import argparse
 import math
 import operator
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
+
+from ..command_line import say
+from ..exit_status import ExitStatus
 
 Report = Mapping[str, Any]
 
@@ -136,3 +140,16 @@ def failures(
             shown = value if isinstance(value, str) else f"{value:.6g}"
             lines.append(f"failed: {asked}: {name} is {shown}")
     return lines
+
+
+def fail_status(
+    name: str,
+    conditions: Sequence[Condition],
+    quantities: Mapping[str, Quantity],
+    report: Report,
+) -> ExitStatus:
+    """Print a line for each ``--fail-if`` that a run meets; returns CONDITION if there is one."""
+    lines = failures(conditions, quantities, report)
+    for line in lines:
+        say(name, line, sys.stderr)
+    return ExitStatus.CONDITION if lines else ExitStatus.OK

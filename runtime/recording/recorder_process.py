@@ -29,10 +29,10 @@ from typing import Any, BinaryIO, NamedTuple
 import can
 from can.io.generic import MessageWriter, TextIOMessageWriter
 
+from ..exit_status import cause_of
 from ..frame import Frame
 from ..frame.message import message_of
 from ..node import NS_PER_S
-from ..settings.error_text import cause_of
 from .recording import LEFT_OUT, PROGRESS, RECORD
 
 HELD_NS = 100_000_000

@@ -23,6 +23,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
+from ..exit_status import UserError
 from .mistakes import KeyPath, Schema, dotted, explain, hint, printable, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
@@ -56,7 +57,7 @@ class Settings(BaseModel):
         return schema_of(cls)
 
 
-class SettingsError(ValueError):
+class SettingsError(UserError, ValueError):
     """Settings that cannot be used; the text has one line for each of ``mistakes``."""
 
     def __init__(self, *mistakes: str) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from steer_by_wire.closed_loop import processes
 from steer_by_wire.closed_loop.processes import Lifeline
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.running_program import PATIENCE_S, wait_until
 
 ROOT = str(Path(__file__).resolve().parents[2])
@@ -38,7 +38,7 @@ from contextlib import closing
 from pathlib import Path
 from steer_by_wire.closed_loop import processes
 from steer_by_wire.closed_loop.processes import Lifeline, launched_broker
-from steer_by_wire.runtime.program.program import run_main
+from steer_by_wire.runtime.command_line import run_main
 
 def main():
     first, second, folder = sys.argv[1:]

@@ -14,7 +14,7 @@ from steer_by_wire.controller.node.modes import supervision_of
 from steer_by_wire.controller.program import check_main, main
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import SteeringCommand, limits
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from tests.support.one_mean import one_mean as one_mean
 

@@ -15,8 +15,8 @@ from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.command_line import output_file
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
-from steer_by_wire.runtime.program.option_types import output_file
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from tests.fuzz.__main__ import main as fuzz_main
 

@@ -27,8 +27,8 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.key_option import NOBODY
 from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
 from steer_by_wire.plant_emulator.program import main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.program.program import ExitStatus
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]

@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire import Run, SettingsError, run_study, simulate
 from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.running_program import running

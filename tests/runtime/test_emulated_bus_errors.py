@@ -29,7 +29,9 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     HELLO,
     Answer,
+    Buffer,
     Hello,
+    pack_buffer,
     pack_frame,
 )
 from steer_by_wire.runtime.frame import ERROR, Frame
@@ -227,6 +229,24 @@ def python_can(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulat
         for client in bench.broker.clients:
             client.close()
         bus.shutdown()
+
+
+def test_a_frame_behind_a_thousand_reports_on_buffers_is_received(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours, brokers = socket.socketpair()
+    ours.setblocking(False)
+    monkeypatch.setattr(interface, "join", lambda *_: (ours, Answer(BITRATE_BIT_S, 0)))
+    bus = EmulatedBus("can0")
+    with brokers:
+        for number in range(1200):
+            report = Buffer(0x100, extended=False, has_room=number % 2 == 1)
+            brokers.sendall(pack_buffer(CLASSIC_RECORD, report))
+        brokers.sendall(pack_frame(CLASSIC_RECORD, Frame(0x123, b"one")))
+        received = bus.recv(0.0)
+    bus.shutdown()
+    assert received is not None
+    assert received.arbitration_id == 0x123
 
 
 def state_of(bus: can.BusABC) -> BusState:

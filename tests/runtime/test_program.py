@@ -12,12 +12,12 @@ from pathlib import Path
 import can
 import pytest
 
+from steer_by_wire.runtime import command_line
+from steer_by_wire.runtime.command_line import output_file, run_main, say
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.python_can import BusError
-from steer_by_wire.runtime.program import program
 from steer_by_wire.runtime.program.node_options import load_program_settings
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.running_program import ORDINARY
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
@@ -128,7 +128,7 @@ def test_a_report_that_cannot_be_written_after_all_is_one_line(
 def printing_program(output: int) -> subprocess.CompletedProcess[str]:
     """A program that prints without ``say`` and leaves the text to be written at its end."""
     code = (
-        "import sys; from steer_by_wire.runtime.program.program import run_main;"
+        "import sys; from steer_by_wire.runtime.command_line import run_main;"
         "sys.exit(run_main('p', lambda: print('text') or 0))"
     )
     return subprocess.run(
@@ -159,7 +159,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
-        "from steer_by_wire.runtime.program.program import run_main;"
+        "from steer_by_wire.runtime.command_line import run_main;"
         "from steer_by_wire.runtime.program.run_node import run_node;"
         "from steer_by_wire.runtime.program.node_options import make_parser;"
         "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
@@ -190,7 +190,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
 def test_a_pipe_that_nobody_reads_does_not_keep_a_program_from_its_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(program, "BLOCKED_S", 0.01)
+    monkeypatch.setattr(command_line, "BLOCKED_S", 0.01)
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     with suppress(BlockingIOError):
@@ -199,7 +199,7 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_program_from_its_end(
     os.set_blocking(writer, True)
     with open(reader, "rb"), open(writer, "w", encoding="utf-8") as full:
         for _ in range(2):
-            program.say("p", "error: the last word", full)
+            say("p", "error: the last word", full)
         assert os.fstat(full.fileno()).st_rdev == os.stat(os.devnull).st_rdev
 
 
@@ -255,6 +255,7 @@ def test_a_bad_argument_has_the_status_of_bad_settings(
     [
         (SettingsError("a", "b"), ExitStatus.SETTINGS, ["a", "b"]),
         (BusError("no such bus"), ExitStatus.BUS, ["no such bus"]),
+        (can.CanOperationError("no such bus"), ExitStatus.BUS, ["no such bus"]),
         (PermissionError(13, "not yours", "x"), ExitStatus.OUTPUT, ["x: not yours"]),
         (OSError("reported in words"), ExitStatus.OUTPUT, ["reported in words"]),
         (KeyboardInterrupt(), ExitStatus.INTERRUPTED, ["interrupted"]),

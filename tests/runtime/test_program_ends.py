@@ -11,10 +11,12 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
+from steer_by_wire.runtime.command_line import handled, run_main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, handled, run_main
 from steer_by_wire.runtime.program.run_node import run_node
+from steer_by_wire.runtime.program.stop_request import StopRequest
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel
 from tests.support.some_program import options as options

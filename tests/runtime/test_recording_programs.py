@@ -15,8 +15,8 @@ import pytest
 
 from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.plant_emulator import program as plant_program
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import frame_of
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording import recording
 from steer_by_wire.runtime.recording.recording import SUFFIXES, recording_obstacle
 from steer_by_wire.with_vcan.guard import descendants

@@ -14,8 +14,8 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import message_of
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
 from steer_by_wire.tools.analyze.__main__ import main
 

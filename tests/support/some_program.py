@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import View
 from steer_by_wire.runtime.program.node_options import make_parser
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.program.run_node import run_node
 from steer_by_wire.runtime.settings import Settings
 from tests.support.running_program import ORDINARY

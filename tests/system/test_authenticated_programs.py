@@ -21,9 +21,9 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.key_option import AUTHENTICATED, NOBODY
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.plant_emulator.program import main as plant_main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 

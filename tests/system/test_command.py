@@ -184,7 +184,7 @@ def test_a_missing_library_is_reported_in_one_line(
     def missing(_name: str) -> None:
         raise ModuleNotFoundError("No module named 'matplotlib.figure'", name="matplotlib.figure")
 
-    monkeypatch.setattr("steer_by_wire.command.importlib.import_module", missing)
+    monkeypatch.setattr("steer_by_wire.runtime.command_line.importlib.import_module", missing)
     assert main(["demo"]) == 2
     assert capsys.readouterr().err == (
         "steer-by-wire demo: error: matplotlib is not installed: "

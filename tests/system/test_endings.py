@@ -11,7 +11,7 @@ from steer_by_wire.controller.program import main as controller_main
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main as analyze_main
 from steer_by_wire.tools.run.__main__ import main as run_main
 from tests.support.one_mean import one_mean as one_mean

@@ -85,7 +85,7 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
     nodes = "steer_by_wire.controller.node.node, steer_by_wire.plant_emulator.node.node"
     unwanted = (
         "can cantools argparse asyncio multiprocessing subprocess logging scipy numba matplotlib "
-        "rich steer_by_wire.runtime.port.python_can steer_by_wire.runtime.program.program"
+        "rich steer_by_wire.runtime.port.python_can steer_by_wire.runtime.command_line"
     )
     assert loaded(nodes, unwanted) == []
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.running_program import RunningProgram, running, wait_until
 from tests.support.slcan_adapter import Adapter, AdapterBus
 

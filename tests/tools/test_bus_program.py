@@ -1,5 +1,6 @@
 """The program of the emulated bus as its users meet it: start, end, overload, other programs."""
 
+import errno
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections import Counter
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -15,7 +17,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes import launched_broker
-from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX
+from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
@@ -139,6 +141,35 @@ def test_a_signal_ends_the_broker_in_order(
     assert "; body 1 frames, load " in errors
     assert errors.count("\n") == 1
     assert not Path(address).exists()
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 0.002, 0.06])
+def test_a_second_signal_does_not_cost_the_report(
+    stack: ExitStack, directory: Path, pause_s: float
+) -> None:
+    report = directory / "report.json"
+    broker = start_broker(stack, "--address", str(directory / "socket"), "--report", str(report))
+    broker.send_signal(signal.SIGINT)
+    time.sleep(pause_s)
+    broker.send_signal(signal.SIGTERM)
+    broker.communicate(timeout=PATIENCE_S)
+    assert json.loads(report.read_text(encoding="utf-8"))["channels"] == {}
+
+
+def test_a_bus_that_fails_says_where_and_why_and_leaves_its_report(
+    directory: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_arguments: object) -> None:
+        raise OSError(errno.EBADF, "Bad file descriptor")
+
+    monkeypatch.setattr(Broker, "run", fail)
+    address, report = directory / "socket", directory / "report.json"
+    assert main(["--address", str(address), "--report", str(report)]) == 3
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == (
+        f"steer-by-wire bus: error: the bus at {address} has failed: Bad file descriptor"
+    )
+    assert json.loads(report.read_text(encoding="utf-8"))["clients"]["served"] == 0
 
 
 def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:

@@ -14,8 +14,8 @@ import pytest
 
 from steer_by_wire.closed_loop.pair_result import Trace
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.running_program import PATIENCE_S

@@ -31,13 +31,14 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
-from steer_by_wire.runtime.program.program import ExitStatus, fail_status, run_main
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.thresholds import (
     Condition,
     Quantity,
     add_fail_if_argument,
+    fail_status,
     of_part,
 )
 from steer_by_wire.runtime.settings import (

@@ -2,20 +2,26 @@
 
 Prints a line to standard output when clients can connect, and to standard error a line for every
 client that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly
-end, 2 for wrong arguments or settings, 3 if it cannot listen, 4 if the report cannot be written,
-130 if it is interrupted before it listens.
+end, 2 for wrong arguments or settings, 3 if it cannot listen or serve, 4 if the report cannot be
+written, 130 if it is interrupted before it listens.
 """
 
 import argparse
 import select
-import signal
 import socket
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 
-from ...runtime.command_line import command_parser, whole_number
+from ...runtime.command_line import (
+    command_parser,
+    ending_signals,
+    output_file,
+    run_main,
+    whole_number,
+)
 from ...runtime.emulated_bus.address import (
     Address,
     AddressError,
@@ -29,46 +35,32 @@ from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.broker_report import broker_report, summary_line
 from ...runtime.emulated_bus.channel import ChannelConditions, client_number
 from ...runtime.emulated_bus.journal import Journal
-from ...runtime.program.bus_options import add_error_arguments, add_traffic_arguments, bus_settings
-from ...runtime.program.host import RealTimeRequest, real_time
-from ...runtime.program.option_types import bit_rate, data_bit_rate, output_file, priority
+from ...runtime.exit_status import ExitStatus, cause_of
+from ...runtime.program.bus_options import (
+    add_error_arguments,
+    add_traffic_arguments,
+    bit_rate,
+    bus_settings,
+    data_bit_rate,
+)
+from ...runtime.program.host import RealTimeRequest, priority, real_time
 from ...runtime.settings import SettingsError
 
 NAME = "steer-by-wire bus"
-_WRONG_SETTINGS = 2
-_CANNOT_LISTEN = 3
-_CANNOT_WRITE = 4
-_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    options = _parse(arguments)
-    # All end the program through its finally clauses. SIGINT is set too, because a shell ignores it
-    # for background programs. SIGHUP stays ignored below nohup.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, signal.default_int_handler)
-    try:
-        conditions = _conditions(options)
-        address = parse_address(options.address) if options.address else default_address()
-        group = None if options.group is None else group_number(options.group)
-        with listening(address, group) as listener:
-            _serve(listener, address, options, conditions)
-    except SettingsError as error:
-        for mistake in error.mistakes:
-            print(f"{NAME}: error: {mistake}", file=sys.stderr)
-        return _WRONG_SETTINGS
-    except AddressError as error:
-        print(f"{NAME}: error: {error}", file=sys.stderr)
-        return _CANNOT_LISTEN
-    except OSError as error:
-        print(f"{NAME}: error: {options.report}: {error.strerror}", file=sys.stderr)
-        return _CANNOT_WRITE
-    except KeyboardInterrupt:  # before or after it has listened
-        return _INTERRUPTED
-    return 0
+    return run_main(NAME, partial(_run, _parse(arguments)))
+
+
+def _run(options: argparse.Namespace) -> ExitStatus:
+    conditions = _conditions(options)
+    address = parse_address(options.address) if options.address else default_address()
+    group = None if options.group is None else group_number(options.group)
+    with listening(address, group) as listener:
+        _serve(listener, address, options, conditions)
+    return ExitStatus.OK
 
 
 def _conditions(options: argparse.Namespace) -> ChannelConditions:
@@ -92,7 +84,10 @@ def _serve(
     options: argparse.Namespace,
     conditions: ChannelConditions,
 ) -> None:
-    """Serve until a signal or the end of standard input; raises OSError for the report."""
+    """Serve until a signal or the end of standard input, and report.
+
+    Raises AddressError if the bus has failed, OSError if the report cannot be written.
+    """
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
     bitrate_bit_s = conditions.settings.bitrate_bit_s
@@ -109,17 +104,37 @@ def _serve(
         is_fifo=options.fifo,
         conditions=conditions,
     )
-    start_ns = time.monotonic_ns()
-    print(f"{NAME}: listening at {address}, {rates}", flush=True)
-    with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
-        broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
-    report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _print_line(summary_line(report))
-    if options.report is not None:
-        # Not at the top: it imports python-can, which the broker does not need.
-        from ...runtime.program.report import write_json
+    failure = ""
+    with _first_signal() as signalled:
+        start_ns = time.monotonic_ns()
+        print(f"{NAME}: listening at {address}, {rates}", flush=True)
+        ends = [signalled, sys.stdin.fileno()] if options.end_with_stdin else [signalled]
+        try:
+            with real_time(RealTimeRequest(options.priority)):
+                broker.run(ends)
+        except OSError as error:
+            failure = f"the bus at {address} has failed: {cause_of(error)}"
+        report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
+        _print_line(summary_line(report))
+        if options.report is not None:
+            # Not at the top: it imports python-can, which the broker does not need.
+            from ...runtime.program.report import write_json
 
-        write_json(options.report, report)
+            write_json(options.report, report)
+    if failure:
+        raise AddressError(failure)
+
+
+@contextmanager
+def _first_signal() -> Iterator[int]:
+    """Yield a descriptor that becomes readable with a signal that ends programs, within the block.
+
+    Terminals and wrappers may send a signal twice: the second one must not cost the report.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    with reader, writer, ending_signals(lambda *_signal: writer.send(b"\0")):
+        yield reader.fileno()
 
 
 def _print_line(line: str) -> bool:
@@ -202,4 +217,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:
         parser.error("--group needs --address: the default one is in a directory of its user alone")
+    if options.end_with_stdin and sys.stdin is None:
+        parser.error("--end-with-stdin: standard input is closed already")
     return options

@@ -9,9 +9,8 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from steer_by_wire.runtime.command_line import add_subcommand, command_parser
-from steer_by_wire.runtime.program.option_types import bit_rate, data_bit_rate
-from steer_by_wire.runtime.program.program import run_main
+from steer_by_wire.runtime.command_line import add_subcommand, command_parser, run_main
+from steer_by_wire.runtime.program.bus_options import bit_rate, data_bit_rate
 from steer_by_wire.tools.can import bits, response_times
 
 NAME = "steer-by-wire can"

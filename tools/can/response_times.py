@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steer_by_wire.runtime.command_line import number, whole_number
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import ExitStatus, say
+from steer_by_wire.runtime.command_line import number, output_file, say, whole_number
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.can.message_set import (
     RANDOM_NS,

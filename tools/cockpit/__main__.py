@@ -24,7 +24,8 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.live_bus import BUSES
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
-from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.command_line import command_parser, output_file, run_main, say
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.bus_options import (
@@ -32,8 +33,6 @@ from steer_by_wire.runtime.program.bus_options import (
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.desk import Desk
 from steer_by_wire.tools.cockpit.lane import Lane

@@ -19,15 +19,14 @@ from rich.console import Console
 from steer_by_wire.closed_loop.live_bus import BUSES, Channels, open_channels
 from steer_by_wire.closed_loop.pair_result import PairFiles
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.program.program import fail_status, run_main
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual

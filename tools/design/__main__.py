@@ -36,9 +36,11 @@ from steer_by_wire.runtime.command_line import (
     add_out_argument,
     add_overrides_argument,
     command_parser,
+    run_main,
+    say,
 )
-from steer_by_wire.runtime.program.option_types import settings_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import load_settings, preset_names
 from steer_by_wire.tools.design.candidate import KEYS, any_settings
 from steer_by_wire.tools.design.design import Design, NoDesignError, verification_line, verify

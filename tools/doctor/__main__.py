@@ -19,11 +19,10 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from steer_by_wire.runtime.command_line import command_parser, seconds
+from steer_by_wire.runtime.command_line import command_parser, output_file, run_main, seconds
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.node_options import add_real_time_arguments
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import ExitStatus, run_main
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.doctor import checks
 

@@ -24,7 +24,7 @@ from ...runtime.node.statistics import DurationSummary
 from ...runtime.port.port import OpenPort, open_port
 from ...runtime.port.python_can import BusError, choose_bus, shutting_down
 from ...runtime.program.host import HostAnswer, RealTimeRequest, real_time
-from ...runtime.program.program import StopRequest
+from ...runtime.program.stop_request import StopRequest
 from .wake_ups import Sliced, Slices, WakeUps, measure_wake_ups, summary_of
 
 REQUEST_ID, ECHO_ID = 0x7FE, 0x7FF

@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ...runtime.command_line import say
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.node.statistics import DurationSummary, durations_report
-from ...runtime.program.program import say
 from .measurement import REAL_TIME, Measured, Measurement, measure, steps
 from .wake_ups import Figures, WakeUps
 

@@ -23,8 +23,14 @@ from typing import TypeVar
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, whole_number
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.command_line import (
+    add_out_argument,
+    command_parser,
+    run_main,
+    say,
+    whole_number,
+)
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import (
     SettingsError,

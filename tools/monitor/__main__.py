@@ -18,11 +18,12 @@ from rich.live import Live
 
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.messages import encode
-from steer_by_wire.runtime.command_line import command_parser
+from steer_by_wire.runtime.command_line import command_parser, run_main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_down
-from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 

@@ -22,8 +22,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
 from steer_by_wire.closed_loop.worker_processes import worker_pool
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser
-from steer_by_wire.runtime.program.program import ExitStatus, run_main
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import (

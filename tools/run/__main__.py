@@ -28,22 +28,17 @@ from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser
+from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser, run_main, say
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
+    bit_rate,
     bus_settings,
 )
-from steer_by_wire.runtime.program.option_types import bit_rate
-from steer_by_wire.runtime.program.program import (
-    ExitStatus,
-    fail_status,
-    run_main,
-    say,
-)
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.program.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,

@@ -23,9 +23,9 @@ from ...runtime.node import NS_PER_S
 from ...runtime.node.real_time import LoopFigures, RealTimeExecutor
 from ...runtime.port.python_can import BusError, BusPort
 from ...runtime.program.host import RealTimeRequest, StealClock, real_time
-from ...runtime.program.program import StopRequest
 from ...runtime.program.report import host_report, loop_report
 from ...runtime.program.run_node import FINISHED
+from ...runtime.program.stop_request import StopRequest
 from .result import Run
 
 _CHANNEL_NUMBERS = count()

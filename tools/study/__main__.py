@@ -34,9 +34,10 @@ from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import read_study
 from steer_by_wire.closed_loop.studies.workers import Processes, Threads, Workers
-from steer_by_wire.runtime.command_line import command_parser, whole_number
-from steer_by_wire.runtime.program.option_types import settings_file
-from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.command_line import command_parser, run_main, whole_number
+from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.program.node_options import settings_file
+from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError, preset_names
 from steer_by_wire.tools.study.replay import (
     commands,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.latency import History, relative_uplink
 from steer_by_wire.dbc.messages import LateralError, encode
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.logged_run import (

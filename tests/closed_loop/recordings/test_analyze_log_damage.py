@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, open_log
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.program.program import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.any_text import ANY_CHARACTER

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.logged_run import Run, entries_of, write_log, written

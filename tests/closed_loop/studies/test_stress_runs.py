@@ -24,7 +24,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program

@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
-from steer_by_wire.runtime.program.program import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.run.__main__ import main as run
 from steer_by_wire.tools.study.__main__ import main as run_program

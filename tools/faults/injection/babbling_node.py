@@ -23,8 +23,8 @@ from ....dbc.messages import CAN_IDS, DATA_IDS
 from ....runtime.frame import Frame
 from ....runtime.frame.message import message_of
 from ....runtime.program.host import RealTimeRequest, real_time
-from ....runtime.program.program import StopRequest
 from ....runtime.program.report import write_json
+from ....runtime.program.stop_request import StopRequest
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)

@@ -21,15 +21,21 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
-from steer_by_wire.runtime.command_line import command_parser, whole_number
+from steer_by_wire.runtime.command_line import (
+    command_parser,
+    output_file,
+    run_main,
+    say,
+    whole_number,
+)
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import FD
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import BusPort, add_bus_arguments, shutting_down
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from steer_by_wire.runtime.program.option_types import output_file
-from steer_by_wire.runtime.program.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.injection.frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection

@@ -24,11 +24,16 @@ from rich.table import Table
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, seconds
+from steer_by_wire.runtime.command_line import (
+    add_out_argument,
+    command_parser,
+    run_main,
+    say,
+    seconds,
+)
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings
-from steer_by_wire.runtime.program.host import StealClock
-from steer_by_wire.runtime.program.option_types import priority
-from steer_by_wire.runtime.program.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program.host import StealClock, priority
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.injection.babbling_node import (

@@ -1,0 +1,40 @@
+"""How a program ends: its exit status, and the errors that end it with a line for the user."""
+
+from enum import IntEnum
+
+
+class ExitStatus(IntEnum):
+    """Exit status of the programs."""
+
+    OK = 0
+    SETTINGS = 2
+    """Wrong arguments or settings, or a library that is not installed."""
+    BUS = 3
+    """The bus cannot be opened, or has failed."""
+    OUTPUT = 4
+    """A file could not be written."""
+    SAFE_STATE = 5
+    """The node has detected a fault in itself and stays in its safe state."""
+    CONDITION = 6
+    """The run has met a condition of ``--fail-if``."""
+    INTERRUPTED = 130
+    """Ctrl-C or SIGTERM outside of a run. An interrupted run ends with OK and a report."""
+
+
+class UserError(Exception):
+    """An error that a user can cause and mend; the text has one line for each mistake.
+
+    ``exit_status``  with which it ends a program
+    """
+
+    exit_status = ExitStatus.SETTINGS
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, its type where it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def cause_of(error: BaseException) -> str:
+    """Return what the system says of an error code, otherwise the error's text, on one line."""
+    return (error.strerror if isinstance(error, OSError) else None) or one_line(error)
