@@ -14,27 +14,27 @@ from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
 from steer_by_wire.tools.design.__main__ import ProgressLines
-from steer_by_wire.tools.design.candidate import (
-    Candidate,
-    controller_settings,
-    lattice_place,
-    why_no_gains,
-)
-from steer_by_wire.tools.design.design import (
-    Design,
-    NoDesignError,
-    design,
-    split_boxes,
-)
-from steer_by_wire.tools.design.explanation import failed
-from steer_by_wire.tools.design.judgement import (
+from steer_by_wire.tools.design.demands import (
     Demand,
     Judgement,
     judge_candidate,
     make_study,
 )
+from steer_by_wire.tools.design.law_design import (
+    Design,
+    NoDesignError,
+    design,
+    failed,
+    split_boxes,
+)
+from steer_by_wire.tools.design.law_parameters import (
+    Candidate,
+    controller_settings,
+    lattice_place,
+    why_no_gains,
+)
+from steer_by_wire.tools.design.parameter_search import neighbours
 from steer_by_wire.tools.design.report import preset_text
-from steer_by_wire.tools.design.search import neighbours
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.same_process import same_process as same_process

@@ -16,23 +16,22 @@ from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.design.candidate import (
-    KEYS,
-    SETTINGS_KEYS,
-    Candidate,
-    lattice_place,
-)
-from steer_by_wire.tools.design.design import describe
-from steer_by_wire.tools.design.judgement import (
+from steer_by_wire.tools.design.demands import (
     Study,
     judge_candidate,
     make_study,
     unsteered_runs_m,
 )
-from steer_by_wire.tools.design.predictor import describe_predictor
-from steer_by_wire.tools.design.predictor_runs import Task
+from steer_by_wire.tools.design.law_design import describe
+from steer_by_wire.tools.design.law_parameters import (
+    KEYS,
+    SETTINGS_KEYS,
+    Candidate,
+    lattice_place,
+)
+from steer_by_wire.tools.design.parameter_search import Found, confirm
+from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
-from steer_by_wire.tools.design.search import Found, confirm
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.tracking import rms_m, tracking_grid
 from steer_by_wire.tools.design.vehicle_file import VehicleFile

@@ -9,7 +9,6 @@ import pytest
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.tools.design.candidate import controller_settings
 from steer_by_wire.tools.design.frontier.frontier import Row, compute, write_csv
 from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
 from steer_by_wire.tools.design.frontier.sweep import (
@@ -20,6 +19,7 @@ from steer_by_wire.tools.design.frontier.sweep import (
     sweep,
 )
 from steer_by_wire.tools.design.frontier.trials import Trials, with_map, worst_rms_m
+from steer_by_wire.tools.design.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
 QUICK = ("delays_ms=[250]", "trials.seeds=2", "course.duration_s=30")

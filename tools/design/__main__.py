@@ -42,16 +42,17 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import load_settings, preset_names
-from steer_by_wire.tools.design.candidate import KEYS, any_settings
-from steer_by_wire.tools.design.design import Design, NoDesignError, verification_line, verify
-from steer_by_wire.tools.design.explanation import demand_lines, reason_lines
 from steer_by_wire.tools.design.frontier.program import run_frontier
 from steer_by_wire.tools.design.frontier.settings import FrontierSettings
-from steer_by_wire.tools.design.predictor import design_predictor
+from steer_by_wire.tools.design.law_design import Design, NoDesignError, verification_line, verify
+from steer_by_wire.tools.design.law_parameters import KEYS, any_settings
+from steer_by_wire.tools.design.predictor_design import design_predictor
 from steer_by_wire.tools.design.report import (
+    demand_lines,
     predictor_figures,
     predictor_preset_text,
     preset_name,
+    reason_lines,
 )
 from steer_by_wire.tools.design.specification import PredictorTable, Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile

@@ -1,16 +1,33 @@
-"""The preset that a design is written as: settings, below comments with what was measured."""
+"""What a design leaves: its preset, the reasons for its values in words, and a picture.
 
+A preset is settings below comments with what was measured. The picture has the region of the gains,
+the RMS over the delay, the sensitivity, and the stable delays.
+"""
+# ruff: noqa: RUF001  # σ is the paper's symbol
+
+import math
 from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...closed_loop.parameter_space.drawing import GAIN_LABELS, draw_curves, fill_region
+from ...closed_loop.parameter_space.gain_boundaries import Window
+from ...closed_loop.reports.plot_style import COLOURS
+from ...controller.analysis.sampled_loop import SampledLoop
+from ...controller.laws.assembly import design_law, required
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
-from ...runtime.node import NS_PER_MS
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
-from .design import Design
-from .judgement import Demand
-from .predictor import PredictorDesign
+from .demands import Demand, Judgement
+from .law_design import NUMBER_UNITS, Design, Reason, failed
+from .law_parameters import SETTINGS_KEYS, pd_region, settled_region
+from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
+from .predictor_design import PredictorDesign
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -23,6 +40,13 @@ _TITLES = {
 }
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
+_ACTIVE = 0.02
+"""A demand is active if the law is within this share of its limit."""
+_UNITS = {"k_p": "rad/m", "k_d": "rad s/m"}
+_POINTS = 800
+_OMEGA_RAD_S_MIN = 0.05
+_DELAYS_DRAWN = 60
+_CORNERS_NAMED_MAX = 4
 
 
 def preset_name(spec: Specification, law: str) -> str:
@@ -180,3 +204,146 @@ def _jitters(spec: Specification, rms_m: Sequence[float], how: str) -> Iterator[
 
 def _limited(demand: Demand, unit: str) -> str:
     return f"{demand.value:.3g}{unit}, limit {demand.limit:g}"
+
+
+def outcome(judgement: Judgement, now: float) -> str:
+    """Return the effect of a moved parameter on the objective, and the demands it violates."""
+    breaks = "; ".join(failed(judgement))
+    if judgement.objective == float("inf"):
+        return breaks
+    change = f"{100.0 * (judgement.objective / now - 1.0):+.1f} %"
+    return f"{change}, but {breaks}" if breaks else change
+
+
+def reason_lines(found: Reason, now: float) -> Iterator[str]:
+    """Yield the lines of one parameter; ``now`` is the objective it has."""
+    unit = _UNITS.get(found.key, "rad/s")
+    yield f"  {SETTINGS_KEYS[found.key]} = {found.value:g} {unit}"
+    for label, moved in (("10 % less", found.down), ("10 % more", found.up)):
+        yield f"      {label}: {outcome(moved, now)}"
+
+
+def demand_lines(judgement: Judgement) -> Iterator[str]:
+    """Yield one line for each demand that is a number."""
+    for demand in judgement.demands:
+        if demand.name not in NUMBER_UNITS:
+            continue
+        unit = NUMBER_UNITS[demand.name]
+        at_most = "" if demand.limit == float("inf") else f", at most {demand.limit:g}{unit}"
+        is_active = demand.limit and demand.value > (1.0 - _ACTIVE) * demand.limit
+        note = "  <- active" if is_active else ""
+        yield f"  {demand.name:17} {demand.value:.4g}{unit}{at_most}{note}"
+
+
+def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Figure:
+    """Draw the four panels."""
+    figure = Figure(figsize=(12.0, 9.0))
+    (region, rms), (sensitivity, stable) = figure.subplots(2, 2)
+    _draw_region(region, spec, vehicle, design)
+    _draw_rms(rms, spec, vehicle, design)
+    _draw_sensitivity(sensitivity, spec, vehicle, design)
+    _draw_decay(stable, spec, vehicle, design)
+    values = ", ".join(f"{reason.key} {reason.value:g}" for reason in design.reasons)
+    figure.suptitle(f"{spec.name}_{design.law}: {values}", fontsize=10.0, color="0.35")
+    return figure
+
+
+def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
+    pd = required(design.settings.pd)
+    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
+    window = Window(1e-3 * k_p, 3.0 * k_p, 1e-3 * k_d, 4.0 * k_d)
+    filter_rad_s = pd.derivative_filter_rad_s or math.inf
+    alone = pd_region(spec, vehicle, filter_rad_s, window)
+    whole = settled_region(spec, vehicle, design.settings, window)
+    table = spec.d_stability
+    fill_region(axes, alone, "PD alone: σ, θ and R", alpha=0.15)
+    fill_region(axes, whole, f"law: σ at 0 to {spec.delay.ms_max:g} ms", alpha=0.35)
+    draw_curves(axes, alone.curves)
+    axes.plot(k_p, k_d, "*", ms=14, color="black", label=f"chosen: {k_p:g}, {k_d:g}")
+    axes.set(**GAIN_LABELS, xlim=(0.0, window.k_p_max), ylim=(0.0, window.k_d_max))
+    axes.set_title(
+        f"Gains: σ = {table.settling_1_s:g} 1/s, θ = {table.cone_angle_deg:g}°,"
+        f" R = {table.bandwidth_rad_s:g} rad/s",
+        fontsize=10,
+    )
+    axes.legend(fontsize=8)
+
+
+def _draw_rms(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
+    delay_ms = np.array(design.rms.delays_ns) / NS_PER_MS
+    for colour, label, rms_m in zip(
+        _colours(vehicle), _labels(vehicle), design.rms.rms_m, strict=True
+    ):
+        axes.plot(delay_ms, 1e3 * rms_m, color=colour, label=label)
+    largest_m = spec.rms_m_max_of(design.law)
+    inside = delay_ms <= spec.delay.ms_max
+    highest_mm = 1e3 * max(float(design.rms.rms_m[:, inside].max()), largest_m or 0.0)
+    if largest_m is not None:
+        axes.axhline(1e3 * largest_m, color="black", lw=0.9, ls="--", label="limit")
+    _shade_range(axes, spec)
+    axes.set(xlabel="constant delay [ms]", ylabel="RMS of the lateral error [mm]")
+    axes.set(ylim=(0.0, 1.5 * highest_mm), xlim=(0.0, delay_ms[-1]))
+    axes.set_title("Tracking", fontsize=10)
+    axes.legend(fontsize=8)
+
+
+def _draw_sensitivity(
+    axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design
+) -> None:
+    ends_ns = (0, spec.delays_ns[-1])
+    grid = frequency_grid(vehicle.models, ends_ns, spec.period_ns, _POINTS)
+    law = law_response(design_law(design.settings), grid.z)
+    size = sensitivity_size(grid, law)
+    omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
+    for index, colour in enumerate(_colours(vehicle)):
+        axes.loglog(omega_rad_s, size[index, 0], color=colour, ls=":")
+        axes.loglog(omega_rad_s, size[index, 1], color=colour)
+    axes.plot([], [], color="black", ls=":", label="no delay")
+    axes.plot([], [], color="black", label=f"{spec.delay.ms_max:g} ms")
+    axes.axhline(spec.peak_sensitivity_max, color="black", lw=0.9, ls="--", label="limit")
+    axes.set(xlabel="ω [rad/s]", ylabel="|1/(1 + L)|", ylim=(1e-3, 2.0 * spec.peak_sensitivity_max))
+    axes.set_xlim(_OMEGA_RAD_S_MIN, omega_rad_s[-1])
+    axes.set_title("Sensitivity", fontsize=10)
+    axes.legend(fontsize=8)
+
+
+def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
+    law = design_law(design.settings)
+    last_ns = round(1.15 * max(design.rms.delays_ns[-1], spec.margin_delays_ns[-1]))
+    delays_ns = np.linspace(0, last_ns, _DELAYS_DRAWN).astype(int)
+    lags_s = [0.0] if spec.actuator is None else [0.0, spec.actuator.lag_s]
+    for colour, model in zip(_colours(vehicle), vehicle.models, strict=True):
+        for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
+            loop = SampledLoop(law, behind_lag(model, lag_s), spec.period_ns)
+            decay = [loop.decay_1_s(int(delay_ns)) for delay_ns in delays_ns]
+            axes.plot(delays_ns / NS_PER_MS, decay, color=colour, ls=style)
+    for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
+        label = f"actuator lag {lag_s:g} s" if lag_s else "no actuator lag"
+        axes.plot([], [], color="black", ls=style, label=label)
+    settling_1_s = spec.d_stability.settling_1_s
+    axes.axhline(settling_1_s, color="black", lw=0.9, ls=":", label=f"σ = {settling_1_s:g} 1/s")
+    axes.axhline(0.0, color="black", lw=0.9)
+    _shade_range(axes, spec)
+    axes.set(xlabel="constant delay [ms]", ylabel="decay of the slowest mode [1/s]")
+    axes.set(xlim=(0.0, last_ns / NS_PER_MS), ylim=(-1.5 * settling_1_s, 2.5 * settling_1_s))
+    axes.set_title("Stable delays: above zero", fontsize=10)
+    axes.legend(fontsize=8, loc="lower left")
+
+
+def _shade_range(axes: Axes, spec: Specification) -> None:
+    axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
+
+
+def _colours(vehicle: VehicleFile) -> list[str]:
+    count = len(vehicle.box.vertices())
+    return [COLOURS[index % len(COLOURS)] for index in range(count)]
+
+
+def _labels(vehicle: VehicleFile) -> list[str | None]:
+    """Return a label that identifies a corner; empty where there are too many."""
+    corners = vehicle.box.vertices()
+    if len(corners) > _CORNERS_NAMED_MAX:
+        return [None] * len(corners)
+    fields = [field for field, _, _ in vehicle.box.ranges]
+    labels = (", ".join(f"{name} {getattr(one, name):.4g}" for name in fields) for one in corners)
+    return [label or "nominal" for label in labels]

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...closed_loop.reports.plot_style import plot_style
-from .design import Design, design
-from .pictures import draw_design
-from .report import preset_name, preset_text
+from .law_design import Design, design
+from .report import draw_design, preset_name, preset_text
 from .specification import Specification
 from .vehicle_file import VehicleFile
 

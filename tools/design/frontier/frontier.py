@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....controller.settings import ControllerSettings, controller_preset
-from ..candidate import controller_settings
+from ..law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings
 from .sweep import Point, specification_for, sweep

@@ -14,10 +14,10 @@ from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.assembly import LawDesign, design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS, NS_PER_S
-from ..candidate import Candidate, controller_settings
-from ..judgement import Study, judge_law, make_study
+from ..demands import Study, judge_law, make_study
+from ..law_parameters import Candidate, controller_settings
 from ..loop_figures import behind_lag
-from ..search import find
+from ..parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings

@@ -23,7 +23,7 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.shapes import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .candidate import Candidate, controller_settings, designs
+from .law_parameters import Candidate, controller_settings, designs
 from .loop_figures import (
     FrequencyGrid,
     StabilityGrid,

@@ -16,9 +16,9 @@ import numpy as np
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .candidate import Candidate, bounds, controller_settings, designs, values_at
+from .demands import Judgement, Study, judge_candidate, judge_law
 from .evolution import Generation, evolve
-from .judgement import Judgement, Study, judge_candidate, judge_law
+from .law_parameters import Candidate, bounds, controller_settings, designs, values_at
 from .loop_figures import behind_lag
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS

@@ -1,6 +1,7 @@
-"""Designs one law: search, confirmation, reasons, and its figures to print and draw.
+"""Designs one law: search, confirmation, the reasons for its values, and its figures.
 
-Every corner and every delay of a design in virtual time, against the linear analysis.
+``verify`` runs every corner and every delay of a design in virtual time, against the linear
+analysis.
 """
 
 from collections.abc import Iterator
@@ -13,14 +14,32 @@ from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .candidate import SETTINGS_KEYS, controller_settings, why_no_gains
-from .explanation import Reason, failed, reasons
-from .judgement import DEMANDS, Study, make_study, unsteered_runs_m
-from .search import Found, Progress, find, find_any
+from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs_m
+from .law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
+from .parameter_search import Found, Progress, find, find_any
 from .specification import Specification
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
 from .virtual_check import constant, drive, drives, jittered
+
+_MOVE = 0.1
+"""Share by which a parameter is moved to see what it does."""
+_MEANINGS = {
+    "settling": "a mode slower than sigma",
+    "delay margin": "unstable within the delay margin",
+    "actuator lag": "unstable behind the actuator lag",
+    "PD settling": "PD alone slower than sigma",
+    "PD damping": "PD alone outside the cone",
+    "PD bandwidth": "PD alone beyond the bandwidth R",
+}
+"""Text for a failed demand that is not a number."""
+NUMBER_UNITS = {
+    "RMS error": " m",
+    "peak sensitivity": "",
+    "noise gain": " rad/m",
+    "steer": " rad",
+    "steer rate": " rad/s",
+}
 
 
 class NoDesignError(Exception):
@@ -32,6 +51,15 @@ class RmsByDelay(NamedTuple):
 
     delays_ns: tuple[int, ...]
     rms_m: FloatArray
+
+
+class Reason(NamedTuple):
+    """A parameter, and the law when it alone is moved down or up by a tenth."""
+
+    key: str
+    value: float
+    down: Judgement
+    up: Judgement
 
 
 class Design(NamedTuple):
@@ -210,3 +238,35 @@ def verification_line(spec: Specification, design: Design, found: Verification) 
         f" within {100.0 * found.deviation:.2g} % of the linear analysis:"
         f" {'held' if found.held else 'NOT HELD'}"
     )
+
+
+def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
+    """Yield the reason for each parameter."""
+    values = candidate.values()
+    for key, value in values.items():
+        down, up = (
+            judge_law(study, candidate.law, {**values, key: value * factor})
+            for factor in (1.0 - _MOVE, 1.0 + _MOVE)
+        )
+        yield Reason(key, value, down, up)
+
+
+def failed(judgement: Judgement) -> list[str]:
+    """Return in words which demands are not met."""
+    return [_failure(demand) for demand in judgement.demands if demand.excess]
+
+
+def _failure(demand: Demand) -> str:
+    if demand.name in _MEANINGS:
+        return _MEANINGS[demand.name]
+    unit = NUMBER_UNITS[demand.name]
+    return f"{demand.name} {_distinct(demand.value, demand.limit)} above {demand.limit:g}{unit}"
+
+
+def _distinct(value: float, limit: float) -> str:
+    """Return ``value`` with three digits, or with as many as distinguish it from ``limit``."""
+    for digits in range(3, 17):
+        text = f"{value:.{digits}g}"
+        if float(text) != limit:
+            break
+    return text
