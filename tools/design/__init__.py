@@ -1,1 +1,5 @@
-"""Design gains and filters for a vehicle known within bounds; see docs/design_gains.md."""
+"""The program ``design``: gains and filters of the laws for a vehicle known within bounds.
+
+What regions of gains are D-stable is in ``closed_loop.parameter_space``; the laws themselves are in
+``controller.laws``. Begin with ``law_design``; the comparison of structures is in ``frontier``.
+"""
