@@ -1,4 +1,5 @@
 """How a node is run and how frames travel: nodes, time, executors, buses, recording.
 
 Both programs run everything in this package, and nothing in it names vehicle or controller.
+Begin at ``node/node.py``.
 """

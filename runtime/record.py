@@ -1,7 +1,7 @@
 """A fast constructor of NamedTuples, for records of every frame or tick.
 
-A NamedTuple's own constructor is a Python function and takes three times as long. All fields are
-given, by position, and mypy does not check their types.
+It saves 0.3 us of a NamedTuple's own constructor, and mypy does not check the types: worth it only
+where a benchmark shows 3 % of a tick. The records of frames on a bus are not such a place.
 """
 
 new_record = tuple.__new__

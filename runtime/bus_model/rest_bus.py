@@ -1,4 +1,4 @@
-"""Other people's periodic messages on a bus, without an object for each of their frames.
+"""The rest bus: periodic messages of all other nodes, without an object for each of their frames.
 
 Each message has a transmit buffer of one frame: a release that finds it full is refused. While
 everybody is error active, ``carry`` takes the bus from one such frame to the next with a few

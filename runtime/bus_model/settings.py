@@ -1,4 +1,4 @@
-"""What else happens on a bus: its bit rate, other people's traffic, noise, clocks. TOML.
+"""What else happens on a bus: its bit rate, rest bus, noise, clocks. TOML.
 
 One definition for virtual time, the emulated bus and studies. Times count from the start of the
 bus. A node is named as its bus knows it: ``plant`` and ``controller`` in virtual time, the number
@@ -75,7 +75,7 @@ class BusSettings(Settings):
 
     @property
     def has_traffic(self) -> bool:
-        """Whether other people's messages are sent."""
+        """Whether there is a rest bus."""
         return self.load != 0.0 and (self.load is not None or bool(self.rest_bus))
 
     @property

@@ -13,7 +13,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     """Return the figures of a broker that has run for ``duration_ns``.
 
     ``lateness``           how long after an end of frame the broker came to deliver it
-    ``traffic``            frames of other people's messages among all ``frames``
+    ``traffic``            frames of the rest bus among all ``frames``
     ``load``               share of the time that a wire was busy, intermissions included
     ``discarded``          frames of clients that had gone which were never sent
     ``bus_offs``           how often a client has gone into bus-off; ``lost_in_bus_off`` its frames

@@ -5,7 +5,7 @@ program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on on
 no client fills the bus by joining and leaving. Beyond that, the client that left the most loses
 its frames.
 
-Other people's traffic and errors are those of the bus model, as in virtual time; their time begins
+Rest bus and errors are those of the bus model, as in virtual time; their time begins
 with the channel. Such a channel is advanced every PACE_NS at least, so that frames of the traffic
 reach the clients up to that much late, with their right times.
 """
@@ -60,7 +60,7 @@ class Channel:
 
     ``errors``          what went wrong on the wire; None where nothing can
     ``discarded``       frames of departed clients that were never sent
-    ``traffic_frames``  frames of other people's messages
+    ``traffic_frames``  frames of the rest bus
     """
 
     def __init__(
