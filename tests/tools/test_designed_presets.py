@@ -72,7 +72,7 @@ def fine_study(family: str) -> Study:
 @pytest.mark.parametrize(
     ("family", "law"),
     [
-        *(("practical", law) for law in PAPER_LAWS),
+        *(("practical", law) for law in ("pid", *PAPER_LAWS)),
         ("practical_long_delay", "pd_ddob"),
         ("practical_half_second", "pd_ddob"),
     ],

@@ -33,6 +33,7 @@ from .vehicle_file import VehicleFile
 
 _TITLES = {
     "pd": "PD",
+    "pid": "PID",
     "pd_dob": "PD with disturbance observer",
     "pd_cdob": "PD with communication disturbance observer",
     "pd_ddob": "PD with double disturbance observer",
