@@ -239,10 +239,10 @@ def test_a_frame_behind_a_thousand_reports_on_buffers_is_received(
     monkeypatch.setattr(interface, "join", lambda *_: (ours, Answer(BITRATE_BIT_S, 0)))
     bus = EmulatedBus("can0")
     with brokers:
-        for number in range(1200):
-            report = Buffer(0x100, extended=False, has_room=number % 2 == 1)
-            brokers.sendall(pack_buffer(CLASSIC_RECORD, report))
-        brokers.sendall(pack_frame(CLASSIC_RECORD, Frame(0x123, b"one")))
+        reports = [Buffer(0x100, False, has_room) for has_room in (False, True)] * 600
+        records = [pack_buffer(CLASSIC_RECORD, report) for report in reports]
+        # At once: a socket has less room for many small pieces.
+        brokers.sendall(b"".join([*records, pack_frame(CLASSIC_RECORD, Frame(0x123, b"one"))]))
         received = bus.recv(0.0)
     bus.shutdown()
     assert received is not None
