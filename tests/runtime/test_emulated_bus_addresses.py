@@ -106,7 +106,7 @@ def test_a_directory_where_anybody_could_replace_the_socket_is_refused(directory
 def test_tcp_works_on_the_loopback(stack: ExitStack) -> None:
     broker = start_broker(stack, "--address", "localhost:0")
     assert broker.stdout is not None
-    address = broker.stdout.readline().split()[3].rstrip(",")
+    address = broker.stdout.readline().partition(" at ")[2].partition(",")[0]
     one, other = client(stack, address), client(stack, address)
     for number in range(100):
         one.send(message(1, bytes([number])))
