@@ -1,6 +1,6 @@
 """Law ``pid``: u = -(K_p + K_d s/(s/N + 1)) y + I, the PD of [pd] with an integral. Not in paper.
 
-    I[k] = I[k-1] - K_i T y[k] + (T/T_t) (u_sent[k-1] - u[k-1])        T_t = K_p/K_i
+    I[k] = I[k-1] - K_i T y[k] + (T/T_t) (u_sent[k-1] - u[k-1])        T_t = K_p/K_i + K_d/K_p
 
     y       lateral_error_m       preview lateral error                          [m]
     u       steer_rad             command of the law, before limits              [rad]
@@ -10,7 +10,8 @@
 
 The last term is the anti-windup by back-calculation of Åström and Hägglund, *Advanced PID Control*,
 2006, section 3.5. While no limit acts it is 0. It keeps the integral from growing behind a limit,
-and lets it begin at the held command after a hold.
+and lets it begin at the held command after a hold. T_t is the integral time and the derivative time
+together: noise that meets the rate limit at every tick must not empty the integral.
 """
 
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -72,7 +73,8 @@ def pid_at_rest(p: PidParams, lateral_error_m: float) -> PidState:
 
 def _design(settings: "LawSettings") -> PidParams:
     pd, table, period_s = required(settings.pd), settings.table_of(PidSettings), settings.period_s
-    tracking_time_s = pd.proportional_gain_rad_m / table.integral_gain_rad_m_s
+    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
+    tracking_time_s = k_p / table.integral_gain_rad_m_s + k_d / k_p
     return PidParams(
         design_pd(pd, period_s),
         table.integral_gain_rad_m_s * period_s,

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..bus_model.settings import LEVELS, LOAD_MAX, BusSettings, ClockSettings
 from ..command_line import whole_number
-from ..settings import COMMAND_LINE, Preset, SettingsError, load_settings, with_values
+from ..settings import COMMAND_LINE, SettingsError, load_settings, with_values
 
 bit_rate = whole_number(10_000, 1_000_000)
 """Reads a bit rate as ISO 11898 allows it, of CAN FD the one of the arbitration [bit/s]."""
@@ -75,12 +75,12 @@ def add_error_arguments(
         )  # fmt: skip
 
 
-def bus_settings(options: argparse.Namespace, preset: Preset | None = None) -> BusSettings:
+def bus_settings(options: argparse.Namespace) -> BusSettings:
     """Return the settings of the file, with the options on top; raises SettingsError.
 
-    ``preset``  below the file's; one node is named only by programs that have an option for it
+    One node is named only by programs that have an option for it.
     """
-    settings = load_settings(BusSettings, preset, options.bus_settings)
+    settings = load_settings(BusSettings, None, options.bus_settings)
     for key in _NOT_HERE:
         if getattr(settings, key) and key not in options:
             raise SettingsError(f"{options.bus_settings}: {_NOT_HERE[key]}")

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from steer_by_wire import simulate
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.interface.law import LawInput
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.controller.settings import controller_preset
 
 PERIOD_S = 0.01
 K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0
@@ -58,14 +60,39 @@ def test_the_integral_does_not_wind_up_behind_a_limit(behind_the_limit_s: int) -
     assert back * PERIOD_S < 1.0
 
 
-def test_behind_a_limit_the_demand_settles_at_the_limit_plus_the_proportional_part() -> None:
+def test_behind_a_limit_the_demand_settles_where_the_tracking_balances() -> (
+    None
+):
     design, error_m, limit_rad = pid(), 0.5, 0.3
     state, demand_rad = design.initial_state(error_m), 0.0
     for _ in range(3000):
         sent_rad = max(demand_rad, -limit_rad)
         state, output = design.step(design.params, state, LawInput(error_m, sent_rad))
         demand_rad = output.steer_rad
-    assert demand_rad == pytest.approx(-limit_rad - K_P * error_m, rel=1e-6)
+    tracking_time_s = K_P / K_I + K_D / K_P
+    assert demand_rad == pytest.approx(-limit_rad - K_I * tracking_time_s * error_m, rel=1e-6)
+
+
+def test_noise_that_meets_the_rate_limit_does_not_empty_the_integral() -> None:
+    """20 mm of noise on a sharp derivative is at the rate limit at nearly every tick."""
+    sharp = {
+        "proportional_gain_rad_m": 0.325,
+        "derivative_gain_rad_s_m": 0.99,
+        "derivative_filter_rad_s": 2.6,
+    }
+    settings = controller_preset("practical_pid").model_copy(
+        update={"pd": PdSettings(**sharp), "pid": PidSettings(integral_gain_rad_m_s=13.4)}
+    )
+    run = simulate(
+        controller=settings,
+        duration_s=40.0,
+        seed=3,
+        overrides={
+            "plant.latency.downlink.mean_s": 0.08,
+            "plant.sensor_noise.lateral_error_m": 0.02,
+        },
+    )
+    assert np.std(run.plant.lateral_error_m[500:]) < 0.02
 
 
 def test_its_gain_must_be_above_zero() -> None:

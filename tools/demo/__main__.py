@@ -27,7 +27,6 @@ from steer_by_wire.runtime.program.bus_options import (
 )
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
-from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
 from steer_by_wire.tools.demo.story import (
@@ -73,7 +72,7 @@ def _demo(options: argparse.Namespace) -> int:
     console = Console(markup=False)  # [mm] is a unit
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    bus = bus_settings(options, read_preset("steer_by_wire.tools.demo", "demo_bus"))
+    bus = bus_settings(options)
     plants = {law: law.plant(overrides) for law in LAWS}
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.preset) for law in LAWS}

@@ -14,8 +14,8 @@ from .story import LawResult, Phase
 
 RUNNING_S = 1.0
 """Over which the error's running RMS is taken."""
-FLOOR_MM, CG_FLOOR_MM = 0.1, 10.0
-"""The ends of the axes; the predictor's error of the preview point gets smaller still."""
+SHOWN_MM = (1.0, 2000.0)
+"""The ends of the error's axis; beyond them a car is lost."""
 
 
 def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path) -> list[Path]:
@@ -32,30 +32,26 @@ def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path
 
 
 def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:
-    """Running RMS of both deviations over time, and below the latency that all laws meet."""
-    figure = Figure(figsize=(9.0, 8.0))
-    preview, cg, latency = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 2.0, 1.0))
+    """Running RMS of the car's deviation over time, and below the latency that all laws meet."""
+    figure = Figure(figsize=(9.0, 6.5))
+    error, latency = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
     for colour, result in zip(COLOURS, results, strict=False):
         for trace, style in (
             (result.live.trace, {"color": colour, "lw": 2.0}),
             (result.virtual.trace, {"color": "black", "lw": 0.8, "ls": ":"}),
         ):
-            preview.plot(trace.time_s, running_rms_mm(trace, trace.lateral_error_m), **style)
-            cg.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)
-        preview.plot([], [], color=colour, lw=2.0, label=result.label)
-    preview.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
-    for axes, what, floor_mm in (
-        (preview, "preview point", FLOOR_MM),
-        (cg, "centre of gravity", CG_FLOOR_MM),
-    ):
-        axes.set(yscale="log", ylabel=f"{what},\nRMS over {RUNNING_S:g} s [mm]")
-        axes.set_ylim(bottom=floor_mm)
-    preview.set_title("Who holds the path when the commands come late", pad=22.0)
+            error.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)
+        error.plot([], [], color=colour, lw=2.0, label=result.label)
+    error.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
+    error.set(
+        yscale="log", ylim=SHOWN_MM, ylabel=f"deviation of the car,\nRMS over {RUNNING_S:g} s [mm]"
+    )
+    error.set_title("Who holds the path when the commands come late", pad=22.0)
     trace = results[-1].live.trace
     latency.plot(trace.time_s, 1e3 * trace.downlink_latency_s, ".", ms=2.0, color="0.25")
     latency.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
-    for axes in (preview, cg, latency):
-        mark_phases(axes, phases, is_named=axes is preview)
+    for axes in (error, latency):
+        mark_phases(axes, phases, is_named=axes is error)
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 
@@ -79,7 +75,8 @@ def draw_steering(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figu
 
 def draw_path(results: Sequence[LawResult]) -> Figure:
     """Tracks seen from above, the deviation from the path drawn larger than it is."""
-    peak_m = max(float(np.max(np.abs(one.live.trace.lateral_error_m))) for one in results)
+    held = (phase.peak_m for one in results for phase in one.live_phases if phase.holds)
+    peak_m = max(held, default=1.0)
     first = results[0].live.trace
     path_x_m, path_y_m = first.path_x_m, first.path_y_m
     width_m, height_m = float(np.ptp(path_x_m)), float(np.ptp(path_y_m))
@@ -105,8 +102,10 @@ def draw_path(results: Sequence[LawResult]) -> Figure:
         va="center",
     )
     axes.set_aspect("equal")
-    axes.margins(0.05)
     axes.set(xlabel="x [m]", ylabel="y [m]")
+    room_m = 0.2 * height_m  # a lost car leaves the picture
+    axes.set_xlim(path_x_m.min() - room_m, path_x_m.max() + room_m)
+    axes.set_ylim(path_y_m.min() - room_m, path_y_m.max() + room_m)
     magnified = "" if factor == 1 else f", deviations drawn {factor:g} times as large"
     axes.set_title(f"The path and the preview points from above{magnified}")
     figure.legend(loc="outside lower center", ncols=5)

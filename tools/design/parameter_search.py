@@ -12,6 +12,7 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...runtime.array_types import FloatArray
@@ -26,6 +27,8 @@ _STABLE_1_S = 1e-3
 
 _INFEASIBLE = 1e6
 """Cost of a violation of 0; no objective comes near."""
+_OUTSIDE = 1e9
+"""Cost at the bounds of the parameters, beyond which nothing is judged."""
 _KEPT = 40
 """How many of the best of one study are tried in the next until one passes."""
 _SPREAD_MIN = 0.3
@@ -126,21 +129,39 @@ class Found(NamedTuple):
 
 
 class _Lattice:
-    """Judges each candidate of the lattice once; ``show`` is called with the costs so far."""
+    """Judges each candidate of the lattice once; ``show`` is called with the costs so far.
 
-    def __init__(self, study: Study, show: Callable[[Collection[float]], None]) -> None:
+    One outside the bounds is not judged: no filter may be at or above the Nyquist frequency.
+    """
+
+    def __init__(self, study: Study, law: str, show: Callable[[Collection[float]], None]) -> None:
         self._study = study
+        self._bounds = bounds_of(study, law)
         self._show = show
         self.known: dict[Candidate, float] = {}
 
     def cost(self, candidate: Candidate) -> float:
         if candidate not in self.known:
-            self.known[candidate] = cost(judge_candidate(self._study, candidate))
+            beyond = _beyond(self._bounds, candidate.places)
+            judged = 0.0 if beyond else cost(judge_candidate(self._study, candidate))
+            self.known[candidate] = _OUTSIDE * (1.0 + beyond) if beyond else judged
             self._show(self.known.values())
         return self.known[candidate]
 
     def best(self) -> list[Candidate]:
         return sorted(self.known, key=lambda candidate: (self.known[candidate], candidate))
+
+
+def bounds_of(study: Study, law: str) -> FloatArray:
+    """Return the lowest and the highest place of each parameter, shape (2, parameters)."""
+    limits = bounds(law, study.vehicle.box.nominal, study.spec.rate_hz)
+    return np.array(limits, dtype=np.float64).T
+
+
+def _beyond(limits: FloatArray, places: ArrayLike) -> float:
+    """Return by how many steps of the lattice a candidate lies outside the bounds."""
+    (low, high), at = limits, np.asarray(places, dtype=np.float64)
+    return float(np.maximum(0.0, np.maximum(low - at, at - high)).sum())
 
 
 def cost(judgement: Judgement) -> float:
@@ -162,7 +183,7 @@ def find(
         left = 0.5 ** (len(costs) / _HALVED_AFTER)
         progress(1.0 - (1.0 - _COARSE_SHARE) * left, min(costs))
 
-    lattice, judged = _Lattice(coarse, lambda _costs: None), 0
+    lattice, judged = _Lattice(coarse, law, lambda _costs: None), 0
     for start in range(coarse.spec.search.starts):
         *_, last = _evolution(coarse, law, start, progress)
         judged += last.judged
@@ -173,7 +194,7 @@ def find(
         if lattice.cost(candidate) < lattice.cost(lattice.best()[0]):
             descend(lattice.cost, candidate)
     judged += len(lattice.known)
-    finely = _Lattice(fine, show_fine)
+    finely = _Lattice(fine, law, show_fine)
     for candidate in lattice.best()[:_KEPT]:
         if finely.cost(candidate) < _INFEASIBLE:
             break
@@ -198,17 +219,17 @@ def find_any(study: Study, law: str, progress: Progress) -> bool:
 def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterator[Generation]:
     """Yield the generations of an evolution between places of the lattice, until it settles."""
     table = study.spec.search
-    limits = bounds(law, study.vehicle.box.nominal, study.spec.rate_hz)
-    low, high = np.array(limits, dtype=np.float64).T
+    limits = bounds_of(study, law)
+    low, high = limits
     random = np.random.default_rng([table.seed, start])
 
     def cost_at(places: FloatArray) -> float:
-        beyond = float(np.maximum(0.0, np.maximum(low - places, places - high)).sum())
+        beyond = _beyond(limits, places)
         if beyond:
-            return _INFEASIBLE * (1e3 + beyond)
+            return _OUTSIDE * (1.0 + beyond)
         return cost(judge_law(study, law, values_at(law, places)))
 
-    points = table.points_per_parameter * len(limits)
+    points = table.points_per_parameter * len(low)
     middle, spread = 0.5 * (low + high), _FIRST_SPREAD * (high - low)
     for generation in evolve(cost_at, middle, spread, points, random):
         done = (start + generation.number / table.generations) / table.starts
