@@ -92,7 +92,7 @@ class Threads:
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield completed blocks."""
         task = partial(self._computer.compute, should_stop=should_stop)
-        with ThreadPoolExecutor(self.count, thread_name_prefix="stress") as pool:
+        with ThreadPoolExecutor(self.count, thread_name_prefix="study") as pool:
             yield from _completed(pool, task, self.count, blocks, should_stop)
 
 

@@ -60,9 +60,7 @@ def test_the_integral_does_not_wind_up_behind_a_limit(behind_the_limit_s: int) -
     assert back * PERIOD_S < 1.0
 
 
-def test_behind_a_limit_the_demand_settles_where_the_tracking_balances() -> (
-    None
-):
+def test_behind_a_limit_the_demand_settles_where_the_tracking_balances() -> None:
     design, error_m, limit_rad = pid(), 0.5, 0.3
     state, demand_rad = design.initial_state(error_m), 0.0
     for _ in range(3000):

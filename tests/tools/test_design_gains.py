@@ -238,7 +238,7 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
         ("vehicle", "[uncertainty]\nspeed_m_s = [2, 3]", "must lie within its range"),
         ("vehicle", "[uncertainty]\ncolour = [2, 3]", "colour"),
         ("vehicle", "[uncertainty]\nspeed_m_s = [0.1, 3]", "plant emulator cannot drive"),
-        ("spec", 'laws = ["pid"]', "laws"),
+        ("spec", 'laws = ["lqr"]', "laws"),
         ("spec", "laws = []", "laws"),
         ("spec", 'laws = ["pd", "pd"]', "twice"),
         ("spec", "delay.ms_max = -1", "ms_max"),

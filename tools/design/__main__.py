@@ -58,7 +58,7 @@ from steer_by_wire.tools.design.specification import PredictorTable, Specificati
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
     plant_text,
-    refuse_what_the_rig_does_not_drive,
+    refuse_what_the_plant_does_not_drive,
 )
 from steer_by_wire.tools.design.worker import (
     Job,
@@ -127,7 +127,7 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{time.perf_counter() - begin_s:.0f} s")
         return int(ExitStatus.OK)
     spec = load_settings(Specification, None, options.spec, options.overrides)
-    refuse_what_the_rig_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
+    refuse_what_the_plant_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
     pictures = options.pictures or options.out
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)

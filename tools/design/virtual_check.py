@@ -59,7 +59,7 @@ def drive(asked: Drive) -> Driven:
 
 
 def plant_settings(asked: Drive) -> PlantSettings:
-    """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
+    """Return the plant's settings; raises pydantic's ValidationError for what it does not drive."""
     return PlantSettings(
         duration_s=asked.duration_s,
         seed=asked.seed,
@@ -78,16 +78,16 @@ def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSe
     ``settings``  of any of the designs, which share their rate
     """
     course, line = spec.course, LatencySettings()
-    rig = plant_settings(
+    plant = plant_settings(
         Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
     )
     return (
         f"# The plant to the controllers of {spec.name}: as in the runs that confirm them, thus\n"
-        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(rig)
+        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(plant)
     )
 
 
-def refuse_what_the_rig_does_not_drive(
+def refuse_what_the_plant_does_not_drive(
     spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
 ) -> None:
     """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
