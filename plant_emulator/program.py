@@ -82,6 +82,6 @@ def _conclude(options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNod
     """Write the trace, and print how well the path was held."""
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
-        write_trace(options.trace, node.path, node.samples)
+        write_trace(options.trace, node.path, node.samples, node.interventions.marks())
     for heading, text in plant_summary(node.report()):
         say(NAME, f"{heading} {text}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -61,6 +61,9 @@ class PlantSettings(Settings):
     ground_truth: bool = False
     """Whether GROUND_TRUTH is sent with each sample, for monitors and logs."""
     latency: BothLatencySettings = BothLatencySettings()
+    interventions: Literal["allow", "refuse"] = "allow"
+    """Whether tools on the bus may change latency and disturbance during the run, by
+    LATENCY_CONFIG and DISTURBANCE_CONFIG. Each is reported, also if it is refused."""
     safety: SafetySettings = SafetySettings()
     verdict: VerdictRules = VerdictRules()
     """Thresholds of the verdict on the run."""

@@ -9,6 +9,9 @@ from ...runtime.program.report import causes_line, durations_line
 from .run_verdict import Verdict
 
 Report = Mapping[str, Any]
+_INTERVENTIONS_SHOWN = 10
+_OVERRIDES_SHOWN = 1000
+"""Characters."""
 _RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 
 
@@ -29,6 +32,13 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "holds", f"{safety['holdings']}, of which {safety['fallbacks']} to the fallback"
     if safety["interventions"]:
         yield "limited", f"commands by {causes_line(safety['interventions'])}"
+    made = node["interventions"]
+    for index, each in enumerate(made["kept"][:_INTERVENTIONS_SHOWN]):
+        yield f"intervention {index + 1}", each["text"]
+    if made["count"] > _INTERVENTIONS_SHOWN:
+        yield "interventions", f"{made['count']} in all over the bus; the report lists them"
+    if made["count"] > made["refused"]:
+        yield "repeat with", _repeated(made)
     if node["rejected"]:
         yield "plant rejected", causes_line(node["rejected"])
 
@@ -45,6 +55,18 @@ def verdict_text(node: Report) -> str:
         share = _percent(node["limited_share"])
         parts.append(f"the plant's steering limited for {share} of the time ({limited})")
     return "; ".join(parts)
+
+
+def _repeated(made: Mapping[str, Any]) -> str:
+    """Return how the run is repeated without the tool."""
+    if made["repeat_with"] is None:
+        return f"the frames of the report, at their times: {made['repeat_obstacle']}"
+    overrides = " ".join(f"--set '{override}'" for override in made["repeat_with"])
+    return (
+        overrides
+        if len(overrides) < _OVERRIDES_SHOWN
+        else "interventions.repeat_with of the report"
+    )
 
 
 def _percent(share: float) -> str:

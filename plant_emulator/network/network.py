@@ -14,7 +14,6 @@ class Network:
     """Both lines of a run; their random numbers depend on its ``seed`` only.
 
     ``measured_latency_s``  latency of the last measurement that left [s]
-    ``configured``          the newest LATENCY_CONFIG; None before the first
     """
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
@@ -29,7 +28,6 @@ class Network:
             uniforms(seed, Stream.UPLINK_DUPLICATES),
         )
         self.measured_latency_s = math.nan
-        self.configured: LatencyConfig | None = None
 
     @property
     def lost(self) -> int:
@@ -46,7 +44,6 @@ class Network:
 
     def reconfigure(self, config: LatencyConfig) -> None:
         """Change the latency as a tool requests."""
-        self.configured = config
         model = Distribution[config.model.name]
         if config.direction in (Direction.DOWNLINK, Direction.BOTH):
             self.downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from ...dbc.messages import LatencyConfig, Mode, SteeringCommand
+from ...dbc.messages import Mode, SteeringCommand
 from ...dbc.reception import Reception, second_sender_line
 from ...runtime.node import View
 from ..evaluation.run_record import RunningFigures
@@ -24,14 +24,15 @@ def plant_view(
     failure: str,
     reception: Reception,
     network: Network,
+    intervention: str,
     command: SteeringCommand | None,
     figures: RunningFigures,
 ) -> View:
-    """Return the view; ``command`` is the one in effect."""
+    """Return the view; ``command`` is the one in effect, ``intervention`` the newest in words."""
     states = {
         "mode": _MODES[unit.mode],
         "controller": _controller(command),
-        "latency": _latency(network.configured),
+        "intervention": intervention,
         "second sender": second_sender_line(reception),
         "failure": failure and f"fault of this program: {failure}",
     }
@@ -54,13 +55,3 @@ def _controller(command: SteeringCommand | None) -> str:
     if command is None or command.mode is Mode.ACTIVE:
         return ""
     return f"the controller reports {command.mode.name}"
-
-
-def _latency(config: LatencyConfig | None) -> str:
-    """Return the latency set by LATENCY_CONFIG."""
-    if config is None:
-        return ""
-    return (
-        f"latency changed: {config.direction.name.lower()} {config.model.name.lower()}"
-        f" {1e3 * config.mean_s:g} ± {1e3 * config.spread_s:g} ms, {100 * config.loss:g} % lost"
-    )

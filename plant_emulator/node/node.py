@@ -55,6 +55,7 @@ from ..vehicle.exact_propagation import DELTA
 from ..vehicle.motion_parameters import MotionParams, motion_params
 from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
+from .interventions import Interventions
 from .live_view import plant_view
 from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
@@ -108,6 +109,7 @@ class PlantNode:
         self.deadline_ns = start_ns
         self._network = Network(settings.latency, settings.seed)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self.interventions = Interventions(settings)
         self._unauthenticated = 0
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
@@ -156,10 +158,12 @@ class PlantNode:
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
         elif isinstance(received, LatencyConfig):
-            self._network.reconfigure(received)
+            if self.interventions.take(frame, received, self._motion_ns(now_ns)):
+                self._network.reconfigure(received)
         elif isinstance(received, DisturbanceConfig):
-            self._live_disturbances.ask(received)
-            self.deadline_ns = min(self.deadline_ns, now_ns)
+            if self.interventions.take(frame, received, self._motion_ns(now_ns)):
+                self._live_disturbances.ask(received)
+                self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_TYPES:
             self._unit.on_rejection()
         return ()
@@ -222,6 +226,7 @@ class PlantNode:
             self._own_fault.failure,
             self._reception,
             self._network,
+            self.interventions.newest_text(),
             self._command,
             self._record.figures,
         )
@@ -234,6 +239,7 @@ class PlantNode:
         ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
+        ``interventions``         what tools on the bus have changed (``Interventions.report``)
         """
         record = self._record
         return {
@@ -247,6 +253,7 @@ class PlantNode:
             "not_available": self._sampling.frames.not_available,
             "clamped": self._sampling.frames.clamped + self._status_frames.clamped,
             "safety": self._unit.report(),
+            "interventions": self.interventions.report(),
         }
 
     def _motion_ns(self, time_ns: int) -> int:

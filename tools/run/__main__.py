@@ -140,7 +140,8 @@ def _run(options: argparse.Namespace) -> int:
         for program, report in reports.items():
             write_json(files.report(program), report)
         plant = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
-        write_trace(files.plant_trace, plant.path, plant.samples)
+        marks = plant.interventions.marks()
+        write_trace(files.plant_trace, plant.path, plant.samples, marks)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
     status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))

@@ -24,12 +24,15 @@ def test_commands_that_stop_are_shown_as_a_hold_and_a_fallback() -> None:
 
 def test_a_latency_changed_live_is_shown() -> None:
     tested = steered(3)
-    assert "latency" not in states(tested, 0)
+    assert "intervention" not in states(tested, 0)
     tested.configure(
         START_NS + 40 * MS_NS,
         LatencyConfig(Direction.DOWNLINK, LatencyModel.GAMMA, 0.08, 0.03, 0.01),
     )
-    assert states(tested, 0)["latency"] == "latency changed: downlink gamma 80 ± 30 ms, 1 % lost"
+    assert states(tested, 0)["intervention"] == (
+        "intervention 1 over the bus: latency downlink gamma 80 ± 30 ms, 1 % lost "
+        "at 0.036 s of motion, by 320#4120032C016400 (sender by DBC: TOOL)"
+    )
 
 
 @pytest.mark.parametrize(("angle_rad_max", "is_limited"), [(0.05, True), (0.7, False)])

@@ -1,0 +1,94 @@
+"""What a tool changes of a run is printed, reported and traced, and the report repeats it."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.messages import Direction, DisturbanceConfig, LatencyConfig, LatencyModel
+from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
+from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings
+from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
+
+GUST = DisturbanceConfig(32_767.0, 0.0, 0.02, 0.3)
+SLOW = LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01)
+SLOWER = LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 0.25, 0.0, 0.0)
+Changes = tuple[tuple[int, LatencyConfig | DisturbanceConfig], ...]
+
+
+def driven(settings: PlantSettings, changes: Changes = ()) -> Link:
+    """Return a run of 4 s, with changes at the given steps, 2 ms after the sample."""
+    tested = Link(settings)
+    by_step = dict(changes)
+    for step in range(400):
+        sample_ns = START_NS + step * PERIOD_NS
+        if step in by_step:
+            tested.configure(sample_ns + 2 * MS_NS, by_step[step])
+            tested.tick(sample_ns + 2 * MS_NS)
+        tested.command(sample_ns + 4 * MS_NS, 0.002)
+    tested.tick_until(START_NS + 400 * PERIOD_NS)
+    return tested
+
+
+def words(node: PlantNode) -> str:
+    return "\n".join(f"{heading} {text}" for heading, text in plant_summary(node.report()))
+
+
+def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_path: Path) -> None:
+    node = driven(PlantSettings(), ((100, GUST),)).node
+    sentence = (
+        "disturbance side force 32767 N, yaw moment 0 N m, steering offset 20 mrad, friction 0.7 "
+        "at 0.998 s of motion, by 324#FF7F0000C8001E (sender by DBC: TOOL)"
+    )
+    assert node.view(0).states["intervention"] == f"intervention 1 over the bus: {sentence}"
+    assert f"intervention 1 {sentence}" in words(node)
+    (kept,) = node.report()["interventions"]["kept"]
+    assert kept["at_s"] == pytest.approx(0.998)
+    assert (kept["side_force_n"], kept["claimed_sender"]) == (32_767.0, "TOOL")
+    file = tmp_path / "trace.csv"
+    write_trace(file, node.path, node.samples, node.interventions.marks())
+    with file.open(encoding="utf-8") as stream:
+        marked = [row for row in csv.DictReader(stream) if row["interventions"]]
+    assert [row["interventions"] for row in marked] == [sentence]
+    assert 0.998 <= float(marked[0]["time_s"]) < 1.01
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ((100, GUST), (250, DisturbanceConfig(0.0, 0.0, 0.0, 0.0))),
+        ((50, SLOW),),
+        ((50, SLOW), (120, GUST), (200, SLOWER)),
+        ((0, SLOWER),),
+    ],
+)
+def test_the_settings_in_the_report_repeat_the_run(changes: Changes) -> None:
+    first = driven(PlantSettings(), changes).node
+    text = json.dumps(first.report()["interventions"])
+    again = driven(load_settings(PlantSettings, overrides=json.loads(text)["repeat_with"])).node
+    assert again.report()["interventions"]["count"] == 0
+    for one, other in zip(seen(first.samples), seen(again.samples), strict=True):
+        assert one == pytest.approx(other, abs=1e-12)
+    for line in ("downlink", "uplink"):
+        assert first.report()[line] == again.report()[line]
+
+
+def test_what_no_setting_can_repeat_is_said() -> None:
+    changes = ((50, SLOW), (90, SLOW._replace(model=LatencyModel.GAMMA)))
+    made = driven(PlantSettings(), changes).node.report()["interventions"]
+    assert made["repeat_with"] is None
+    assert "these differ" in made["repeat_obstacle"]
+
+
+def test_a_setting_refuses_interventions_and_reports_them() -> None:
+    node = driven(PlantSettings(interventions="refuse"), ((50, SLOW), (100, GUST))).node
+    assert seen(node.samples) == seen(driven(PlantSettings()).node.samples)
+    made = node.report()["interventions"]
+    assert (made["count"], made["refused"]) == (2, 2)
+    assert "REFUSED" in node.view(0).states["intervention"]
+    assert words(node).count("REFUSED") == 2
+    assert "repeat with" not in words(node)
