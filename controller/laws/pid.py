@@ -89,6 +89,5 @@ LAW = Law(
     LawNumber.PID,
     settings=PidSettings,
     needs=("pd",),
-    takes_derivative=True,
     commands_read=last_command,
 )

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ....closed_loop.reports.plot_style import COLOURS
 from .frontier import PREDICTOR, Row
@@ -20,7 +21,8 @@ _LOOK: Mapping[str, tuple[str, str]] = {
     PREDICTOR: (COLOURS[2], ":"),
 }
 _PER_MM = 1e3
-Figure1 = Callable[[Row], float]
+_LEFT_MM_MIN = 0.01
+FigureOf = Callable[[Row], float]
 
 
 def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
@@ -35,8 +37,9 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
         else "guaranteed delay [ms]",
         ylabel="RMS of the lateral error [mm]",
     )
+    _plain_ticks(axes)
     axes.set_title("Least error of each structure, each at its own best", fontsize=11)
-    axes.legend(fontsize=8, ncols=2)
+    figure.legend(fontsize=8, ncols=4, loc="outside upper center")
     figure.text(
         0.01, -0.02,
         f"Worst of the vehicle's corners and of all delays up to the one shown; noise on the wheel"
@@ -53,7 +56,7 @@ def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
     trials = asked.trials
     figure = Figure(figsize=(12.0, 7.5))
     panels = figure.subplots(2, 3).ravel()
-    shown: tuple[tuple[str, Figure1], ...] = (
+    shown: tuple[tuple[str, FigureOf], ...] = (
         (
             f"RMS with {_PER_MM * trials.sensor_noise_m:g} mm of noise [mm]",
             lambda row: _PER_MM * row.trials.noisy_rms_m,
@@ -63,30 +66,39 @@ def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
             lambda row: _PER_MM * row.trials.wind_peak_m,
         ),
         (
-            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm]",
-            lambda row: max(1e-2, _PER_MM * row.trials.offset_left_m),
+            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm];"
+            f" least shown {_LEFT_MM_MIN:g}",
+            lambda row: max(_LEFT_MM_MIN, _PER_MM * row.trials.offset_left_m),
         ),
         ("RMS with a wrong vehicle [mm]", lambda row: _PER_MM * row.trials.wrong_rms_m),
         (
-            f"RMS with {100.0 * trials.jitter_share:g} % of jitter, 95 % of seeds [mm]",
+            f"RMS with {100.0 * trials.jitter_share:g} % of jitter, 95 % quantile [mm]",
             lambda row: _PER_MM * row.trials.jitter_95_m,
         ),
         (
-            f"Stable up to, behind an unknown lag of {trials.lag_s:g} s [ms]",
+            f"Stable up to [ms], with an unknown lag of {trials.lag_s:g} s",
             lambda row: row.point.lagged_ms,
         ),
     )
     for axes, (title, figure_of) in zip(panels, shown, strict=True):
         _lines(axes, rows, figure_of, is_named=axes is panels[0])
-        axes.set_title(title, fontsize=10)
+        axes.set_title(title, fontsize=9)
         axes.set(xlabel="guaranteed delay [ms]")
         if "Stable" not in title:
             axes.set_yscale("log")
-    panels[0].legend(fontsize=8)
+            _plain_ticks(axes)
+    figure.legend(fontsize=9, ncols=len(_LOOK), loc="outside lower center")
     return figure
 
 
-def _lines(axes: Axes, rows: Sequence[Row], figure_of: Figure1, *, is_named: bool) -> None:
+def _plain_ticks(axes: Axes) -> None:
+    """Write 10 and 0.1 in place of powers, and label only 1, 2 and 5 of a decade."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _lines(axes: Axes, rows: Sequence[Row], figure_of: FigureOf, *, is_named: bool) -> None:
     for structure, (colour, style) in _LOOK.items():
         chosen = [row for row in rows if row.point.structure == structure]
         points = [(row.point.delay_ms, figure_of(row)) for row in chosen]
