@@ -21,6 +21,10 @@ KeyPath = tuple[str | int, ...]
 Schema = Mapping[str, Any]
 
 _VALUE_LENGTH_MAX = 60
+_LIKENESS_MIN = 0.85
+"""Of a key in another table, from 0 to 1: it must nearly be the one that was written."""
+_MEANT_MAX = 4
+"""A key that more tables have says nothing."""
 _WORDS_OF_TYPES = {
     "array": "list of",
     "boolean": "true or false",
@@ -73,6 +77,34 @@ def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
     return f"known: {', '.join(names) or 'none'}"
 
 
+def _meant_below(root: Schema, name: str, siblings: Iterable[str]) -> str:
+    """Return the keys of other tables that ``name`` may have meant, if nearer than ``siblings``."""
+
+    def likeness(known: str) -> float:
+        return difflib.SequenceMatcher(None, name, known).ratio()
+
+    found = dict.fromkeys(_keys_below(root, root, (), ()))
+    best = max((likeness(key.rpartition(".")[2]) for key in found), default=0.0)
+    if best < _LIKENESS_MIN or best <= max(map(likeness, siblings), default=0.0):
+        return ""
+    nearest = [key for key in found if likeness(key.rpartition(".")[2]) == best]
+    if len(nearest) > _MEANT_MAX:
+        return ""
+    return f"did you mean {' or '.join(nearest)}?"
+
+
+def _keys_below(root: Schema, schema: Schema, path: KeyPath, above: Sequence[str]) -> Iterator[str]:
+    """Return the dotted keys of the tables below ``schema``; lists are left out."""
+    for alternative in _alternatives(root, schema, None):
+        title = str(alternative.get("title", ""))
+        if title in above:
+            continue
+        for key, child in alternative.get("properties", {}).items():
+            if path:
+                yield dotted((*path, key))
+            yield from _keys_below(root, child, (*path, key), (*above, title))
+
+
 def printable(text: str) -> str:
     """Return ``text`` on one line, with unprintable characters escaped.
 
@@ -110,7 +142,10 @@ def _explain_one(
         case "extra_forbidden":
             tables = _schemas_at(schema, path[:-1], data)
             siblings = {name for table in tables for name in table.get("properties", ())}
-            meant = hint(str(path[-1]), sorted(siblings), key.removesuffix(str(path[-1])))
+            prefix = key.removesuffix(str(path[-1]))
+            meant = _meant_below(schema, str(path[-1]), siblings) or hint(
+                str(path[-1]), sorted(siblings), prefix
+            )
             return f"{where} is not a known key ({meant})"
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{may_be}"
