@@ -1,4 +1,4 @@
-"""What ``steer-by-wire check`` prints: the settings in effect, and what the loop tolerates.
+"""What ``steer-by-wire check`` prints: the verdict, the settings, and what the loop tolerates.
 
 The text as a whole is a settings file again: all but the settings are TOML comments.
 """
@@ -24,7 +24,7 @@ Figures = Mapping[str, Any]
 
 
 def check_text(settings: ControllerSettings, figures: Figures | None = None) -> str:
-    """Return the settings, the analysis of their loop as text, and the verdict.
+    """Return the verdict, the settings, and the analysis of their loop as text.
 
     ``figures``  of ``check_figures``; computed unless given
     """
@@ -32,9 +32,10 @@ def check_text(settings: ControllerSettings, figures: Figures | None = None) -> 
         figures = check_figures(settings, lambda _what: None)
     ns = round(1e9 * figures["period_s"])
     comments = [f"Runs at {figures['rate_hz']:.9g} Hz, every {ns} ns.", ""]
-    comments += [*_analysis(settings, figures), "", f"verdict: {found_in(figures)}"]
+    comments += _analysis(settings, figures)
     lines = [f"# {comment}" if comment else "#" for comment in comments]
-    return "\n".join([dump_toml(settings, _unused(settings)), *lines, ""])
+    verdict = f"# verdict: {found_in(figures)}\n"
+    return "\n".join([verdict, dump_toml(settings, _unused(settings)), *lines, ""])
 
 
 def _unused(settings: ControllerSettings) -> list[str]:
