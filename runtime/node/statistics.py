@@ -2,8 +2,9 @@
 
 Durations are counted in bins that widen with the duration, as in an HDR histogram: below 256 ns
 every nanosecond has its bin, above that every power of two is split into 128 bins. A quantile is
-the middle of its bin, so it is within 0.4 % of a recorded duration. Number, mean and maximum are
-exact. The figures do not depend on the order of the durations.
+the middle of its bin, so it is within 0.4 % of a recorded duration, and never outside the least and
+the largest. Number, mean, least and largest are exact. The figures do not depend on the order of
+the durations.
 """
 
 from collections import Counter, defaultdict
@@ -47,7 +48,7 @@ class DurationStatistics:
         # At most 57 powers of two with 128 bins each for durations below 2**63 ns.
         self._bins: defaultdict[int, int] = defaultdict(int)
         self._total_ns = 0
-        self._max_ns = 0
+        self._min_ns = self._max_ns = 0
         self._waiting: list[int] = []
         """Durations not in the bins yet; they are counted in blocks, equal ones together."""
 
@@ -69,6 +70,8 @@ class DurationStatistics:
         """Move the waiting durations into their bins."""
         if not self._waiting:
             return
+        least_ns = min(self._waiting)
+        self._min_ns = min(self._min_ns, least_ns) if self._bins else least_ns
         for duration_ns, count in Counter(self._waiting).items():
             shift = duration_ns.bit_length() - _BIN_BITS
             if shift > 0:
@@ -95,7 +98,7 @@ class DurationStatistics:
             if reached >= wanted:
                 shift, leading = number >> _BIN_BITS, number & _LEADING_MASK
                 middle_ns = (leading << shift) + ((1 << shift) >> 1)
-                return min(middle_ns, self._max_ns)
+                return max(min(middle_ns, self._max_ns), self._min_ns)
         return 0
 
     def summary(self) -> DurationSummary:

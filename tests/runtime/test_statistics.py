@@ -28,6 +28,18 @@ def test_short_durations_are_exact() -> None:
     assert statistics.quantile_ns(1) == 100
 
 
+def test_equal_durations_have_no_quantile_beside_them() -> None:
+    summary = recorded([80_000_000] * 300).summary()
+    assert summary == DurationSummary(300, 80e6, 80_000_000, 80_000_000, 80_000_000)
+
+
+@given(st.lists(durations_ns, min_size=1, max_size=40))
+def test_every_quantile_is_between_the_least_and_the_largest(values_ns: list[int]) -> None:
+    statistics = recorded(values_ns)
+    for fraction in (0.0, 0.5, 0.99, 1.0):
+        assert min(values_ns) <= statistics.quantile_ns(fraction) <= max(values_ns)
+
+
 def test_a_single_outlier_is_the_maximum_and_not_the_99th_percentile() -> None:
     summary = recorded([20_000] * 999 + [650_000_000]).summary()
     assert summary.max_ns == 650_000_000
