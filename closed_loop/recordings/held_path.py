@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...dbc import messages
+from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX
 from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
@@ -40,6 +41,21 @@ class HeldPath:
         self._has_started = False
         self._wheel_rad = 0.0
         self._limit = ""
+
+    @property
+    def has_started(self) -> bool:
+        """Whether a command came."""
+        return self._has_started
+
+    @property
+    def samples(self) -> int:
+        """Measurements since the first command."""
+        return self._figures.samples
+
+    @property
+    def can_be_judged(self) -> bool:
+        """Whether the two windows at the end, each of a share of the samples, have any."""
+        return int(self.samples * WINDOW_SHARE_MAX) > 1
 
     def take(self, message: messages.Message, cg_deviation_m: float) -> None:
         """Take an accepted message, and the centre of gravity's deviation by then, NaN for none."""

@@ -19,10 +19,12 @@ from .log_file import CLOCK_STARTED_NS, LogError, open_log
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
+BACKWARDS_SHARE_MAX = 0.01
+"""Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
-"""How many changes of the latency are listed, the first."""
+"""How many changes of the latency, and of the disturbance, are listed, the first."""
 _FROM_PLANT = (
     messages.LateralError,
     messages.SteeringStatus,
@@ -103,6 +105,7 @@ class LogAnalysis:
         self._gaps: list[Gap] = []
         self._gap_counts = Counter[str]()
         self._configs: list[dict[str, Any]] = []
+        self._loads: list[dict[str, Any]] = []
         self._modes_ns = Counter[messages.Mode]()
         self._mode: tuple[messages.Mode, int] | None = None
         self._laws: dict[str, None] = {}
@@ -135,12 +138,18 @@ class LogAnalysis:
         return at_s, received
 
     def figures(self) -> dict[str, Any]:
-        """Return all figures, ready for JSON; call it once, at the end."""
+        """Return all figures, ready for JSON; call it once, at the end.
+
+        ``not_judged``  why there is no verdict; empty if there is one
+        """
         self.latencies.finish()
         self._leave_mode(self._end_ns - (self._start_ns or 0))
         start_ns = self._start_ns
+        obstacle = self._obstacle()
+        held_path = self._held_path_figures()
         return {
             "frames": self._frames,
+            "not_judged": obstacle,
             "has_times": start_ns is not None,
             "start": _date(start_ns),
             "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
@@ -151,14 +160,32 @@ class LogAnalysis:
             "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
             "error_frames": self.listener.error_frames,
             "signals": {name: history.report() for name, history in self.histories.items()},
-            "held_path": self._held_path_figures(),
+            "held_path": {**held_path, "verdict": None} if obstacle else held_path,
             "latency": self._latency_figures(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
             **self._advanced,
             "latency_configs": self._configs,
+            "disturbance_configs": self._loads,
             "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
         }
+
+    def _obstacle(self) -> str:
+        """Return why the log says nothing about the path; empty if it does."""
+        accepted = sum(self.listener.counts(name).accepted for name in messages.MESSAGE_TYPES)
+        if not accepted:
+            refused, foreign = sum(self.listener.refused.values()), self.listener.foreign_frames
+            what = "is a message of plant or controller"
+            return f"none of {self._frames} frames {what} ({foreign} foreign, {refused} refused)"
+        if self._backwards > BACKWARDS_SHARE_MAX * self._frames:
+            times = f"time runs backwards at {self._backwards} of {self._frames} frames"
+            return f"{times}: the log is not in the order of the bus"
+        if self._held_path.has_started and not self._held_path.can_be_judged:
+            return (
+                f"only {self._held_path.samples} measurements follow the first command: too few"
+                " for the windows of a verdict"
+            )
+        return ""
 
     def _since_start(self, time_ns: int | None) -> int | None:
         if time_ns is None:
@@ -206,6 +233,9 @@ class LogAnalysis:
             self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
+        elif isinstance(message, messages.DisturbanceConfig) and len(self._loads) < CONFIGS_MAX:
+            at_s = None if since_ns is None else since_ns / NS_PER_S
+            self._loads.append({"at_s": at_s, **message._asdict()})
         elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             names = {"direction": message.direction.name, "model": message.model.name}

@@ -18,9 +18,15 @@ def _driven(key: str) -> Quantity:
     return Quantity(read)
 
 
+def _verdict(report: Report) -> str | None:
+    """Return the verdict; None for a log that is not judged."""
+    verdict = report["node"]["verdict"]
+    return None if verdict is None else str(verdict)
+
+
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
-        "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(Verdict)),
+        "verdict": Quantity(_verdict, tuple(Verdict)),
         "rms_m": _driven("lateral_error_rms_m"),
         "peak_m": _driven("lateral_error_peak_m"),
         "cg_rms_m": _driven("cg_deviation_rms_m"),

@@ -144,7 +144,9 @@ def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitSt
         report = {"node": result.figures["held_path"], "log": result.figures}
         log = f": {result.folder.name}" if len(results) > 1 else ""
         status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
-        print(f"{log}: verdict: {verdict_text(report['node'])}".removeprefix(": "))
+        obstacle = result.figures["not_judged"]
+        text = f"none: {obstacle}" if obstacle else verdict_text(report["node"])
+        print(f"{log}: verdict: {text}".removeprefix(": "))
     return status
 
 

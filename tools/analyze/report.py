@@ -16,11 +16,16 @@ if TYPE_CHECKING:
     from .smoothing import SmoothedTable
 
 LATENCY_ROWS = {
+    "reported_downlink": "commands, latency, as the plant reports it",
+    "reported_uplink": "measurements, latency, as the plant reports it",
+    "downlink": "commands, latency and wait: from the bus to the first sample that sees it act",
+    "uplink": "measurements, latency: from the sample to the bus",
     "round_trip": "round trip: command on the bus to its first echo on the bus",
-    "downlink": "downlink: command on the bus to the first sample that sees it act",
-    "uplink": "uplink: sample to the bus",
-    "reported_downlink": "downlink reported by the plant",
-    "reported_uplink": "uplink reported by the plant",
+}
+_CURVES = {
+    "round_trip": "round trip",
+    "downlink": "commands, latency and wait",
+    "uplink": "measurements, latency",
 }
 SIGNAL_NAMES = {
     "lateral_error_m": ("lateral error, preview point", "mm", 1e3),
@@ -42,12 +47,12 @@ Times are those of the recorder. On a bus both nodes and the recorder see a fram
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
 its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
 samples are numbered and taken at a fixed period, so the times of STEERING_STATUS give the
-uplink's jitter, but its smallest value is on the plant's clock only. {constant} The downlink as
-measured contains the wait for the next sample, 0 to one sensor period, and sees only commands that
-acted: one that the emulated downlink lost, and one that a newer one overtook, look the same in a
-log. A counter that is missing was lost before it came to the bus (the emulated uplink loses
-measurements, and drops one that a newer one overtook; a full transmit queue may lose any frame) or
-missed by the recorder. Quantiles are within 0.4 %."""
+uplink's jitter, but its smallest value is on the plant's clock only. {constant} The second
+row of the commands therefore adds the wait for the next sample, 0 to one sensor period, and sees
+only commands that acted: one that the emulated downlink lost, and one that a newer one overtook,
+look the same in a log. A counter that is missing was lost before it came to the bus (the emulated
+uplink loses measurements, and drops one that a newer one overtook; a full transmit queue may lose
+any frame) or missed by the recorder. Quantiles are within 0.4 %."""
 _SPREAD = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
 _CONSTANT = {
     True: "It is taken from PLANT_STATUS, in which the plant reports the latency it injects "
@@ -92,6 +97,10 @@ def _facts(figures: Mapping[str, Any]) -> Table:
         ("latency was changed", f"at {config['at_s'] or 0.0:.2f} s: {_config(config)}")
         for config in figures["latency_configs"]
     ]
+    rows += [
+        ("disturbance was changed", f"at {config['at_s'] or 0.0:.2f} s: {_load(config)}")
+        for config in figures["disturbance_configs"]
+    ]
     return _pairs(rows)
 
 
@@ -99,6 +108,14 @@ def _config(config: Mapping[str, Any]) -> str:
     return (
         f"{config['direction']} {config['model']}, mean {milliseconds(config['mean_s'], 1)} ms, "
         f"spread {milliseconds(config['spread_s'], 1)} ms, {100.0 * config['loss']:g} % lost"
+    )
+
+
+def _load(config: Mapping[str, Any]) -> str:
+    return (
+        f"side force {config['side_force_n']:g} N, yaw moment {config['yaw_moment_n_m']:g} N m, "
+        f"steering offset {1e3 * config['steering_offset_rad']:g} mrad, "
+        f"friction {1.0 - config['friction_loss']:g}"
     )
 
 
@@ -274,11 +291,12 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
     for name, (colour, durations) in measured.items():
         time_s, latency_s = latencies.history[name].points()
         median_ms = 1e3 * figures["latency"][name]["p50_s"]
-        text = f"{name.replace('_', ' ')}, median {median_ms:.1f} ms"
+        text = f"{_CURVES[name]}, median {median_ms:.1f} ms"
         left.plot(time_s, 1e3 * latency_s, ".", ms=2.0, color=colour, label=text)
         right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
     time_s, reported_s = latencies.history["reported_downlink"].points()
-    left.plot(time_s, 1e3 * reported_s, "+", ms=4.0, color="black", label="downlink, reported")
+    text = "commands, latency, reported"
+    left.plot(time_s, 1e3 * reported_s, "+", ms=4.0, color="black", label=text)
     left.set(xlabel="time since the first frame [s]", ylabel="latency [ms]", ylim=(0.0, None))
     left.set_title("Latency, by the counters in the log")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, markerscale=3.0)

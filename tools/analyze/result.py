@@ -32,6 +32,8 @@ def print_results(results: Sequence[Result]) -> None:
     console.print(table)
     for result in results:
         figures = result.figures
+        if backwards := figures["times_backwards"]:
+            print(f"time runs backwards at {backwards} of {figures['frames']} frames")
         if figures["unreadable"]:
             print(f"{figures['unreadable']} lines not read, the first: ", end="")
             print(figures["first_unreadable"])
@@ -57,7 +59,7 @@ def _signal(name: str, key: str) -> Callable[[dict[str, Any]], str]:
 def _latency(name: str) -> Callable[[dict[str, Any]], str]:
     def read(figures: dict[str, Any]) -> str:
         report = figures["latency"][name]
-        return "/".join(milliseconds(report[key], 1) for key in ("p50_s", "p99_s", "jitter_s"))
+        return "/".join(milliseconds(report[key], 2) for key in ("p50_s", "p99_s", "jitter_s"))
 
     return read
 
@@ -77,8 +79,9 @@ _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "steer, RMS [mrad]": _signal("steer_rad", "rms"),
     "steer, peak [mrad]": _signal("steer_rad", "peak"),
     "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
-    "downlink, p50/p99/jitter [ms]": _latency("downlink"),
-    "uplink, p50/p99/jitter [ms]": _latency("uplink"),
+    "commands, latency, p50/p99/jitter [ms]": _latency("reported_downlink"),
+    "commands, latency and wait, same [ms]": _latency("downlink"),
+    "measurements, latency, same [ms]": _latency("uplink"),
     "counters missing/of them late": _missing,
     "refused": lambda figures: str(sum(figures["refused"].values())),
     "foreign": lambda figures: str(figures["foreign_frames"]),

@@ -168,8 +168,8 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
 def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
     plant = view.plant
     rows = (
-        ("downlink", plant and plant.downlink_latency_s, "downlink_s", "the plant's word"),
-        ("uplink", plant and plant.uplink_latency_s, "uplink_s", "the plant's word"),
+        ("commands", plant and plant.downlink_latency_s, "downlink_s", "latency, the plant's word"),
+        ("measurements", plant and plant.uplink_latency_s, "uplink_s", "latency, the plant's word"),
         ("round trip", _newest(view, "round_trip_s"), "round_trip_s", _figures(view.round_trip)),
         ("lateness", _newest(view, "lateness_s"), "lateness_s", _figures(view.lateness)),
     )

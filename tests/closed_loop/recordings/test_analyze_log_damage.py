@@ -1,6 +1,8 @@
 """What is damaged, lost or refused in a log is counted by cause and costs nothing else."""
 
+import re
 from pathlib import Path
+from random import Random
 
 import pytest
 from hypothesis import given
@@ -174,6 +176,52 @@ def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None
     assert [gap["name"] for gap in gaps] == ["STEERING_COMMAND"]
     assert gaps[0]["at_s"] == pytest.approx(5.0, abs=PERIOD_S + ON_THE_WIRE_S)
     assert gaps[0]["duration_s"] == pytest.approx(0.4 + PERIOD_S, abs=ON_THE_WIRE_S + PERIOD_S)
+
+
+def test_a_log_out_of_order_is_not_judged(
+    constant: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = entries_of(constant.log)
+    Random(1).shuffle(entries)
+    path = write_log(tmp_path / "shuffled.log", entries)
+    figures = analyse(path)
+    assert figures["held_path"]["verdict"] is None
+    out = ["--out", str(tmp_path / "out")]
+    assert main([str(path), *out, "--fail-if", "verdict == unstable"]) == ExitStatus.CONDITION
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1].startswith("verdict: none: time runs backwards at ")
+    assert "verdict has no value in this run" in printed.err
+    assert "holds" not in printed.out
+
+
+def test_a_log_of_foreign_frames_only_is_not_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "foreign.log"
+    path.write_text("".join(f"({n}.0) vcan0 7FF#01\n({n}.5) vcan0 18FEF100#02\n" for n in range(9)))
+    assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.OK
+    printed = capsys.readouterr().out
+    assert re.search(r"foreign +18\n", printed)
+    assert printed.splitlines()[-1] == (
+        "verdict: none: none of 18 frames is a message of plant or controller "
+        "(18 foreign, 0 refused)"
+    )
+
+
+def test_a_log_that_ends_with_the_first_commands_is_not_judged(
+    constant: Run, tmp_path: Path
+) -> None:
+    entries = entries_of(constant.log)
+    first = next(n for n, entry in enumerate(entries) if is_of(entry, "STEERING_COMMAND"))
+    figures = analyse(write_log(tmp_path / "first.log", entries[: first + 8]))
+    assert "follow the first command: too few" in figures["not_judged"]
+
+
+def test_a_change_of_the_disturbance_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "set.log"
+    path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 324#FF7F0000000000\n")
+    (config,) = analyse(path)["disturbance_configs"]
+    assert (config["at_s"], config["side_force_n"]) == (2.5, 32_767.0)
 
 
 def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
