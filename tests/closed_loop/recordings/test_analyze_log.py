@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.latency import History, relative_uplink
 from steer_by_wire.dbc.messages import LateralError, encode
+from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
@@ -38,6 +40,21 @@ PERIOD_S = 0.01
 
 
 # Figures against the run itself
+
+
+def test_the_latency_of_commands_has_one_name_and_one_figure(
+    constant: Run, tmp_path: Path, capsys: Capture
+) -> None:
+    said = dict(plant_summary(constant.result.plant["node"]))["commands"]
+    assert said.startswith("latency p50 80.00 ms, p99 80.00 ms")
+    assert main([str(constant.log), "--out", str(tmp_path / "out")]) == ExitStatus.OK
+    printed = capsys.readouterr().out
+    assert re.search(r"commands, latency, p50/p99/jitter \[ms\] +80\.00/80\.00/0\.00", printed)
+    assert "commands, latency and wait" in printed
+    figures = analyse(constant.log)["latency"]
+    for name in ("round_trip", "downlink", "uplink"):
+        report = figures[name]
+        assert report["min_s"] <= report["p50_s"] <= report["p99_s"] <= report["max_s"]
 
 
 def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:

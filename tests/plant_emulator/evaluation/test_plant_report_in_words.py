@@ -18,5 +18,5 @@ def test_with_motion_there_are_error_latency_and_who_limits() -> None:
     tested = steered(20, safety={"angle_rad_max": 0.05}, latency={"downlink": {"mean_s": 0.02}})
     lines = dict(plant_summary(tested.node.report()))
     assert lines["preview point"].startswith("off the path RMS ")
-    assert lines["commands"].startswith("latency p50 19.99 ms")
+    assert lines["commands"].startswith("latency p50 20.00 ms")
     assert lines["limited"].startswith("commands by angle ")
