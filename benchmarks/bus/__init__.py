@@ -1,1 +1,4 @@
-"""The controller on a bus, beside C and bare Python; begin with ``benchmark.py``."""
+"""What the controller on a bus costs, beside C and bare Python.
+
+Not here: the loop without a bus (``benchmarks.loop``). Begin with ``benchmark.py``.
+"""

@@ -1,1 +1,5 @@
-"""Settings presets shipped with the package, one TOML file each."""
+"""Settings that are shipped with the package, one TOML file each.
+
+Not here: what a key means (``settings``, and the table's own module). Begin with
+``paper_nominal.toml``.
+"""

@@ -1,1 +1,4 @@
-"""The emulated bus as a program."""
+"""The emulated bus as a program.
+
+Not here: the broker itself (``runtime.emulated_bus``). Begin with ``program.py``.
+"""
