@@ -145,6 +145,15 @@ class Run(NamedTuple):
     engine: str
     outcome: str
 
+    def __repr__(self) -> str:
+        """Return one line: what ran, how it ended, and how well it held the path."""
+        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
+        return (
+            f"<Run of {self.controller_settings.law}, seed {self.plant_settings.seed},"
+            f" {self.plant_settings.duration_s:g} s, {self.engine}: {self.outcome};"
+            f" preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm>"
+        )
+
     @property
     def lateral_error_rms_m(self) -> float:
         """Root mean square of the preview point's lateral error; 0 without samples."""

@@ -50,6 +50,13 @@ def test_compiled_and_virtual_give_the_same_bits(run: Run, compiled: Run, side: 
             np.testing.assert_array_equal(getattr(other, name), getattr(virtual, name), name)
 
 
+def test_a_run_shows_itself_in_one_line_with_its_error(run: Run) -> None:
+    shown = repr(run)
+    assert "\n" not in shown
+    assert f"preview point RMS {1e3 * run.lateral_error_rms_m:.1f} mm" in shown
+    assert str(run.controller_settings.law) in shown
+
+
 def test_the_figures_are_those_of_the_report(run: Run, compiled: Run) -> None:
     for one in (run, compiled):
         assert one.lateral_error_rms_m == run.plant_report["lateral_error_rms_m"]
