@@ -51,6 +51,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="do not run; analyse the loop, as steer-by-wire check does",
     )
+    parser.add_argument(
+        "--exit-with-plant",
+        action="store_true",
+        help="end when the plant has been silent for 3 s and the command is back at zero;"
+        " by default, wait for the plant to return",
+    )
     parser.set_defaults(json=False)
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
@@ -107,7 +113,9 @@ def _run(options: argparse.Namespace) -> int:
         options,
         settings,
         CONTROLLER,
-        lambda start_ns: ControllerNode(settings, start_ns),
+        lambda start_ns: ControllerNode(
+            settings, start_ns, ends_with_plant=options.exit_with_plant
+        ),
         (*RECEIVED, *SENT),
         partial(conclude, settings),
         ENDING,
@@ -144,6 +152,8 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
 def conclude(settings: ControllerSettings, node: ControllerNode) -> None:
     """Summarise the run, and report settings that contradict the measurements."""
     report = node.report()
+    if node.has_ended_with_plant:
+        say(NAME, "ended with the plant, as --exit-with-plant asks")
     for heading, text in controller_summary(report):
         say(NAME, f"{heading} {text}")
     for warning in contradictions(settings, report):

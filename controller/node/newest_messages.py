@@ -70,6 +70,15 @@ class Received:
             freshness(self.states.arrival_ns, limits.vehicle_state_ns, now_ns),
         )
 
+    def silence_ns(self, now_ns: int) -> int:
+        """Return the time since the newest message of the plant; 0 before the first [ns]."""
+        arrivals_ns = [
+            check.arrival_ns
+            for check in (self.errors, self.statuses, self.states)
+            if check.arrival_ns is not None
+        ]
+        return now_ns - max(arrivals_ns, default=now_ns)
+
     def fresh_until_ns(self) -> int:
         """Return until when all of SUPERVISED, fresh now, stay fresh without new frames [ns]."""
         checks = (self.errors, self.statuses, self.states)

@@ -52,6 +52,8 @@ _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
 _NO_FAULT = ControllerFault.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
 _ERROR_ID = CAN_IDS[LateralError]
+PLANT_ENDED_NS = 3 * NS_PER_S
+"""A plant that is silent for longer has ended, for a controller that ends with it."""
 
 
 class ControllerNode:
@@ -61,12 +63,24 @@ class ControllerNode:
     ``start_ns``     first tick [ns]
     ``samples_max``  how many control periods are kept in ``samples``, from the first command on
 
+    ``ends_with_plant``  whether it finishes once the plant has been silent for PLANT_ENDED_NS and
+                     the command is back at zero; otherwise it waits for ever
+
     ``deadline_ns``  when the next tick is due [ns]
-    ``finished``     whether it has detected a fault in itself and no longer steers
+    ``finished``     whether it has detected a fault in itself and no longer steers, or has ended
+                     with the plant
     """
 
-    def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        start_ns: int,
+        samples_max: int = 0,
+        *,
+        ends_with_plant: bool = False,
+    ) -> None:
         self._law_name = settings.law
+        self._ends_with_plant = ends_with_plant
         self._period_s = settings.period_ns / NS_PER_S
         self._rate_hz = NS_PER_S / settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
@@ -75,6 +89,7 @@ class ControllerNode:
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self.deadline_ns = start_ns
         self.finished = False
+        self.has_ended_with_plant = False
         self._overruns = OverrunSupervision.of(settings.overruns)
         self._received = Received(settings)
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
@@ -149,7 +164,8 @@ class ControllerNode:
                 frames.append(self._command_frame(mode, now_ns, period, before_rad))
             fault = self._fault
             is_safety_due = self._safety.on_tick(fault, self._must_stop, now_ns)
-            self.finished = fault is not _NO_FAULT and sent_rad == 0.0
+            stops = self.has_ended_with_plant or fault is not _NO_FAULT
+            self.finished = stops and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             self._safety.judge_validity(self._delay.echo_s(now_ns))
@@ -158,6 +174,8 @@ class ControllerNode:
             frames.append(self._statuses.status(mode, self._law.output, skipped))
             frames.append(self._safety_frame(now_ns))
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
+            if self._ends_with_plant and self._sent_steer_rad == 0.0:
+                self.has_ended_with_plant = self._received.silence_ns(now_ns) >= PLANT_ENDED_NS
         elif is_safety_due:
             frames.append(self._safety_frame(now_ns))
         self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
@@ -178,6 +196,7 @@ class ControllerNode:
             self._sent_steer_rad,
             self._delay.echo_s(now_ns),
             self._safety.facts,
+            ends_with_plant=self._ends_with_plant,
         )
 
     def report(self) -> Mapping[str, Any]:

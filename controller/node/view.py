@@ -20,6 +20,9 @@ _REQUESTS: Mapping[MotionRequest, str] = {
     MotionRequest.SLOW_DOWN: "asks the vehicle to slow down",
     MotionRequest.STOP: "asks the vehicle to stop",
 }
+WHEN_LOST = "waiting for it until Ctrl-C (--exit-with-plant ends by itself)"
+"""What the controller does by default."""
+WHEN_ENDING = "ending when the command is back at zero"
 _MESSAGES = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
 
 
@@ -32,6 +35,8 @@ def controller_view(
     steer_rad: float,
     delay_s: float | None,
     facts: SafetyFacts,
+    *,
+    ends_with_plant: bool,
 ) -> View:
     """Return the view.
 
@@ -40,11 +45,12 @@ def controller_view(
     ``steer_rad``  the command sent last [rad]
     ``facts``      validity of the settings, and what is asked of the vehicle's drive
     ``delay_s``    from command to measurement, by the echo [s]; None while unknown
+    ``ends_with_plant``  whether the program ends when the plant has ended
     """
     reception = received.reception
     states = {
         "mode": _MODES[mode],
-        "plant": _plant(received.freshness(now_ns)),
+        "plant": plant_text(received.freshness(now_ns), ends_with_plant=ends_with_plant),
         "second sender": second_sender_line(reception),
         "validity": in_words(facts.validity),
         "request": _REQUESTS[facts.motion_request],
@@ -63,11 +69,12 @@ def controller_view(
     return View(states, events, now)
 
 
-def _plant(freshness: tuple[Freshness, ...]) -> str:
+def plant_text(freshness: tuple[Freshness, ...], *, ends_with_plant: bool) -> str:
     """Return which messages of the plant have stopped."""
     stale = [name for name, age in zip(_MESSAGES, freshness, strict=True) if age is Freshness.STALE]
     if len(stale) == len(_MESSAGES):
-        return "plant lost: all its messages have stopped"
+        then = WHEN_ENDING if ends_with_plant else WHEN_LOST
+        return f"plant lost: all its messages have stopped; {then}"
     if stale:
         return f"plant: {' and '.join(stale)} stopped"
     return "plant present" if Freshness.FRESH in freshness else ""

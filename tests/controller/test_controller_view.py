@@ -1,7 +1,8 @@
 """What the controller shows: peer, modes, refused frames."""
 
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.controller.node.view import plant_text
+from steer_by_wire.dbc.messages import Freshness, LateralError, Mode, SteeringCommand, encode
 from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
@@ -27,6 +28,44 @@ def test_a_lost_plant_is_shown_through_hold_and_stop_to_recovery() -> None:
     assert states(tested) == ("SAFE_STOP", "plant: LATERAL_ERROR stopped")
     tested.drive(5, 0.1)
     assert states(tested) == ("ACTIVE", "plant present")
+
+
+def silent_after_a_run(*, ends_with_plant: bool) -> Link:
+    tested = Link(ControllerNode(controller_settings(), START_NS, ends_with_plant=ends_with_plant))
+    tested.drive(20, 0.1)
+    assert not tested.node.finished
+    tested.drive(250, None)
+    assert not tested.node.finished  # 2.5 s of silence
+    tested.drive(150, None)
+    return tested
+
+
+def test_a_controller_waits_for_ever_for_its_plant_by_default() -> None:
+    tested = silent_after_a_run(ends_with_plant=False)
+    tested.drive(2000, None)
+    assert not tested.node.finished
+    assert not tested.node.has_ended_with_plant
+
+
+def test_a_controller_can_end_with_its_plant() -> None:
+    tested = silent_after_a_run(ends_with_plant=True)
+    assert tested.node.finished
+    assert tested.node.has_ended_with_plant
+    assert tested.node.report()["failure"] == ""
+
+
+def test_a_controller_that_ends_with_its_plant_waits_for_its_first_frame() -> None:
+    tested = Link(ControllerNode(controller_settings(), START_NS, ends_with_plant=True))
+    tested.drive(1000, None)
+    assert not tested.node.finished
+
+
+def test_what_happens_without_the_plant_is_said() -> None:
+    stale = (Freshness.STALE,) * 3
+    assert plant_text(stale, ends_with_plant=False).endswith(
+        "waiting for it until Ctrl-C (--exit-with-plant ends by itself)"
+    )
+    assert plant_text(stale, ends_with_plant=True).endswith("when the command is back at zero")
 
 
 def test_refused_frames_are_shown_by_cause() -> None:
