@@ -42,6 +42,7 @@ class OpenPort(NamedTuple):
     ``is_socketcan``  whether its error frames have SocketCAN's codes
     ``reopen``        opens the same channel again; raises BusError
     ``has_carrier``   whether the channel is a network interface, whose carrier shows bus-off too
+    ``hint``          what a user of this bus should know; empty for nothing
     """
 
     port: ClosablePort
@@ -51,6 +52,13 @@ class OpenPort(NamedTuple):
     is_socketcan: bool
     reopen: Callable[[], "OpenPort"]
     has_carrier: bool = True
+    hint: str = ""
+
+
+VIRTUAL_HINT = (
+    "python-can's virtual bus ends at this process: no other program is on it."
+    " Two programs meet on -i emulated"
+)
 
 
 def open_port(
@@ -90,7 +98,14 @@ def _open(
     channel = choice.channel or str(getattr(bus, "channel", None) or "can0")
     means_the_same = is_socketcan or choice.interface == "emulated"
     return OpenPort(
-        BusPort(bus), description, channel, PYTHON_CAN, means_the_same, reopen, is_socketcan
+        BusPort(bus),
+        description,
+        channel,
+        PYTHON_CAN,
+        means_the_same,
+        reopen,
+        is_socketcan,
+        VIRTUAL_HINT if choice.interface == "virtual" else "",
     )
 
 

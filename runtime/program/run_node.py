@@ -88,6 +88,8 @@ def run_node(
         if notice:
             say(name, notice, sys.stderr)
         say(name, f"ready on {opened.description}")
+        if opened.hint:
+            say(name, opened.hint)
         try:
             node, run = _run_in_real_time(options, connection, stop, make_node, recording, screen)
         finally:

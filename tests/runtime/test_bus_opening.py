@@ -12,6 +12,8 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.controller.program import main
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.runtime.port import python_can as bus_module
@@ -67,6 +69,17 @@ def test_the_command_line_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     found = opened("-i", "virtual", "-c", "seven")
     assert isinstance(found.bus, VirtualBus)
     assert found.description == "Virtual bus channel seven (from the command line)"
+
+
+def test_a_virtual_bus_is_said_to_end_at_the_process(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["-i", "virtual", "-c", uuid.uuid4().hex, "--duration", "0.05", "--priority", "0"]
+    assert main(["--preset", "practical_pd", *arguments]) == ExitStatus.OK
+    assert (
+        "python-can's virtual bus ends at this process: no other program is on it. "
+        "Two programs meet on -i emulated\n"
+    ) in capsys.readouterr().out
 
 
 def test_the_environment_comes_before_the_configuration_file(

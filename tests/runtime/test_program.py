@@ -16,6 +16,7 @@ from steer_by_wire.runtime import command_line
 from steer_by_wire.runtime.command_line import output_file, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.port.port import VIRTUAL_HINT
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program.node_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
@@ -67,7 +68,7 @@ def test_the_first_line_says_that_the_bus_is_open(options: Options, capsys: Capt
     node = Probe(on_tick_do=lambda: heard.append(capsys.readouterr().out))
     run(options(), node)
     assert heard[0].startswith(f"{NAME}: ready on ")
-    assert heard[0].count("\n") == 1
+    assert heard[0].splitlines()[1:] == [f"{NAME}: {VIRTUAL_HINT}"]
 
 
 def test_the_last_lines_say_what_the_run_was_like(options: Options, capsys: Capture) -> None:
