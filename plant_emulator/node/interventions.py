@@ -15,6 +15,8 @@ from ..network.latency_distributions import Distribution
 from ..network.settings import LatencySettings
 from ..settings import PlantSettings
 
+FRICTIONS_MAX = 16
+"""How many the settings take; half of them may be the settings' own."""
 KEPT_MAX = 1000
 """How many are kept, the first; all are counted."""
 _SENDER = "TOOL"
@@ -121,6 +123,8 @@ class Interventions:
         if loads:
             if self._settings.disturbance.model is not None:
                 return [], "the disturbance is that of a plug-in"
+            if len({load.friction_loss for _, load in loads}) > FRICTIONS_MAX // 2:
+                return [], "more values of friction than the settings take"
             overrides.append(f"disturbance.steps={self._steps(loads)}")
         for direction, own in (
             (Direction.DOWNLINK, self._settings.latency.downlink),

@@ -57,6 +57,21 @@ def test_faster_traffic_above_the_steering_breaks_the_published_gains_at_some_lo
     assert 0.5 < tolerance["load_max"] < 1.0
 
 
+@pytest.mark.parametrize(
+    ("bitrate", "said"),
+    [
+        ("20000", "paper_pd    9.2 ms: exceeded without any other message"),
+        ("125000", "paper_pd    9.2 ms: the bus alone never delays that much"),
+    ],
+)
+def test_a_load_that_is_never_or_always_enough_is_said_in_words(
+    bitrate: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([RESPONSE_TIMES, OURS, "--bitrate", bitrate, "--preset", "paper_pd"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert " ".join(last.split()) == " ".join(said.split())
+
+
 def test_jitter_may_release_more_than_a_thousand_frames_at_once(tmp_path: Path) -> None:
     busy, file = tmp_path / "busy.dbc", tmp_path / "out.json"
     busy.write_text(BUSY)

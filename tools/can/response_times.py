@@ -174,6 +174,8 @@ def _tolerance(tolerance: Tolerance, width: int) -> str:
         margin = f"{tolerance.margin_ns / 1e6:6.1f} ms"
     if tolerance.load_max is None:
         return f"  {tolerance.preset:{width}}  {margin}: the bus alone never delays that much"
+    if tolerance.load_max == 0.0:
+        return f"  {tolerance.preset:{width}}  {margin}: exceeded without any other message"
     return f"  {tolerance.preset:{width}}  {margin}: at {100 * tolerance.load_max:.1f} % load"
 
 

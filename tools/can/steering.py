@@ -23,7 +23,8 @@ class Tolerance(NamedTuple):
     ``margin_ns``     constant delay up to which its loop is stable; None beyond the search's limit,
                       0 if it is unstable even without delay
     ``load_max``      load of the steering and of what has priority over it, up to which the bus
-                      alone delays less than that; None if it does at any load
+                      alone delays less than that; None if it does at any load, 0 if the steering's
+                      own two frames take longer
     """
 
     preset: str
@@ -87,6 +88,9 @@ def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tol
 
 def _load_max(traffic: Sequence[Traffic], bus: BusSettings, margin_ns: int | None) -> float | None:
     """Bisect how much more often the other messages may come; None if they never break the loop."""
+    alone_ns = _round_trip_ns(_sped_up(traffic, 0.0), bus)
+    if alone_ns is None or (margin_ns is not None and alone_ns > margin_ns):
+        return 0.0
     faster_min, faster_max = 0.0, _FASTER_MAX
     for _ in range(_LOAD_STEPS):
         faster = (faster_min + faster_max) / 2
