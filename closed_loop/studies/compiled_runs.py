@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, end_of
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.random_streams import Stream
 from ...plant_emulator.network.settings import LatencySettings, Order
@@ -39,6 +39,7 @@ from .scenario import Pair, Scenarios
 PLANS_KEPT = 64
 """Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""
 
+_DURATION = COLUMNS.index("duration_s")
 _ENDS = {
     Outcome.COMPLETE: RunEnd.COMPLETE,
     Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE,
@@ -179,8 +180,10 @@ class Computer:
     def run(self, pair: Pair, row: FloatArray) -> RunEnd:
         """Write the results of one run into ``row``: compiled, or over its bus by the nodes."""
         if pair.bus is None:
-            return self.one(pair.plant, pair.controller, row)
-        return run_on_nodes(pair, pair.bus, self.scenarios.study.settings.verdict, row)
+            end = self.one(pair.plant, pair.controller, row)
+        else:
+            end = run_on_nodes(pair, pair.bus, self.scenarios.study.settings.verdict, row)
+        return end_of(end, row[_DURATION])
 
     def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
         """Write the results of one compiled run into ``row``, shape (len(COLUMNS),)."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from ...dbc.messages import LateralError, limits
 from ...runtime.program.report import causes_line, durations_line
-from .run_verdict import Verdict
+from .run_verdict import SHORTEST_RUN_S, Verdict
 
 Report = Mapping[str, Any]
 _INTERVENTIONS_SHOWN = 10
@@ -103,6 +103,9 @@ def _at_the_end(node: Report) -> str:
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
     {
         Verdict.NO_START: lambda _node: "no command ever reached the plant",
+        Verdict.TOO_SHORT: lambda _node: (
+            f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
+        ),
         Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
         Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow",
         Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last",

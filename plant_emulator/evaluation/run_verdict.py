@@ -3,6 +3,7 @@
 The first that applies:
 
     no start      nothing ever arrived: no measurement, or no command
+    too short     the run lasted less than SHORTEST_RUN_S: nothing can be said of it
     left range    the error exceeded the range of LATERAL_ERROR (±83.88 m)
     unstable      the law gave no finite command; or an oscillation grows: its amplitude in the last
                   window is ``growth`` times that in the window before, or more
@@ -50,10 +51,15 @@ CREST_MAX = 3.0
 where it dies away to a fifth within the window."""
 
 
+SHORTEST_RUN_S = 1.0
+"""The windows of a shorter run, a quarter of it each, show no swing of a vehicle."""
+
+
 class Verdict(StrEnum):
     """The verdict on a run."""
 
     NO_START = "no start"
+    TOO_SHORT = "too short"
     LEFT_RANGE = "left range"
     UNSTABLE = "unstable"
     LIMIT_CYCLE = "limit cycle"
@@ -71,9 +77,15 @@ class RunEnd(StrEnum):
     LEFT_RANGE = "left range"
     LAW_FAILED = "law failed"
     NO_START = "no start"
+    TOO_SHORT = "too short"
 
 
 RUN_ENDS = tuple(RunEnd)
+
+
+def end_of(end: RunEnd, duration_s: float) -> RunEnd:
+    """Return how a run ended, given how it ended if it was long enough."""
+    return RunEnd.TOO_SHORT if end is RunEnd.COMPLETE and duration_s < SHORTEST_RUN_S else end
 
 
 class VerdictRules(Settings):
@@ -124,6 +136,7 @@ def verdicts(
     is_off = swings | ~(peak_m <= rules.off_path_m)
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),
+        Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
         Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
         | (oscillates & (amplitude_m >= rules.growth * before_m)),
@@ -177,6 +190,6 @@ def judge(
     end = RunEnd.COMPLETE if samples else RunEnd.NO_START
     if peak_m > limits(LateralError)["lateral_error_m"].maximum:
         end = RunEnd.LEFT_RANGE
-    ends = np.array([RUN_ENDS.index(end)])
+    ends = np.array([RUN_ENDS.index(end_of(end, samples * period_s))])
     verdict = verdicts(rules, ends, np.array([peak_m]), np.array([windows]))[0]
     return JudgedRun(verdict, window * period_s, windows)

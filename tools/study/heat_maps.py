@@ -31,7 +31,7 @@ HATCHES = {
     "decays, but too slowly": "\\\\\\",
 }
 _FAMILIES = (
-    (Verdict.NO_START, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
+    (Verdict.NO_START, Verdict.TOO_SHORT, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
     (Verdict.LIMIT_CYCLE,),
     (Verdict.DRIFTS, Verdict.LEFT_ROAD, Verdict.OFF_PATH),
     (Verdict.DECAYS,),

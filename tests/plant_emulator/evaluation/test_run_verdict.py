@@ -43,6 +43,7 @@ def sine(amplitude_m: float, growth_1_s: float = 0.0) -> Any:
 
 CASES: Mapping[Verdict, Any] = {
     Verdict.NO_START: (),
+    Verdict.TOO_SHORT: sine(0.01)[:99],
     Verdict.LEFT_RANGE: TIME_S**2 * 0.05,
     Verdict.UNSTABLE: sine(1e-3, 0.1),
     Verdict.LIMIT_CYCLE: sine(0.2),
@@ -78,7 +79,8 @@ def test_a_short_run_has_windows_of_a_quarter_and_one_of_a_moment_has_none() -> 
     short = judged(0.2 * np.sin(10.0 * TIME_S)[:801])
     assert short.windows.amplitude_m == pytest.approx(0.2, rel=0.1)
     moment = judged([0.1, -0.2, 0.1])
-    assert moment.verdict is Verdict.HOLDS
+    assert moment.verdict is Verdict.TOO_SHORT
+    assert judged(sine(0.01)[:100]).verdict is Verdict.HOLDS
     assert moment.windows.end_peak_m == 0.2
     assert math.isnan(moment.windows.amplitude_m)
 
