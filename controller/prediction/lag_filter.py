@@ -13,7 +13,7 @@ filter whose state (α, b) walks slowly sees
 A sample whose STEERING_STATUS was lost, or at which the steering overruled the command, shows
 nothing. The law has gains for a few lags (``LAGS_S``), and takes those of the lag nearest to the
 measured one once its deviation is small against it; until then those of the settings. Plain
-arithmetic; filterpy's filter is the reference (``tests/controller/test_lag_filter.py``).
+arithmetic; filterpy's filter is the reference (``tests/controller/prediction/test_lag_filter.py``).
 """
 
 from math import log, sqrt

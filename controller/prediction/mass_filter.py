@@ -13,7 +13,8 @@ stands for both. A road with less grip is as a heavier vehicle, m/μ.
 
 The law takes the gains of the mass between whose limits w lies, once it does so by more than half
 its deviation; until then those it has. Where nothing is steered nothing is learnt. Plain
-arithmetic; filterpy's filter is the reference (``tests/controller/test_mass_filter.py``).
+arithmetic; filterpy's filter is the reference
+(``tests/controller/prediction/test_mass_filter.py``).
 """
 
 from itertools import pairwise

@@ -45,7 +45,6 @@ def test_every_preset_is_documented(package: str) -> None:
 # What documents name
 
 
-PROSE_COLUMNS = 100
 ENTRY_POINT_GROUP = "steer_by_wire.laws"
 
 
@@ -117,11 +116,3 @@ def find_module(parts: list[str]) -> bool:
 def test_every_command_that_is_named_is_one(page: str) -> None:
     named = re.findall(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", PAGES[page], re.MULTILINE)
     assert [name for name in named if name not in PROGRAMS] == []
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_prose_wraps_at_one_width(page: str) -> None:
-    lines = without_blocks(PAGES[page]).splitlines()
-    tables_or_blocks = re.compile(r"\s*\||!\[|    ")
-    prose = [line for line in lines if not tables_or_blocks.match(line)]
-    assert [line for line in prose if len(line) > PROSE_COLUMNS] == []
