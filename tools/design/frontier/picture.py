@@ -66,8 +66,7 @@ def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
             lambda row: _PER_MM * row.trials.wind_peak_m,
         ),
         (
-            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm];"
-            f" least shown {_LEFT_MM_MIN:g}",
+            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm]",
             lambda row: max(_LEFT_MM_MIN, _PER_MM * row.trials.offset_left_m),
         ),
         ("RMS with a wrong vehicle [mm]", lambda row: _PER_MM * row.trials.wrong_rms_m),

@@ -22,6 +22,7 @@ from steer_by_wire.tools.design.frontier.trials import Trials, with_map, worst_r
 from steer_by_wire.tools.design.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
+ROOT = Path(__file__).parents[2]
 QUICK = ("delays_ms=[250]", "trials.seeds=2", "course.duration_s=30")
 
 FOUND = {
@@ -72,6 +73,20 @@ def test_the_margin_is_where_a_corner_becomes_unstable() -> None:
     before_ns, after_ns = (round(1e6 * (margin_ms + step)) for step in (-1.0, 1.0))
     assert all(loop.is_stable(before_ns) for loop in loops)
     assert not all(loop.is_stable(after_ns) for loop in loops)
+
+
+@pytest.mark.parametrize("structure", FOUND)
+def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> None:
+    preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
+    whole = load_settings(FrontierSettings, preset)
+    place = whole.delays_ms.index(250.0)
+    page = (ROOT / "docs/frontier.md").read_text(encoding="utf-8")
+    (line,) = (line for line in page.splitlines() if line.startswith(f"| {structure} |"))
+    stated_mm = float(line.split("|")[2 + place].strip(" *"))
+    found = point_of(
+        study(whole, vehicle(), structure, 250.0, True), whole, structure, FOUND[structure]
+    )
+    assert 1e3 * found.rms_m == pytest.approx(stated_mm, rel=0.01)
 
 
 def test_a_search_of_a_twentieth_of_the_length_comes_within_a_tenth() -> None:
