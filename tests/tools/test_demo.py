@@ -14,7 +14,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
-from steer_by_wire.tools.demo.pictures import nice_factor
+from steer_by_wire.tools.demo.pictures import magnified_track, nice_factor
 from steer_by_wire.tools.demo.story import (
     LAWS,
     LawResult,
@@ -52,7 +52,7 @@ def test_the_summary_has_every_phase_of_every_law(out: Path) -> None:
         "no latency",
         "80 ms",
         "250 ms",
-        "300 ± 90 ms, 2 % lost",
+        "450 ± 100 ms, 2 % lost",
     ]
     assert summary["phases"][-1]["to_s"] == 2.0
     assert set(summary["laws"]) == {law.label for law in LAWS}
@@ -135,6 +135,14 @@ def test_where_the_path_is_not_held_the_table_says_lost_and_no_millimetres() -> 
     cells = [list(column.cells) for column in table.columns]
     assert cells[1][:2] == ["10.0", "12.0"]
     assert cells[3][:2] == ["lost", "lost"]
+
+
+def test_a_track_is_drawn_to_the_left_of_the_path_by_the_deviation() -> None:
+    columns = {name: np.zeros(3) for name in Trace._fields}
+    columns |= {"path_x_m": np.array([0.0, 1.0, 2.0]), "cg_deviation_m": np.full(3, 0.1)}
+    x_m, y_m = magnified_track(Trace(**columns), 5.0)
+    assert x_m.tolist() == [0.0, 1.0, 2.0]
+    assert y_m.tolist() == [0.5, 0.5, 0.5]
 
 
 def test_phases_fill_a_run_of_any_length() -> None:

@@ -14,7 +14,7 @@ from .story import LawResult, Phase
 
 RUNNING_S = 1.0
 """Over which the error's running RMS is taken."""
-SHOWN_MM = (1.0, 2000.0)
+SHOWN_MM = (0.5, 2000.0)
 """The ends of the error's axis; beyond them a car is lost."""
 
 
@@ -74,7 +74,7 @@ def draw_steering(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figu
 
 
 def draw_path(results: Sequence[LawResult]) -> Figure:
-    """Tracks seen from above, the deviation from the path drawn larger than it is."""
+    """Tracks of the cars from above, their deviation from the path drawn larger than it is."""
     held = (phase.peak_m for one in results for phase in one.live_phases if phase.holds)
     peak_m = max(held, default=1.0)
     first = results[0].live.trace
@@ -85,13 +85,7 @@ def draw_path(results: Sequence[LawResult]) -> Figure:
     axes = figure.subplots()
     axes.plot(path_x_m, path_y_m, color="black", lw=1.0, ls="--", label="path")
     for colour, result in zip(COLOURS, results, strict=False):
-        trace = result.live.trace
-        axes.plot(
-            trace.path_x_m + factor * (trace.x_m - trace.path_x_m),
-            trace.path_y_m + factor * (trace.y_m - trace.path_y_m),
-            color=colour,
-            label=result.label,
-        )
+        axes.plot(*magnified_track(result.live.trace, factor), color=colour, label=result.label)
     axes.plot(path_x_m[0], path_y_m[0], "o", color="black", ms=6)
     axes.annotate(
         "start",
@@ -106,10 +100,17 @@ def draw_path(results: Sequence[LawResult]) -> Figure:
     room_m = 0.2 * height_m  # a lost car leaves the picture
     axes.set_xlim(path_x_m.min() - room_m, path_x_m.max() + room_m)
     axes.set_ylim(path_y_m.min() - room_m, path_y_m.max() + room_m)
-    magnified = "" if factor == 1 else f", deviations drawn {factor:g} times as large"
-    axes.set_title(f"The path and the preview points from above{magnified}")
+    magnified = "" if factor == 1 else f", deviations {factor:g} times as large"
+    axes.set_title(f"The path and the cars from above{magnified}")
     figure.legend(loc="outside lower center", ncols=5)
     return figure
+
+
+def magnified_track(trace: Trace, factor: float) -> tuple[FloatArray, FloatArray]:
+    """Return x and y of a car whose deviation to the left of the path is so many times as large."""
+    along_x, along_y = np.gradient(trace.path_x_m), np.gradient(trace.path_y_m)
+    reach_m = factor * trace.cg_deviation_m / np.maximum(np.hypot(along_x, along_y), 1e-12)
+    return trace.path_x_m - reach_m * along_y, trace.path_y_m + reach_m * along_x
 
 
 def mark_phases(axes: Axes, phases: Sequence[Phase], *, is_named: bool) -> None:

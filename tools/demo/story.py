@@ -182,7 +182,8 @@ def _fate(figures: Sequence[PhaseFigures], phases: Sequence[Phase]) -> str:
         worst_m = max(phase.rms_m for phase in figures)
         return f"holds the path to the end, the car {_mm(worst_m)} mm off at most (RMS)."
     first = broken[0]
-    held = " and ".join(phase.title for phase in phases[:first])
+    titles = [phase.title for phase in phases[:first]]
+    held = " and ".join([", ".join(titles[:-1]), *titles[-1:]] if len(titles) > 1 else titles)
     before = f"holds the path with {held}; " if held else ""
     return f"{before}is lost with {phases[first].title} ({figures[first].verdict})."
 
