@@ -35,7 +35,7 @@ class Found(NamedTuple):
         return f"{self.verdict}: {self.reason}"
 
 
-NOT_ANALYSED = Found(CheckVerdict.NOT_ANALYSED, None, "see above for the reason")
+NOT_ANALYSED = Found(CheckVerdict.NOT_ANALYSED, None, "see below for the reason")
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         "verdict": Quantity(lambda report: str(report["verdict"]), tuple(CheckVerdict)),

@@ -97,13 +97,13 @@ def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys:
         ("validity.speed_m_s=[1, 5]", "not stable: at speed_m_s = 5, virtual_mass_kg = 1600", 6),
     ],
 )
-def test_a_check_ends_with_its_verdict(
+def test_a_check_begins_with_its_verdict(
     setting: str, verdict: str, status: int, capsys: Capture
 ) -> None:
     law = ["--preset", "practical_pd", "--set", setting]
     fails = ["--fail-if", "delay_margin_s < 0.1", "--fail-if", "verdict != stable"]
     assert check_main([*law, *fails]) == status
-    assert last_line(capsys).startswith(f"# verdict: {verdict}")
+    assert capsys.readouterr().out.startswith(f"# verdict: {verdict}")
 
 
 def test_a_check_in_the_controller_leaves_conditions_to_the_check(capsys: Capture) -> None:

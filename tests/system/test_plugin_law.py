@@ -205,7 +205,7 @@ def test_check_analyses_a_linear_one_and_says_of_others_that_they_are_not(
     other = text(f"{LAWS}:DIVIDES")
     reason = "# Not analysed: the law is not linear in the lateral error and its own commands.\n"
     assert reason in other
-    assert other.endswith("# verdict: not analysed: see above for the reason\n")
+    assert other.startswith("# verdict: not analysed: see below for the reason\n")
     none = text(f"{LAWS}:NO_OUTPUT")
     assert "# Not analysed: the law has no finite answer to a small error.\n" in none
 

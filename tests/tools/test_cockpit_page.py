@@ -220,9 +220,9 @@ def test_a_live_loop_is_watched_driven_and_recorded(
     browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
 
     browser.read(press("DDOB with varying delay"))
-    browser.wait_for("cockpit.lanes.length === 3 && cockpit.drawn")
+    browser.wait_for("cockpit.lanes.length === 4 && cockpit.drawn")
     laws = "cockpit.status.lanes.map((lane) => lane.law).join()"
-    browser.wait_for(f"{laws} === 'PD,PD_CDOB,PD_DDOB'")
+    browser.wait_for(f"{laws} === 'PD,PID,PD_CDOB,PD_DDOB'")
     browser.read("cockpit.wish({ do: 'record', on: true })")
     browser.wait_for("cockpit.status.recording_s > 0.5")
     browser.read("cockpit.wish({ do: 'record', on: false })")
@@ -231,4 +231,4 @@ def test_a_live_loop_is_watched_driven_and_recorded(
     in_order(browser, live)
     file = tmp_path / "lane2.log"
     file.write_text(text, encoding="ascii")
-    assert analyse_files([file]).figures["laws"] == ["PD_CDOB"]
+    assert analyse_files([file]).figures["laws"] == ["PID"]

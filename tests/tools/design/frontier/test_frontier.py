@@ -22,7 +22,7 @@ from steer_by_wire.tools.design.frontier.trials import Trials, with_map, worst_r
 from steer_by_wire.tools.design.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[4]
 QUICK = ("delays_ms=[250]", "trials.seeds=2", "course.duration_s=30")
 
 FOUND = {
