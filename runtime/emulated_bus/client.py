@@ -1,3 +1,0 @@
-"""Where an installation from before this module became ``interface`` looks for the interface."""
-
-from .interface import EmulatedBus as EmulatedBus
