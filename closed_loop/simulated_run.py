@@ -147,12 +147,16 @@ class Run(NamedTuple):
 
     def __repr__(self) -> str:
         """Return one line: what ran, how it ended, and how well it held the path."""
-        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
         return (
             f"<Run of {self.controller_settings.law}, seed {self.plant_settings.seed},"
             f" {self.plant_settings.duration_s:g} s, {self.engine}: {self.outcome};"
-            f" preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm>"
+            f" {self._errors_in_words}>"
         )
+
+    @property
+    def _errors_in_words(self) -> str:
+        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
+        return f"preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm"
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -198,11 +202,8 @@ class Run(NamedTuple):
 
         Save the figure by ``run.plot().savefig("run.png")``.
         """
-        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
-        title = (
-            f"{self.controller_settings.law}, seed {self.plant_settings.seed}: "
-            f"preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm"
-        )
+        law, seed = self.controller_settings.law, self.plant_settings.seed
+        title = f"{law}, seed {seed}: {self._errors_in_words}"
         try:
             return _drawn(title, self.plant, self.controller)
         except ImportError as error:

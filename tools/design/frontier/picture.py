@@ -32,9 +32,8 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
     _lines(axes, rows, lambda row: _PER_MM * row.point.rms_m, is_named=True)
     axes.set(
         yscale="log",
-        xlabel="guaranteed delay [ms]: every corner is stable to 1.3 times it"
-        if asked.margin_share == 0.3
-        else "guaranteed delay [ms]",
+        xlabel="guaranteed delay [ms]: every corner is stable to"
+        f" {1.0 + asked.margin_share:g} times it",
         ylabel="RMS of the lateral error [mm]",
     )
     _plain_ticks(axes)
@@ -45,7 +44,7 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
         f"Worst of the vehicle's corners and of all delays up to the one shown; noise on the wheel"
         f" at most {asked.noise_gain_rad_m_max:g} rad per m;\npeak sensitivity at most"
         f" {asked.peak_sensitivity_max:g}. Predictor: the shipped preset, which reads more signals"
-        " and passes a tenth of the noise.",
+        " and passes less noise.",
         fontsize=7.5, color="0.35", va="top",
     )  # fmt: skip
     return figure
@@ -103,10 +102,8 @@ def _lines(axes: Axes, rows: Sequence[Row], figure_of: FigureOf, *, is_named: bo
         points = [(row.point.delay_ms, figure_of(row)) for row in chosen]
         held = [(x, y) for x, y in points if math.isfinite(y)]
         lost = [x for x, y in points if math.isinf(y)]
-        if not held:
-            continue
         axes.plot(
-            *zip(*held, strict=True), style, marker="o", ms=4, color=colour,
+            [x for x, _ in held], [y for _, y in held], style, marker="o", ms=4, color=colour,
             label=structure if is_named else None,
         )  # fmt: skip
         if lost:

@@ -38,7 +38,8 @@ class TrialsTable(Settings):
     ``side_force_n``         step of the side force on a straight
     ``steering_offset_rad``  of the wheel behind its sensor, on a straight
     ``lag_s``                of the steering, which the design does not know
-    ``jitter_share``         spread of the latency over its mean; the mean is the delay less 30 %
+    ``jitter_share``         spread of the latency over its mean, which is the guaranteed delay over
+                             1 + ``margin_share``
     ``seeds``                of the jitter, from 1001 on: no design has used them
     ``lost_m``               a run beyond it is lost
     """
