@@ -1,6 +1,7 @@
 """The design of gains: the search, refusals, and one run of the program."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -194,6 +195,64 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
 
 
 # The program
+
+
+@pytest.mark.usefixtures("same_process")
+def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small_spec(tmp_path)
+    status = design_gains.main(
+        [
+            str(PAPER_VEHICLE),
+            *("--spec", str(tmp_path / "small.toml"), "--out", str(tmp_path)),
+            *("--set", "rms_m_max.pd=0.001", "--set", "search.generations=4"),
+        ]
+    )
+    printed = capsys.readouterr().out
+    assert status == 1
+    assert not (tmp_path / "small_pd.toml").exists()
+    kept = tmp_path / "small_pd.unmet.toml"
+    assert f"no preset; the best so far -> {kept}" in printed
+    first, *_ = kept.read_text(encoding="utf-8").splitlines()
+    assert first == "# NOT A DESIGN: this pd fails demands of small.toml for paper_vehicle.toml."
+    (row,) = (line for line in printed.splitlines() if line.startswith("  noise gain"))
+    assert re.fullmatch(r"  noise gain +NOT MET +\d\.\d+ rad/m, at most 4 rad/m", row)
+    assert "  settling          met" in printed.splitlines()
+    assert "No other demand was judged" in printed
+    assert f"# {row}" in kept.read_text(encoding="utf-8").splitlines()
+    assert load_settings(ControllerSettings, None, kept).law == "pd"
+
+
+ONE_CONDITION = """
+[predictor]
+fallback = "practical_pd_ddob"
+delay_ms_max = 100
+delay_step_ms = 100
+generations = 1
+steer_noise_rad_max = 10
+[[predictor.conditions]]
+mean_ms = 50
+error_m_max = {limit}
+"""
+
+
+@pytest.mark.parametrize(("limit", "is_met"), [(1e-6, False), (10.0, True)])
+def test_a_predictor_is_written_as_a_preset_only_if_it_meets_all_its_conditions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], limit: float, *, is_met: bool
+) -> None:
+    text = SMALL.replace('["pd"]', '["predictor"]').replace("rate_hz = 50", "rate_hz = 100")
+    text = text.replace("generations = 8", "points_per_parameter = 2")
+    spec = tmp_path / "small.toml"
+    spec.write_text(text + ONE_CONDITION.format(limit=limit))
+    status = design_gains.main([str(PAPER_VEHICLE), "--spec", str(spec), "--out", str(tmp_path)])
+    printed = capsys.readouterr()
+    preset, kept = tmp_path / "small_predictor.toml", tmp_path / "small_predictor.unmet.toml"
+    assert (status, preset.exists(), kept.exists()) == (int(not is_met), is_met, not is_met)
+    if not is_met:
+        assert "error: predictor: 1 of 4 demands are not met" in printed.err
+        assert "  condition 1       NOT MET" in printed.out
+        assert kept.read_text(encoding="utf-8").startswith("# NOT A DESIGN: this predictor fails")
 
 
 @pytest.mark.usefixtures("same_process")

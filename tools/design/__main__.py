@@ -12,6 +12,9 @@ prints why each value is what it is. The presets practical_* are the output of
 A frontier compares the structures of a law: the least error of each for every delay that it
 guarantees, all at the same noise. It leaves frontier.csv and two pictures in DIR.
 
+A law that meets not all demands has no preset. Its best is kept as NAME.unmet.toml, which says in
+its first line that it is no design and then what was demanded and reached.
+
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
 written.
 """
@@ -24,7 +27,6 @@ from concurrent.futures import Future, wait
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -46,13 +48,16 @@ from steer_by_wire.tools.design.frontier.program import run_frontier
 from steer_by_wire.tools.design.frontier.settings import FrontierSettings
 from steer_by_wire.tools.design.law_design import Design, NoDesignError, verification_line, verify
 from steer_by_wire.tools.design.law_parameters import KEYS, any_settings
-from steer_by_wire.tools.design.predictor_design import design_predictor
+from steer_by_wire.tools.design.predictor_design import design_predictor, predictor_demands
 from steer_by_wire.tools.design.report import (
+    UNMET,
     demand_lines,
+    outcome_lines,
     predictor_figures,
     predictor_preset_text,
     preset_name,
     reason_lines,
+    unmet_text,
 )
 from steer_by_wire.tools.design.specification import PredictorTable, Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
@@ -156,6 +161,11 @@ def _run(options: argparse.Namespace) -> int:
                 design = future.result()
             except NoDesignError as error:
                 say(NAME, f"error: {error}", sys.stderr)
+                if error.found is not None:
+                    for line in outcome_lines(error.found.judgement.demands):
+                        print(line)
+                    name = preset_name(spec, error.found.candidate.law)
+                    print(f"  no preset; the best so far -> {options.out / name}{UNMET}.toml")
                 status = NO_DESIGN
                 continue
             for line in _lines(spec, design, options.out):
@@ -206,11 +216,22 @@ def _design_predictor(
     print(f"\npredictor  ({design.judged} sets of parameters judged)")
     for label, text in predictor_figures(spec, table, design):
         print(f"  {label:18}{text}")
+    demands = predictor_demands(spec, table, design)
+    unmet = options.out / f"{name}{UNMET}.toml"
+    if any(demand.excess for demand in demands):
+        count = sum(demand.excess > 0.0 for demand in demands)
+        say(NAME, f"error: predictor: {count} of {len(demands)} demands are not met", sys.stderr)
+        for line in outcome_lines(demands):
+            print(line)
+        text = unmet_text("predictor", design.settings, demands, sources)
+        unmet.write_text(text, encoding="utf-8")
+        print(f"  no preset; the best so far -> {unmet}")
+        return NO_DESIGN
     text = predictor_preset_text(spec, table, vehicle, design, sources)
     (options.out / f"{name}.toml").write_text(text, encoding="utf-8")
+    unmet.unlink(missing_ok=True)
     print(f"  -> {options.out / name}.toml")
-    held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
-    return int(ExitStatus.OK) if held else NO_DESIGN
+    return int(ExitStatus.OK)
 
 
 def _watch(

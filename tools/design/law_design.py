@@ -43,7 +43,18 @@ NUMBER_UNITS = {
 
 
 class NoDesignError(Exception):
-    """No parameters of a law meet all demands; the text names those that are in the way."""
+    """No parameters of a law meet all demands; the text names those that are in the way.
+
+    ``found``  the nearest that the search came; None where it did not begin
+    """
+
+    def __init__(self, reason: str, found: Found | None = None) -> None:
+        super().__init__(reason, found)
+        self.reason = reason
+        self.found = found
+
+    def __str__(self) -> str:
+        return self.reason
 
 
 class RmsByDelay(NamedTuple):
@@ -87,7 +98,7 @@ def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progre
     fine = make_study(spec, vehicle, fine=True)
     found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
     if not found.feasible:
-        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}")
+        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}", found)
     described = describe(fine, found)
     return described._replace(reasons=tuple(reasons(fine, found.candidate)))
 
@@ -253,10 +264,11 @@ def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
 
 def failed(judgement: Judgement) -> list[str]:
     """Return in words which demands are not met."""
-    return [_failure(demand) for demand in judgement.demands if demand.excess]
+    return [failure(demand) for demand in judgement.demands if demand.excess]
 
 
-def _failure(demand: Demand) -> str:
+def failure(demand: Demand) -> str:
+    """Return in words by what a demand is not met."""
     if demand.name in _MEANINGS:
         return _MEANINGS[demand.name]
     unit = NUMBER_UNITS[demand.name]

@@ -34,6 +34,7 @@ from ...plant_emulator.sensors.settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
+from .demands import Demand
 from .evolution import evolve
 from .law_parameters import validity
 from .parameter_search import Progress
@@ -43,6 +44,8 @@ from .virtual_check import Drive, constant, jittered, plant_settings
 
 LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""
+RMS_M_MAX = 1.0
+"""Largest RMS of a predictor that keeps to the path, at any delay of the range [m]."""
 _QUIET = SensorNoiseSettings()
 _THREADS = 2
 _START = {
@@ -193,6 +196,26 @@ class PredictorDesign(NamedTuple):
     jitter_rms_m: tuple[float, ...]
     conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
+
+
+def predictor_demands(
+    spec: Specification, table: PredictorTable, design: PredictorDesign
+) -> tuple[Demand, ...]:
+    """Return what is demanded of a predictor and what it reached.
+
+    The conditions are named by their number, as they stand in the specification.
+    """
+    return (
+        Demand("RMS error", float(design.rms_m.max()), RMS_M_MAX),
+        Demand("steer noise", design.steer_noise_rad, table.steer_noise_rad_max),
+        Demand("peak sensitivity", design.peak_sensitivity, spec.peak_sensitivity_max),
+        *(
+            Demand(f"condition {number}", largest_m, met.error_m_max)
+            for number, (met, largest_m) in enumerate(
+                zip(table.conditions, design.conditions_m, strict=True), start=1
+            )
+        ),
+    )
 
 
 def design_predictor(

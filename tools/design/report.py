@@ -24,7 +24,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand, Judgement
-from .law_design import NUMBER_UNITS, Design, Reason, failed
+from .law_design import NUMBER_UNITS, Design, Reason, failed, failure
 from .law_parameters import SETTINGS_KEYS, pd_region, settled_region
 from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from .predictor_design import PredictorDesign
@@ -39,6 +39,9 @@ _TITLES = {
     "pd_ddob": "PD with double disturbance observer",
     "predictor": "Predictor",
 }
+_DEMAND_UNITS = {**NUMBER_UNITS, "steer noise": " rad", "condition": " m"}
+_JUDGED_LAST = ("RMS error", "steer")
+"""Of what is judged only where all else is nearly met."""
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
 _ACTIVE = 0.02
@@ -144,6 +147,38 @@ def conditions_in_words(met: ConditionsTable) -> str:
     if met.lag_ms > 0.0:
         words.append(f"an unknown steering lag of {met.lag_ms:g} ms")
     return ", ".join(words)
+
+
+UNMET = ".unmet"
+"""Between name and ending of a file that holds the best of a search that met not all demands."""
+
+
+def unmet_text(
+    law: str,
+    settings: ControllerSettings,
+    demands: Sequence[Demand],
+    sources: tuple[str, str],
+) -> str:
+    """Return the TOML of the best of a search whose demands are not met; its first line says so."""
+    head = [
+        f"NOT A DESIGN: this {law} fails demands of {sources[1]} for {sources[0]}.",
+        "It is the best that the search found. What was demanded and reached:",
+    ]
+    return _commented([*head, "", *outcome_lines(demands)], [], settings)
+
+
+def outcome_lines(demands: Sequence[Demand]) -> Iterator[str]:
+    """Yield what was demanded against what was reached, a line for each demand."""
+    for demand in demands:
+        unit = _DEMAND_UNITS.get(demand.name.rstrip(" 0123456789"), "")
+        if demand.limit:
+            reached = f"{demand.value:.4g}{unit}, at most {demand.limit:g}{unit}"
+        else:
+            reached = failure(demand) if demand.excess else ""
+        verdict = "NOT MET" if demand.excess else "met"
+        yield f"  {demand.name:{_LABEL_WIDTH}}{verdict:9}{reached}".rstrip()
+    if not any(demand.name in _JUDGED_LAST for demand in demands):
+        yield "  No other demand was judged, as these are too far from met."
 
 
 def _commented(

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...closed_loop.reports.plot_style import plot_style
-from .law_design import Design, design
-from .report import draw_design, preset_name, preset_text
+from .law_design import Design, NoDesignError, design
+from .law_parameters import controller_settings
+from .report import UNMET, draw_design, preset_name, preset_text, unmet_text
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -42,9 +43,19 @@ def begin_worker(progress: SharedProgress) -> None:
 
 
 def run_job(job: Job) -> Design:
-    """Design a law and write its preset and its picture."""
-    found = design(job.spec, job.vehicle, job.law, partial(report_progress, job.place))
+    """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
     name = preset_name(job.spec, job.law)
+    unmet = job.preset_folder / f"{name}{UNMET}.toml"
+    try:
+        found = design(job.spec, job.vehicle, job.law, partial(report_progress, job.place))
+    except NoDesignError as error:
+        if error.found is not None:
+            candidate, demands = error.found.candidate, error.found.judgement.demands
+            settings = controller_settings(job.spec, job.vehicle, job.law, candidate.values())
+            text = unmet_text(job.law, settings, demands, job.sources)
+            unmet.write_text(text, encoding="utf-8")
+        raise
+    unmet.unlink(missing_ok=True)
     text = preset_text(job.spec, job.vehicle, found, job.sources)
     (job.preset_folder / f"{name}.toml").write_text(text, encoding="utf-8")
     with plot_style():
