@@ -10,6 +10,7 @@ import can
 import pytest
 
 from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.runtime.port import port as port_module
 from steer_by_wire.runtime.port import python_can as bus_module
 from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort, open_port
@@ -243,3 +244,22 @@ def test_a_plugin_that_does_not_filter_keeps_its_error_frames(plain: OpenPort) -
     received = plain.port.recv(0.0)
     assert received is not None
     assert received.frame == Frame(0x40, b"", ERROR)
+
+
+# What comes back
+
+
+def test_a_frame_that_an_adapter_echoes_is_dropped_and_others_are_not() -> None:
+    port: Any = opened("-i", "adapter", "-c", "x").port
+    sent, foreign = Frame(0x100, b"\x01"), Frame(0x201, b"\x02")
+    assert port.send(sent)
+    assert port.send(sent)
+    echo, unmarked, other = message_of(sent), message_of(sent), message_of(foreign)
+    echo.is_rx = False
+    port.bus.waiting = [echo, other]
+    assert port.recv(0.0).frame == foreign
+    assert port.send(sent)
+    port.bus.waiting = [unmarked, message_of(sent)]
+    # Once for each sent: whoever sends a copy is somebody else.
+    assert port.recv(0.0).frame == sent
+    assert port.recv(0.0) is None
