@@ -1,4 +1,4 @@
-"""The generated pages of the reference: every command's help, every setting with its range.
+"""The generated pages of the reference: commands, settings with their ranges, messages.
 
 ``docs/conf.py`` calls ``write_pages``; they go to ``docs/generated``, which git ignores.
 """
@@ -8,14 +8,20 @@ import inspect
 import io
 import json
 import os
+import re
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import get_args
 
+from cantools.database.can import Message
+from cantools.database.can.signal import Signal
 from sphinx.pycode import ModuleAnalyzer
 
 from steer_by_wire.command import GROUPS, NAME, start
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.codec.protection import header_bits
+from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Settings
 from steer_by_wire.runtime.settings.mistakes import allowed
@@ -30,6 +36,7 @@ def write_pages(folder: Path) -> None:
         "commands": commands_page(),
         "plant_settings": settings_page("plant emulator", PlantSettings),
         "controller_settings": settings_page("controller", ControllerSettings),
+        "messages": messages_page(),
     }
     for name, text in pages.items():
         file = folder / f"{name}.md"
@@ -96,3 +103,59 @@ def _tables_in(annotation: object) -> Iterator[type[Settings]]:
 
 def _shown(default: object) -> str:
     return "" if default is None else f"`{json.dumps(default, default=str)}`"
+
+
+def messages_page() -> str:
+    """Return every message of the DBC with its signals: layout, range, meaning."""
+    intro = (
+        "# Messages and signals\n\nEvery message of `dbc/steer_by_wire.dbc`. Bits count from the"
+        " lowest of byte 0; a payload is little-endian, signed signals are in two's complement."
+        " Bytes 0 to 2 are the [E2E header](../wire_contract.md#protection-autosar-e2e-profile-5)"
+        " where a message has a Data ID. A value is the raw integer times the resolution.\n"
+    )
+    return "\n".join([intro, *map(_message, load_database().messages)])
+
+
+def _message(message: Message) -> str:
+    attributes = message.dbc.attributes if message.dbc else {}
+    data_id = attributes.get("E2EDataId")
+    header = header_bits(message.name)
+    signals = [signal for signal in message.signals if signal.name not in header]
+    used = {signal.start + bit for signal in message.signals for bit in range(signal.length)}
+    unused = [bit for bit in range(8 * message.length) if bit not in used]
+    facts = [
+        f"From {message.senders[0]} to {', '.join(sorted(signals[0].receivers))}",
+        f"every {message.cycle_time} ms" if message.cycle_time else "not cyclic",
+        f"{message.length} bytes{' of CAN FD' if message.is_fd else ''}",
+        f"E2E Data ID 0x{data_id.value:X}" if data_id else "no E2E header",
+        *([f"unused bits {', '.join(map(str, unused))}"] if unused else []),
+    ]
+    return "\n".join(
+        [
+            f"## {message.name} 0x{message.frame_id:X}\n\n{message.comment}\n",
+            f"{'; '.join(facts)}.\n",
+            "| Signal | First | Bits | Unit | Resolution | Range | Meaning |\n" + "|---" * 7 + "|",
+            *(_signals(list(alike)) for _, alike in groupby(signals, _series)),
+            "",
+        ]
+    )
+
+
+def _series(signal: Signal) -> str:
+    """Return the name without a number at its end: those of one series are one row."""
+    return re.sub(r"_\d+$", "_", signal.name)
+
+
+def _signals(alike: list[Signal]) -> str:
+    signal = alike[0]
+    choices = "; ".join(f"{raw} {text}" for raw, text in (signal.choices or {}).items())
+    cells = (
+        signal.name if len(alike) == 1 else f"{signal.name} to {alike[-1].name}",
+        ", ".join(str(one.start) for one in alike),
+        f"{signal.length}{' signed' if signal.is_signed else ''}",
+        signal.unit or "",
+        f"{signal.scale:g}",
+        f"{signal.minimum:.9g} to {signal.maximum:.9g}",
+        f"{signal.comment} {choices}".strip(),
+    )
+    return "|" + "".join(f" {cell} |" for cell in cells)
