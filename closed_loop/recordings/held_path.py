@@ -24,8 +24,8 @@ from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.node import NS_PER_S
 
-SAMPLES_MAX = 30_000
-"""Of the newest: two windows of 15 s at 1 kHz."""
+SAMPLES_MAX = 31_000
+"""Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
 _LIMITS = {
     messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
     messages.SteeringStatusCode.LIMITED: "actuator",

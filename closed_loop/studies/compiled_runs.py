@@ -199,7 +199,8 @@ class Computer:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
         cg_m, figures = run.cg_deviation_at_every_m(CG_STRIDE), row[: -len(COUNTS)]
-        take_figures(rules, run.time_s, run.lateral_error_m, cg_m, run.sent_rad, known, figures)
+        moved = run.time_s, run.lateral_error_m, run.wheel_angle_rad
+        take_figures(rules, *moved, cg_m, run.sent_rad, known, figures)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)

@@ -1,6 +1,7 @@
 """The figures of one run, in one pass of compiled code over its samples, and its verdict.
 
     y    lateral error of the preview point, once a sensor period      [m]
+         and with it the angle of the wheel                            [rad]
     w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
     δ    command sent, once a control period                           [rad]
 
@@ -62,6 +63,10 @@ class Figures(NamedTuple):
     irregularity: float
     end_peak_m: float
     end_peak_before_m: float
+    wheel_amplitude_rad: float
+    wheel_amplitude_before_rad: float
+    wheel_oscillation_rad_s: float
+    wheel_irregularity: float
     steer_rms_rad: float
     steer_peak_rad: float
     steer_rate_rms_rad_s: float
@@ -121,6 +126,7 @@ def take_figures(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
+    wheel_rad: RealArray,
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
     latency: LatencyFigures,
@@ -128,16 +134,16 @@ def take_figures(
 ) -> None:
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
-    ``time_s``, ``lateral_error_m``  one per sensor period
-    ``cg_deviation_m``               one per CG_STRIDE of them
-    ``sent_rad``                     one command per control period
+    ``time_s``, ``lateral_error_m``, ``wheel_rad``  one per sensor period
+    ``cg_deviation_m``  one per CG_STRIDE of them
+    ``sent_rad``        one command per control period
     """
     row[:] = math.nan
     row[_LATENCY : _LATENCY + len(latency)] = latency
     if len(time_s):
         row[_CG] = _rms(cg_deviation_m)
         row[_CG + 1] = np.max(np.abs(cg_deviation_m))
-        _figures(rules, time_s, lateral_error_m, sent_rad, row)
+        _figures(rules, time_s, lateral_error_m, wheel_rad, sent_rad, row)
         first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
         row[_SETTLED + 1] = _rms(cg_deviation_m[first:])
 
@@ -165,6 +171,7 @@ def figures_of(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
+    wheel_rad: RealArray,
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
     latency_s: RealArray,
@@ -172,7 +179,7 @@ def figures_of(
     """Return the figures of one run."""
     row = np.empty(len(Figures._fields))
     latency = latency_figures(latency_s)
-    take_figures(rules, time_s, lateral_error_m, cg_deviation_m, sent_rad, latency, row)
+    take_figures(rules, time_s, lateral_error_m, wheel_rad, cg_deviation_m, sent_rad, latency, row)
     return Figures(*row.tolist())
 
 
@@ -180,7 +187,9 @@ register(window_figures)
 
 
 @compiled
-def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> None:
+def _figures(
+    rules: Any, time_s: Any, error_m: Any, wheel_rad: Any, sent_rad: Any, row: Any
+) -> None:
     samples = len(time_s)
     row[0] = time_s[samples - 1]
     square, peak, outside = 0.0, 0.0, -1
@@ -206,7 +215,7 @@ def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> 
     elif outside + 1 < samples:
         row[4] = time_s[outside + 1]
     window = round(rules.window_s / rules.sensor_period_s)
-    end = window_figures(error_m, window, rules.sensor_period_s)
+    end = window_figures(error_m, wheel_rad, window, rules.sensor_period_s)
     for k in range(len(end)):
         row[_END + k] = end[k]
     _effort(rules, sent_rad, row)

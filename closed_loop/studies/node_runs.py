@@ -63,6 +63,7 @@ def figures_of_trace(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
         np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
         trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,
         trace.downlink_latency_s[:samples],

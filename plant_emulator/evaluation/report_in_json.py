@@ -22,7 +22,8 @@ def motion_report(
                           wheel, and ``limited_share_by`` limit
     """
     samples = figures.samples
-    judged = judge(rules, list(figures.newest_m), samples, figures.lateral_error_peak_m, period_s)
+    newest = list(figures.newest_m), list(figures.newest_wheel_rad)
+    judged = judge(rules, *newest, samples, figures.lateral_error_peak_m, period_s)
     is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
     return {
         "motion_s": motion_ns * 1e-9,

@@ -84,6 +84,15 @@ def _swings(node: Report) -> str:
     return f"swings of ±{_millimetres(windows['amplitude_m'])}{rhythm}"
 
 
+def _wheel(node: Report) -> str:
+    windows = node["windows"]
+    if windows["wheel_amplitude_rad"] is None:
+        return ""
+    omega_rad_s = windows["wheel_oscillation_rad_s"]
+    rhythm = "" if omega_rad_s is None else f" at {omega_rad_s:.3g} rad/s"
+    return f", the wheel's of ±{windows['wheel_amplitude_rad']:.3g} rad{rhythm}"
+
+
 def _drifts(node: Report) -> str:
     windows = node["windows"]
     return (
@@ -93,10 +102,10 @@ def _drifts(node: Report) -> str:
 
 
 def _at_the_end(node: Report) -> str:
-    windows = node["windows"]
+    windows, peak_m = node["windows"], node["lateral_error_peak_m"]
     return (
         f"preview point at most {_millimetres(windows['end_peak_m'])} off in the last "
-        f"{windows['window_s']:.3g} s"
+        f"{windows['window_s']:.3g} s, {_millimetres(peak_m)} in the whole run"
     )
 
 
@@ -107,8 +116,8 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
             f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
         ),
         Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
-        Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow",
-        Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last",
+        Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
+        Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
         Verdict.DRIFTS: _drifts,
         Verdict.LEFT_ROAD: lambda node: (
             f"the error reached {_millimetres(node['lateral_error_peak_m'])}"

@@ -55,7 +55,7 @@ class RunningFigures:
     """Figures of a run, taken up sample by sample.
 
     ``band_m``  in which the error settles
-    ``newest``  how many of the newest errors are kept in ``newest_m``
+    ``newest``  how many of the newest errors and wheel angles are kept
 
     ``settled_at``  number of the sample from which the error has stayed in its band
     ``limited``     samples at which a limit decided about the wheel, by its name
@@ -70,6 +70,7 @@ class RunningFigures:
         self.settled_at = 0
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
+        self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
         self._error_squares_m2 = 0.0
         self._deviation_squares_m2 = 0.0
         self._band_m = band_m
@@ -79,7 +80,8 @@ class RunningFigures:
 
         The fourth value names what decides about the wheel, and is empty if nothing does.
         """
-        newest_m, band_m, limited = self.newest_m, self._band_m, self.limited
+        newest_m, newest_rad = self.newest_m, self.newest_wheel_rad
+        band_m, limited = self._band_m, self.limited
         count, settled_at = self.samples, self.settled_at
         squares_m2, cg_squares_m2 = self._error_squares_m2, self._deviation_squares_m2
         peak_m, cg_peak_m = self.lateral_error_peak_m, self.cg_deviation_peak_m
@@ -89,6 +91,7 @@ class RunningFigures:
             squares_m2 += error_m * error_m
             cg_squares_m2 += cg_m * cg_m
             newest_m.append(error_m)
+            newest_rad.append(wheel_rad)
             distance_m = abs(error_m)
             if distance_m > peak_m:
                 peak_m = distance_m

@@ -1,4 +1,4 @@
-"""The verdict on a run, from its lateral error alone (``plant_emulator.evaluation.error_windows``).
+"""The verdict on a run, from its lateral error and its wheel (``error_windows``).
 
 The first that applies:
 
@@ -19,7 +19,7 @@ The first that applies:
 A window is on the path if the error stays within ``off_path_m`` and swings by less than
 ``swing_m``. So ``holds`` guarantees both for every run, whatever its other figures.
 
-An oscillation is one of two things:
+An oscillation of the lateral error is one of two things:
 
     regular   the standard deviation of the half periods is at most ``irregularity`` of their mean,
               and the amplitude is ``amplitude_m`` or more
@@ -27,8 +27,14 @@ An oscillation is one of two things:
               exceeds mean and trend (the window's largest error is at most CREST_MAX times the
               amplitude), and had an amplitude of ``amplitude_m`` or more in the window before
 
-The last condition excludes a run that a disturbance has just struck: it is off the path, but does
-not oscillate yet. The lateral error here is the true one: noise and resolution do not make a
+The last condition of a swing excludes a run that a disturbance has just struck: it is off the path,
+but does not oscillate yet.
+
+The wheel oscillates in the same two ways, by ``wheel_amplitude_rad`` and ``wheel_swing_rad``, in
+its fast motion alone. A loop of 160 rad/s slams the wheel from limit to limit while the vehicle,
+which cannot follow, stays within 5 mm.
+
+The lateral error here is the true one: noise and resolution do not make a
 vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
 commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
 """
@@ -44,7 +50,7 @@ from pydantic import Field
 from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
-from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
+from .error_windows import WINDOW_SHARE_MAX, WindowFigures, fast_half, window_figures
 
 CREST_MAX = 3.0
 """Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
@@ -104,6 +110,9 @@ class VerdictRules(Settings):
     swing_m: float = Field(0.1, gt=0.0, le=100.0)
     growth: float = Field(1.5, gt=1.0, le=1000.0)
     sustained: float = Field(0.8, gt=0.0, le=1.0)
+    wheel_amplitude_rad: float = Field(0.02, gt=0.0, le=10.0)
+    wheel_swing_rad: float = Field(0.2, gt=0.0, le=10.0)
+    """Noise of 20 mm moves the wheel by 0.04 rad under the laws designed for it."""
     irregularity: float = Field(0.4, gt=0.0, le=10.0)
     drift_m_s: float = Field(0.005, gt=0.0, le=100.0)
 
@@ -131,6 +140,16 @@ def verdicts(
     swings = amplitude_m >= rules.swing_m
     is_about_path = (peak_m <= CREST_MAX * amplitude_m) & (before_m >= rules.amplitude_m)
     oscillates = is_regular | (swings & is_about_path)
+    wheel_rad, wheel_before_rad = (
+        column("wheel_amplitude_rad"),
+        column("wheel_amplitude_before_rad"),
+    )
+    is_wheel_regular = (wheel_rad >= rules.wheel_amplitude_rad) & (
+        column("wheel_irregularity") <= rules.irregularity
+    )
+    wheel_oscillates = is_wheel_regular | (
+        (wheel_rad >= rules.wheel_swing_rad) & (wheel_before_rad >= rules.wheel_amplitude_rad)
+    )
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
     drifts = (np.abs(mean_m) >= rules.off_path_m) & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
     is_off = swings | ~(peak_m <= rules.off_path_m)
@@ -139,8 +158,10 @@ def verdicts(
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
         Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
-        | (oscillates & (amplitude_m >= rules.growth * before_m)),
-        Verdict.LIMIT_CYCLE: oscillates & (amplitude_m >= rules.sustained * before_m),
+        | (oscillates & (amplitude_m >= rules.growth * before_m))
+        | (wheel_oscillates & (wheel_rad >= rules.growth * wheel_before_rad)),
+        Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))
+        | (wheel_oscillates & (wheel_rad >= rules.sustained * wheel_before_rad)),
         Verdict.DRIFTS: drifts,
         Verdict.LEFT_ROAD: peaks_m > rules.road_m,
         Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
@@ -172,21 +193,28 @@ class JudgedRun(NamedTuple):
 
 def samples_judged(rules: VerdictRules, duration_s: float, period_s: float) -> int:
     """Return how many of its last samples the verdict on a run needs."""
-    return 2 * round(min(rules.window_s, WINDOW_SHARE_MAX * duration_s) / period_s)
+    window = round(min(rules.window_s, WINDOW_SHARE_MAX * duration_s) / period_s)
+    return 2 * (window + fast_half(window, period_s))
 
 
 def judge(
-    rules: VerdictRules, error_m: Sequence[float], samples: int, peak_m: float, period_s: float
+    rules: VerdictRules,
+    error_m: Sequence[float],
+    wheel_rad: Sequence[float],
+    samples: int,
+    peak_m: float,
+    period_s: float,
 ) -> JudgedRun:
     """Return the verdict on one run.
 
-    ``error_m``   its last samples: all, or those of two windows
-    ``samples``   how many it had in all; 0 for a run that has not started
-    ``peak_m``    largest magnitude of all
-    ``period_s``  between two samples
+    ``error_m``    its last samples: all, or as many as ``samples_judged``
+    ``wheel_rad``  as many
+    ``samples``    how many it had in all; 0 for a run that has not started
+    ``peak_m``     largest magnitude of all errors
+    ``period_s``   between two samples
     """
     window = min(round(rules.window_s / period_s), int(samples * WINDOW_SHARE_MAX))
-    windows = window_figures(error_m, window, period_s)
+    windows = window_figures(error_m, wheel_rad, window, period_s)
     end = RunEnd.COMPLETE if samples else RunEnd.NO_START
     if peak_m > limits(LateralError)["lateral_error_m"].maximum:
         end = RunEnd.LEFT_RANGE

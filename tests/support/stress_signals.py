@@ -25,10 +25,15 @@ TIME_S: FloatArray = np.arange(6001, dtype=np.float64) * 0.01
 NO_COMMANDS: FloatArray = np.zeros(0)
 
 
-def figures(error_m: FloatArray, sent_rad: FloatArray = NO_COMMANDS) -> Figures:
+def figures(
+    error_m: FloatArray, sent_rad: FloatArray = NO_COMMANDS, wheel_rad: FloatArray | None = None
+) -> Figures:
     """Return the figures of a lateral error; the centre of gravity stays on the path."""
+    wheel_rad = np.zeros(len(error_m)) if wheel_rad is None else wheel_rad
     no_latency_s, cg_m = np.zeros(len(error_m)), np.zeros_like(error_m[::CG_STRIDE])
-    return figures_of(RULES, TIME_S[: len(error_m)], error_m, cg_m, sent_rad, no_latency_s)
+    return figures_of(
+        RULES, TIME_S[: len(error_m)], error_m, wheel_rad, cg_m, sent_rad, no_latency_s
+    )
 
 
 def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:

@@ -135,7 +135,8 @@ def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> Phase
     is_settled = trace.time_s[inside] >= 0.5 * (phase.from_s + phase.to_s)
     peak_m = float(np.max(np.abs(error_m)))
     period_s = 1e-3 * settings.sensor_period_ms
-    judged = judge(settings.verdict, error_m.tolist(), len(error_m), peak_m, period_s)
+    moved = error_m.tolist(), trace.wheel_angle_rad[inside].tolist()
+    judged = judge(settings.verdict, *moved, len(error_m), peak_m, period_s)
     return PhaseFigures(rms(error_m[is_settled]), peak_m, judged.verdict)
 
 

@@ -114,7 +114,9 @@ def test_how_a_run_ended_comes_first() -> None:
 
 def test_a_run_too_short_for_two_windows_has_no_figures_of_its_end() -> None:
     cg_m = np.array([3.0, -4.0])
-    found = figures_of(RULES, TIME_S[:100], np.ones(100), cg_m, NO_COMMANDS, np.zeros(100))
+    found = figures_of(
+        RULES, TIME_S[:100], np.ones(100), np.zeros(100), cg_m, NO_COMMANDS, np.zeros(100)
+    )
     assert found.cg_rms_m == pytest.approx(math.sqrt(12.5))
     assert found.cg_peak_m == 4.0
     assert math.isnan(found.mean_m)
@@ -166,6 +168,7 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
             rules_of(VerdictRules(), plant, law),
             run.time_s,
             run.lateral_error_m,
+            run.wheel_angle_rad,
             run.cg_deviation_m,
             run.sent_rad,
             run.downlink_latency_s,

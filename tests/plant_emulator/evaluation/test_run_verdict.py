@@ -1,6 +1,7 @@
 """The verdict on one run: by the plant itself, in the studies' words and figures."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.studies.figures import (
     figures_of,
     latency_figures,
@@ -31,10 +33,14 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 TIME_S = np.arange(6001) * 0.01
 
 
-def judged(error_m: Any, rules: VerdictRules | None = None) -> JudgedRun:
+def judged(
+    error_m: Any, rules: VerdictRules | None = None, wheel_rad: Any | None = None
+) -> JudgedRun:
     errors = np.asarray(error_m, dtype=np.float64)
     peak_m = float(np.max(np.abs(errors), initial=0.0))
-    return judge(rules or VerdictRules(), errors.tolist(), len(errors), peak_m, 0.01)
+    wheels = np.zeros(len(errors)) if wheel_rad is None else wheel_rad
+    moved = errors.tolist(), wheels.tolist()
+    return judge(rules or VerdictRules(), *moved, len(errors), peak_m, 0.01)
 
 
 def sine(amplitude_m: float, growth_1_s: float = 0.0) -> Any:
@@ -90,8 +96,9 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
     newest = samples_judged(rules, 60.0, 0.01)
     figures = RunningFigures(newest=newest)
     figures.take((float(value), 0.0, 0.0, "") for value in sine(0.2))
-    assert len(figures.newest_m) == newest == 200
-    kept = judge(rules, list(figures.newest_m), figures.samples, 0.2, 0.01)
+    assert len(figures.newest_m) == newest == 300
+    moved = list(figures.newest_m), list(figures.newest_wheel_rad)
+    kept = judge(rules, *moved, figures.samples, 0.2, 0.01)
     assert kept == judged(sine(0.2), rules)
 
 
@@ -108,6 +115,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float) -> None:
         rules_of(plant.verdict, plant, controller),
         run.plant.time_s,
         error_m,
+        run.plant.wheel_angle_rad,
         run.plant.cg_deviation_m,
         run.controller.sent_rad,
         run.plant.downlink_latency_s,
@@ -127,7 +135,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float) -> None:
 
 
 def test_without_two_windows_the_figures_are_not_numbers() -> None:
-    found = window_figures([1.0, -3.0, 2.0], 8, 0.01)
+    found = window_figures([1.0, -3.0, 2.0], [0.0] * 3, 8, 0.01)
     assert found.end_peak_m == 3.0
     others = [getattr(found, name) for name in WindowFigures._fields if name != "end_peak_m"]
     assert all(map(math.isnan, others))
@@ -179,3 +187,49 @@ def test_limits_of_the_controller_are_named_by_the_controller() -> None:
     assert run.controller_report["limited_share_by"]["angle"] > 0.5
     assert run.controller_report["limited_share"] <= 1.0
     assert simulate(duration_s=5.0).controller_report["limited_share"] == 0.0
+
+
+# The wheel
+
+
+def test_a_wheel_that_slams_does_not_hold_though_the_vehicle_cannot_follow() -> None:
+    run = simulate(
+        controller="paper_pd",
+        duration_s=10.0,
+        overrides={"plant.sensor_period_ms": 1, "plant.latency.downlink.mean_s": 0.014},
+    )
+    assert run.plant_report["windows"]["end_peak_m"] < VerdictRules().off_path_m
+    text = verdict_text(run.plant_report)
+    assert re.match(
+        r"limit cycle: swings of ±\d\.\d mm at 15\d rad/s that last, "
+        r"the wheel's of ±0\.[56]\d* rad at 15\d rad/s",
+        text,
+    ), text
+    study = run_batch(run.plant_settings, run.controller_settings)
+    figures = figures_of(
+        rules_of(run.plant_settings.verdict, run.plant_settings, run.controller_settings),
+        study.time_s,
+        study.lateral_error_m,
+        study.wheel_angle_rad,
+        study.cg_deviation_m,
+        study.sent_rad,
+        study.downlink_latency_s,
+    )
+    complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
+    assert verdicts(VerdictRules(), complete, np.array([figures])) == [Verdict.LIMIT_CYCLE]
+
+
+@pytest.mark.parametrize(
+    ("wheel_rad", "verdict"),
+    [
+        (0.018 * np.sin(20.0 * TIME_S), Verdict.HOLDS),
+        (0.022 * np.sin(20.0 * TIME_S), Verdict.LIMIT_CYCLE),
+        (1e-3 * np.exp(0.06 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.UNSTABLE),
+        (0.3 * np.exp(-0.05 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.HOLDS),
+        (0.4 * np.sin(0.4 * TIME_S), Verdict.HOLDS),  # a path that bends
+        (0.1 * np.random.default_rng(1).standard_normal(6001), Verdict.HOLDS),
+        (0.2 * np.random.default_rng(1).standard_normal(6001), Verdict.LIMIT_CYCLE),
+    ],
+)
+def test_the_wheel_is_judged_by_its_fast_motion(wheel_rad: Any, verdict: Verdict) -> None:
+    assert judged(np.zeros(6001), wheel_rad=wheel_rad).verdict is verdict
