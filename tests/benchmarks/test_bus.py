@@ -22,8 +22,6 @@ from benchmarks.bus.lines import (
     tick_lines,
 )
 from benchmarks.bus.processes import (
-    FLAGS,
-    PRIORITY_MAX,
     PRIORITY_MIN,
     CompileError,
     CPrograms,
@@ -65,7 +63,6 @@ from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, e
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.statistics import DurationSummary
-from steer_by_wire.tools.doctor.wake_ups import measurements
 
 MS = 1_000_000
 RUNS_S = (0.2, 2.0, 20.0)  # the next where nobody has answered yet: a machine may be late
@@ -98,12 +95,6 @@ def reply(stamp_ns: int, can_id: int = REPLY_ID) -> Passage:
 # --- the C programs -----------------------------------------------------------------------------
 
 
-@needs_gcc
-def test_the_c_programs_compile_without_a_warning(programs: CPrograms) -> None:
-    assert {"-Wall", "-Wextra", "-Werror"} <= set(FLAGS)
-    assert all(program.is_file() for program in programs)
-
-
 def test_without_gcc_one_line_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,15 +116,6 @@ def test_the_c_loop_wakes_up_on_its_grid_and_never_early(
     assert all((tick.deadline_ns - ticks[0].deadline_ns) % MS == 0 for tick in ticks)
     assert all(tick.served_ns >= tick.deadline_ns for tick in ticks)
     assert ticks == sorted(set(ticks))
-
-
-@needs_gcc
-@pytest.mark.parametrize("name", CPrograms._fields)
-def test_a_c_program_refuses_what_it_does_not_understand(programs: CPrograms, name: str) -> None:
-    result = subprocess.run([getattr(programs, name)], capture_output=True, text=True, check=False)
-    assert result.returncode == 1
-    assert result.stderr.startswith(name)
-    assert result.stdout == ""
 
 
 # --- what the logs say --------------------------------------------------------------------------
@@ -228,13 +210,6 @@ def test_a_collection_of_garbage_in_the_loop_is_counted_and_none_after_it() -> N
     assert report["skipped_ticks"] == 0
 
 
-def test_a_run_too_short_to_warm_up_has_nothing_to_report() -> None:
-    watched = AtOnce(controller())
-    watched.on_frame(measurement(0), 0)
-    report = watched.report()
-    assert (report["ticks_watched"], report["blocks_kept_per_tick"]) == (0, None)
-
-
 def test_ticks_leave_the_collector_nothing_to_do() -> None:
     memory = tick_memory(PRESET, 1000)
     assert memory.ticks == 1000
@@ -319,13 +294,6 @@ def test_the_program_says_how_to_come_by_an_interface(capsys: pytest.CaptureFixt
     assert "tools/with_vcan" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("priority", [PRIORITY_MIN - 1, PRIORITY_MAX + 1, -1])
-def test_a_priority_needs_room_above_and_below(priority: int) -> None:
-    with pytest.raises(SystemExit) as error:
-        main(["bus", f"--priority={priority}"])
-    assert error.value.code == 2
-
-
 @needs_gcc
 def test_the_program_writes_every_line_with_its_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -367,12 +335,6 @@ def test_without_can_lateness_and_skipped_ticks_are_measured(tmp_path: Path) -> 
     names = [line["name"] for line in content["lines"]]
     assert not [name for name in names if "turn-around" in name]
     assert "lateness, 100 Hz, controller, p99" in names
-
-
-def test_a_fed_controller_commands_without_anybody_on_the_bus() -> None:
-    fed = AtRate(controller(), measurements())
-    sent = [frame.can_id for _ in range(20) for frame in fed.on_tick(fed.deadline_ns)]
-    assert sent.count(CAN_IDS[SteeringCommand]) == 20
 
 
 @pytest.mark.vcan

@@ -8,6 +8,8 @@ import pytest
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel, encode
+from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from tests.fuzz.node_targets import (
@@ -31,6 +33,16 @@ def make_controller(number: int) -> ControllerNode:
 def make_plant(number: int) -> PlantNode:
     settings, params = plant_settings(number)
     return PlantNode(settings, 0, params, samples_max=0)
+
+
+def make_faulty(_number: int) -> FaultyNode[PlantNode]:
+    """A plant behind the faults for which a stage keeps frames."""
+    kinds = {FaultKind.REPLAY: 1.0, FaultKind.REORDER: 3.0, FaultKind.DELAY_SPIKE: 0.3}
+    faults = [
+        FaultSettings(kind=kind, direction="downlink", onset_s=0.0, magnitude=magnitude)
+        for kind, magnitude in kinds.items()
+    ]
+    return FaultyNode(make_plant(0), faults, 1)
 
 
 def entries(root: object) -> int:
@@ -93,6 +105,7 @@ def drain(node: ReportingNode, now_ns: int) -> int:
         # Its lines have statistics of their latencies too.
         (make_plant, 0, 3_000),
         (make_plant, 3, 3_000),
+        (make_faulty, 0, 3_000),
     ],
 )
 def test_what_a_node_keeps_does_not_grow_with_garbage(

@@ -70,6 +70,7 @@ def case(text: str) -> str:
         ('laws=["practical_pd","practical_pd"]', "laws must differ"),
         ('points=[{name="a",laws=["x","x"]}]', "laws of a must differ: 'x' is there 2 times"),
         ('points=[{name="a\\tb"}]', "must be printable"),
+        ('points=[{name="a",path={kind="spiral"}}]', "points"),
     ],
 )
 def test_what_no_run_could_have_is_refused_in_one_line(override: str, reported: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
 from steer_by_wire.plant_emulator.faults.effects import with_value
-from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings
+from steer_by_wire.runtime.settings import Preset, load_settings
 from steer_by_wire.tools.faults.campaign.detectability import Mechanism, no_effect_chance
 from steer_by_wire.tools.faults.campaign.scenario import (
     Scenario,
@@ -110,16 +110,6 @@ def test_at_road_speed_the_limits_of_acceleration_and_jerk_act() -> None:
     run_pair(by_limiter[0], pair)
     causes = pair.plant_node.report()["safety"]["interventions"]
     assert {"lateral_acceleration", "lateral_jerk"} & causes.keys()
-
-
-def test_a_path_that_is_none_is_reported_in_one_line() -> None:
-    with pytest.raises(SettingsError, match="points"):
-        spec_of('points=[{name="a", path={kind="spiral"}}]')
-
-
-def test_a_law_that_a_point_has_twice_is_reported_in_one_line() -> None:
-    with pytest.raises(SettingsError, match="laws of a must differ"):
-        spec_of('points=[{name="a", laws=["highway_pd", "highway_pd"]}]')
 
 
 def test_a_fault_whose_chance_to_do_nothing_is_known_may_do_nothing() -> None:

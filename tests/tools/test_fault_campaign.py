@@ -181,11 +181,6 @@ def test_a_run_is_a_function_of_its_scenario(spec: CampaignSettings) -> None:
     assert run_trial(scenario) == run_trial(scenario)
 
 
-def test_every_scenario_has_a_name_of_its_own(spec: CampaignSettings) -> None:
-    names = [scenario.name for scenario in scenarios_of(spec)]
-    assert len(set(names)) == len(names)
-
-
 def test_the_campaign_that_is_shipped_has_more_than_a_thousand_runs() -> None:
     text = Path("tools/faults/default.toml")
     spec = load_settings(CampaignSettings, None, Path(__file__).parents[2] / text, [])

@@ -1,15 +1,12 @@
 """Waveforms of frames."""
 
 from io import StringIO
-from pathlib import Path
 
 import pytest
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.recording.candump import parse_entry
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
-from tests.support.sigrok_frames import reading_of
 
 RATES = BitRates(500_000, 2_000_000)
 
@@ -53,12 +50,3 @@ def test_a_frame_that_comes_too_early_is_moved(gap_ns: int, moved: int) -> None:
     length = len(frame_on_wire(frame))
     start_ns = max(gap_ns, (length + 3) * 2000)
     assert sampled(file.getvalue(), "c", [start_ns - 1, start_ns + 1]) == [1, 0]
-
-
-def test_sigrok_has_read_from_our_waveforms_what_is_in_the_frames() -> None:
-    readings = Path(__file__).with_name("sigrok_frames.txt").read_text(encoding="ascii")
-    for line in readings.splitlines():
-        text, _, reading = line.partition(" ")
-        entry = parse_entry(f"(0.0) can {text}")
-        assert entry is not None
-        assert reading_of(entry.frame) == reading
