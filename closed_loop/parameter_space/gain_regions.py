@@ -8,8 +8,7 @@ same everywhere:
     2. judge the roots at one point of every face
     3. unite the faces whose roots are where they should be
 
-Several loops (the corners of an uncertainty box, several delays): intersect. ``verified`` then
-samples the roots again, all over the region and on both sides of its edges.
+Several loops (the corners of an uncertainty box, several delays): intersect.
 
 For gains of one region and delays:
 
@@ -100,17 +99,6 @@ class GainRegion(NamedTuple):
         return tuple(sorted(found, key=lambda margin: margin.relative))
 
 
-class Verification(NamedTuple):
-    """Gains at which the roots were judged again, and those where the region was wrong.
-
-    ``wrong``  shape (n, 2)
-    """
-
-    inside: int
-    outside: int
-    wrong: FloatArray
-
-
 def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window) -> GainRegion:
     """Return the gains in the window for which every loop meets the specification.
 
@@ -188,30 +176,6 @@ def well_centred_gains(region: GainRegion) -> tuple[float, float]:
     return x * k_p_side, y * k_d_side
 
 
-def verified(
-    region: GainRegion, loops: Sequence[GainLoop], spec: DStability, points: int, seed: int
-) -> Verification:
-    """Judge the roots at random gains in the window and on both sides of the region's edges.
-
-    Half of the ``points`` are spread over the window; the others lie beside the edges, a
-    thousandth of the window off. Those nearer to an edge than half of that are left out.
-    """
-    generator = np.random.default_rng(seed)
-    window = region.window
-    spread = window.origin + window.sides * generator.random((points // 2, 2))
-    away = 1e-3
-    beside = _beside(region, generator, points // 2, away)
-    gains = np.concatenate([spread, beside])
-    square, unit = _in_window(region.polygon, window), _unit(gains, window)
-    if not square.is_empty:
-        far = shapely.distance(square.boundary, shapely.points(unit)) > 0.5 * away
-        gains = gains[far & np.all((unit > 0.0) & (unit < 1.0), axis=1)]
-    inside = shapely.contains_xy(region.polygon, gains)
-    good = np.all([loop.satisfies(spec, gains) for loop in loops], axis=0)
-    count = int(np.count_nonzero(inside))
-    return Verification(count, len(gains) - count, gains[inside != good])
-
-
 def _faces(
     curves: Sequence[BoundaryCurve], window: Window, wanted: Polygon | MultiPolygon
 ) -> NDArray[np.object_]:
@@ -233,29 +197,9 @@ def _overshot(points: FloatArray) -> FloatArray:
     return np.concatenate([[points[0] + first], points, [points[-1] + last]])
 
 
-def _beside(
-    region: GainRegion, generator: np.random.Generator, points: int, away: float
-) -> FloatArray:
-    """Return gains on either side of random places on the edges, ``away`` in window sides."""
-    edge = _in_window(region.polygon, region.window).boundary
-    if edge.is_empty:
-        return np.empty((0, 2))
-    along = generator.random(points // 2) * edge.length
-    on_edge = shapely.get_coordinates(shapely.line_interpolate_point(edge, along))
-    angle_rad = 2.0 * math.pi * generator.random(len(on_edge))
-    offset = away * np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
-    both = np.concatenate([on_edge + offset, on_edge - offset])
-    return np.asarray(both * region.window.sides + region.window.origin)
-
-
 def _unit(gains: FloatArray, window: Window) -> FloatArray:
     """Return gains with the window as the unit square."""
     return np.asarray((gains - window.origin) / window.sides)
-
-
-def _in_window(shape: shapely.Geometry, window: Window) -> shapely.Geometry:
-    """Return a shape of gains with the window as the unit square."""
-    return _scaled(shape, *(1.0 / window.sides), *(-window.origin / window.sides))
 
 
 def _scaled(

@@ -28,7 +28,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..prediction.matrices import zero_order_hold
-from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
+from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import stable_intervals
@@ -69,25 +69,20 @@ def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
 
 
 def stable_spreads(
-    loop: SampledLoop,
-    mean_ns: int,
-    loss: float = 0.0,
-    steps_per_period: int = 1,
-    distribution: Callable[[float, float], LatencyCdf] = gamma_cdf,
+    loop: SampledLoop, mean_ns: int, loss: float = 0.0
 ) -> tuple[SpreadInterval, ...]:
     """Return the standard deviations from 0 to the mean at which the mean square decays, ascending.
 
-    ``distribution``  of the latency, from mean and standard deviation [s]
-
-    Tested every SPREAD_PARTS-th of the mean, boundaries bisected to SPREAD_RESOLUTION_NS; what
-    begins and ends between two tests is missed. Jitter can help as well as harm: the commands that
-    overtake make the loop's age smaller than the mean latency. Raises as ``mean_square_decay_1_s``.
+    The latency has a gamma distribution. Tested every SPREAD_PARTS-th of the mean, boundaries
+    bisected to SPREAD_RESOLUTION_NS; what begins and ends between two tests is missed. Jitter can
+    help as well as harm: the commands that overtake make the loop's age smaller than the mean
+    latency. Raises as ``mean_square_decay_1_s``.
     """
 
     def recursion(spread_ns: int) -> _MomentRecursion:
         mean_s = mean_ns / NS_PER_S
-        cdf = distribution(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
-        when = arrivals(cdf, loop.period_ns, loss, steps_per_period)
+        cdf = gamma_cdf(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
+        when = arrivals(cdf, loop.period_ns, loss)
         return _MomentRecursion(loop, when)
 
     tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]

@@ -21,10 +21,6 @@ WIDTH_MIN = 95
 """Width of the table, whose figures are no use cut short."""
 
 
-WIDTH_MIN = 95
-"""Width of the table, whose figures are no use cut short."""
-
-
 def measure_with_progress(options: argparse.Namespace, name: str) -> Measurement:
     """Measure, and show how far it is; ``name`` of the program begins its lines."""
     console = Console(stderr=True)

@@ -128,7 +128,7 @@ class WorkingNode:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._controller = ControllerNode(settings, start_ns)
-        self._frames = _measurements()
+        self._frames = measurements()
         self._end_ns = end_ns
         self._clock_ns = clock_ns
         self._ticks = 0
@@ -161,14 +161,6 @@ class WorkingNode:
     def result(self) -> Sliced[Sample]:
         """Return what was measured."""
         return self._slices.result()
-
-
-def _measurements() -> list[Frame]:
-    """Return measurements to take in turn; they oscillate, so that the law has work to do."""
-    return [
-        encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
-        for counter in range(COUNTERS)
-    ]
 
 
 def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> WakeUps:

@@ -14,11 +14,9 @@ acceptance fails.
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
@@ -67,7 +65,6 @@ from steer_by_wire.tools.faults.live.campaign import live_finding, live_section,
 NAME = "steer-by-wire faults"
 FAILED = 1
 _EXAMPLES = ("inject --list", "soak --duration-s 60", "--set golden_seeds=1")
-R = TypeVar("R")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -163,13 +160,16 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunRes
     if done:
         print(f"{len(done)} of {len(scenarios)} runs are there already")
 
-    def take(result: RunResult) -> None:
-        done[result.name] = result
-        write_result(options.out, spec_hash, result)
-
     try:
-        with _with_progress(len(left), take) as taken:
-            execute(run_trial, left, options.processes, taken)
+        with counting_bars(plain_console()) as bars:
+            task = bars.add_task("", total=len(left))
+
+            def take(result: RunResult) -> None:
+                done[result.name] = result
+                write_result(options.out, spec_hash, result)
+                bars.advance(task)
+
+            execute(run_trial, left, options.processes, take)
     except KeyboardInterrupt:
         kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
         say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
@@ -190,18 +190,6 @@ def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
     if stored.not_whole:
         what = f"{stored.not_whole} lines that are no whole results are left out"
         say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)
-
-
-@contextmanager
-def _with_progress(total: int, take: Callable[[R], None]) -> Iterator[Callable[[R], None]]:
-    with counting_bars(plain_console()) as bars:
-        task = bars.add_task("", total=total)
-
-        def taken(result: R) -> None:
-            take(result)
-            bars.advance(task)
-
-        yield taken
 
 
 def _status(findings: Sequence[Finding]) -> int:

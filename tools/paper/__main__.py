@@ -9,18 +9,17 @@ last, shows published and reproduced values side by side, with a verdict.
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
-from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -152,42 +151,23 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
     """
     start_s = time.perf_counter()
     failures: list[BaseException] = []
-    workers = min(WORKERS, len(entries))
-    text = TextColumn("{task.description}")
-    bars = progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeElapsedColumn(), text)
-    with worker_pool(workers) as pool, bars as progress:
-        task = progress.add_task("", total=len(entries))
-        for done, running in _run(pool, entries, out):
-            progress.update(task, description=", ".join(running))
-            for entry, future in done:
-                progress.advance(task)
-                failure = future.exception()
-                if failure is None:
-                    console.print(f"{entry.key:18}  {future.result().verdict}")
-                else:
-                    console.print(f"{entry.key:18}  failed: {failure}")
-                    failures.append(failure)
+    tables_first = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
+    with worker_pool(min(WORKERS, len(entries))) as pool, counting_bars(console) as bars:
+        task = bars.add_task("", total=len(entries))
+        running = {pool.submit(reproduce, entry.key, str(out)): entry for entry in tables_first}
+        for future in as_completed(running):
+            bars.advance(task)
+            failure, key = future.exception(), running[future].key
+            if failure is None:
+                console.print(f"{key:18}  {future.result().verdict}")
+            else:
+                console.print(f"{key:18}  failed: {failure}")
+                failures.append(failure)
     index = write_index(out)
     elapsed_s = time.perf_counter() - start_s
     console.print(f"{len(entries) - len(failures)} results in {elapsed_s:.0f} s: {index}")
     if failures:
         raise failures[0]
-
-
-def _run(
-    pool: ProcessPoolExecutor, entries: Sequence[Entry], out: Path
-) -> Iterator[tuple[list[tuple[Entry, Future[Written]]], list[str]]]:
-    """Yield, whenever that changes, what has finished since and what is running."""
-    waiting = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
-    running: dict[Future[Written], Entry] = {}
-    while waiting or running:
-        while waiting and len(running) < WORKERS:
-            entry = waiting.pop(0)
-            running[pool.submit(reproduce, entry.key, str(out))] = entry
-        yield [], [entry.key for entry in running.values()]
-        finished, _ = wait(running, return_when=FIRST_COMPLETED)
-        done = [(running.pop(future), future) for future in finished]
-        yield done, [entry.key for entry in running.values()]
 
 
 def reproduce(key: str, out: str) -> Written:

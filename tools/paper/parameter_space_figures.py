@@ -12,11 +12,11 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.d_stability import DStability, judge, paper_d_stability
+from ...closed_loop.parameter_space.d_stability import judge, paper_d_stability
 from ...closed_loop.parameter_space.drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
-from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
-from ...closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region, verified
+from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
+from ...closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.nominal_model import paper_eq19
 from ...runtime.array_types import ComplexArray, FloatArray
@@ -33,8 +33,6 @@ WINDOW = Window(-0.5, 3.5, -0.6, 2.4)
 PERIOD_NS = 10 * NS_PER_MS
 DELAYS_MS = (0, 80, 160)
 FILTERS_RAD_S = (None, 20.0, 5.0)
-CHECKED_GAINS = 4000
-_SEED = 7
 
 _PUBLISHED_GAINS = np.array([[PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M]])
 _READING = (
@@ -128,7 +126,6 @@ def figure_8() -> Reproduction:
         (
             Comparison("published gains", "in the region", _inside(inside), inside),
             *_margin_comparisons(region),
-            _checked(region, [loop], spec),
         ),
         _verdict(inside),
         _READING,
@@ -148,7 +145,6 @@ def figure_8_beyond() -> Reproduction:
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
     _draw_corners(panels[0], regions[0], each)
     comparisons = [_judged(name, region) for name, region in each.items()]
-    comparisons.append(_checked(regions[0], loops, spec))
     for axes, filter_rad_s in zip(panels[1:], FILTERS_RAD_S, strict=True):
         derivative = "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
         axes.set_title(f"sampled at 100 Hz, plant (19), {derivative}", fontsize=10)
@@ -214,13 +210,6 @@ def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
         )
         for margin in region.margins(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     )
-
-
-def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) -> Comparison:
-    """Compare the region with the roots computed anew at random gains."""
-    inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
-    text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
-    return unpublished("gains at which the roots were computed again", text)
 
 
 def _inside(inside: bool) -> str:

@@ -69,43 +69,6 @@ class CdobParts(NamedTuple):
     model: TransferFunction  # G_n [m/rad]
 
 
-class CutoffBound(NamedTuple):
-    """The cutoffs of Q that meet (23).
-
-    ``ranges``       all of them, ascending. |Q| of (20) grows with ω_c at every ω, so there they
-                     are one range from 0; |Q| of type 2 has a hump above 1, and small cutoffs can
-                     fail where larger ones do not
-    ``uncertainty``  the largest |Δ_m|
-    ``q_peak``       the largest |Q| over ω, whatever the cutoff
-    ``touching``     |Q Δ_m| at the largest cutoff and the ω where it is 1; NaN where unbounded
-    """
-
-    ranges: tuple[Interval, ...]
-    uncertainty: Peak
-    q_peak: float
-    touching: Peak
-
-    @property
-    def largest_rad_s(self) -> float:
-        """Return the largest cutoff [rad/s]; inf without a bound, 0 if none meets (23)."""
-        return self.ranges[-1].maximum_rad_s if self.ranges else 0.0
-
-    def reason(self) -> str:
-        """Return in one line why the bound is where it is, or why there is none."""
-        size, omega_rad_s = self.uncertainty
-        largest = f"|Δ_m| is at most {size:.3g}, at {omega_rad_s:.3g} rad/s"
-        if not self.ranges:
-            return f"no cutoff meets (23): {largest}, |Q| up to {self.q_peak:.3g}"
-        if math.isfinite(self.largest_rad_s):
-            return f"|Q Δ_m| reaches 1 at {self.touching.omega_rad_s:.4g} rad/s; {largest}"
-        if self.ranges[0].minimum_rad_s > 0.0:
-            return (
-                f"no upper bound: {largest}; but |Q| up to {self.q_peak:.3g} fails below"
-                f" {self.ranges[0].minimum_rad_s:.3g} rad/s"
-            )
-        return f"no bound: {largest}, and |Q| at most {self.q_peak:.3g}"
-
-
 def multiplicative_uncertainty(
     plant: TransferFunction, model: TransferFunction, omega_rad_s: FloatArray, delay_s: float = 0.0
 ) -> ComplexArray:
@@ -132,16 +95,15 @@ def condition_23(q: TransferFunction, uncertainty: Uncertainty) -> Peak:
     return _peak(np.abs(q.response(on_axis(omega_rad_s))) * size, omega_rad_s)
 
 
-def cutoff_bound(q_of_cutoff: QFamily, uncertainty: Uncertainty) -> CutoffBound:
-    """Return which cutoffs of a family of Q meet (23)."""
-    ranges = accepted_cutoffs(
+def cutoffs_that_meet_23(q_of_cutoff: QFamily, uncertainty: Uncertainty) -> tuple[Interval, ...]:
+    """Return the cutoffs of a family of Q that meet (23), ascending.
+
+    |Q| of (20) grows with ω_c at every ω, so there they are one range from 0; |Q| of type 2 has a
+    hump above 1, and small cutoffs can fail where larger ones do not.
+    """
+    return accepted_cutoffs(
         lambda cutoff_rad_s: condition_23(q_of_cutoff(cutoff_rad_s), uncertainty).size < 1.0
     )
-    shape = np.abs(q_of_cutoff(1.0).response(on_axis(uncertainty.omega_rad_s)))
-    touching = Peak(math.nan, math.nan)
-    if ranges and math.isfinite(ranges[-1].maximum_rad_s):
-        touching = condition_23(q_of_cutoff(ranges[-1].maximum_rad_s), uncertainty)
-    return CutoffBound(ranges, uncertainty.peak, float(np.max(shape)), touching)
 
 
 def accepted_cutoffs(

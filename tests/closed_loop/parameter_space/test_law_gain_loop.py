@@ -6,13 +6,14 @@ import pytest
 from steer_by_wire.closed_loop.parameter_space.d_stability import d_stability, in_s_plane
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
 from steer_by_wire.closed_loop.parameter_space.gain_loops import LawGainLoop, SampledGainLoop
-from steer_by_wire.closed_loop.parameter_space.gain_regions import law_region, verified
+from steer_by_wire.closed_loop.parameter_space.gain_regions import law_region
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.runtime.node import NS_PER_MS
+from tests.support.gain_regions import verified
 
 PERIOD_NS = 10 * NS_PER_MS
 GAINS = (1.1, 0.15)

@@ -21,7 +21,6 @@ from steer_by_wire.closed_loop.parameter_space.gain_regions import (
     GainRegion,
     d_stable_region,
     sampled_region,
-    verified,
     well_centred_gains,
 )
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
@@ -45,6 +44,7 @@ from tests.support.gain_loops import (
     WINDOW,
     Loop,
 )
+from tests.support.gain_regions import verified
 
 
 def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from steer_by_wire.closed_loop.parameter_space.root_count import on_axis
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.discretization import q_order_2, q_type_2
@@ -28,7 +29,7 @@ from steer_by_wire.tools.paper.small_gain import (
     cdob_nominal_loop,
     cdob_small_gain,
     condition_23,
-    cutoff_bound,
+    cutoffs_that_meet_23,
     delay_uncertainty,
     largest_uncertainty,
     multiplicative_uncertainty,
@@ -105,10 +106,8 @@ def test_over_the_box_the_uncertainty_stays_below_one_and_no_cutoff_is_too_large
 ) -> None:
     uncertainty = largest_uncertainty(VERTICES, model)
     assert lowest < uncertainty.peak.size < highest
-    bound = cutoff_bound(q_order_2, uncertainty)
-    assert bound.ranges == (Interval(0.0, math.inf),)
-    assert math.isinf(bound.largest_rad_s)
-    assert "no bound" in bound.reason()
+    met = cutoffs_that_meet_23(q_order_2, uncertainty)
+    assert met == (Interval(0.0, math.inf),)
     for cutoff_rad_s in (0.5, 5.0, 50.0, 5e3):
         law = dob_alone(q_order_2(cutoff_rad_s), model)
         assert all(closed_loop_roots(law, plant, 0.0).right == 0 for plant in VERTICES)
@@ -121,12 +120,12 @@ def test_the_published_cutoff_meets_the_condition_with_4_decibels_to_spare() -> 
 
 def test_a_hump_of_q_makes_small_cutoffs_fail_where_large_ones_do_not() -> None:
     """|Q| of type 2 reaches √(27/16) = 1.299, and |Δ_m| = 0.957 for ω towards 0."""
-    bound = cutoff_bound(q_type_2, largest_uncertainty(VERTICES, VEHICLE))
-    assert bound.q_peak == pytest.approx(math.sqrt(27.0 / 16.0), rel=1e-5)
-    assert len(bound.ranges) == 1
-    assert 0.78 < bound.ranges[0].minimum_rad_s < 0.79
-    assert math.isinf(bound.largest_rad_s)
-    assert "fails below" in bound.reason()
+    met = cutoffs_that_meet_23(q_type_2, largest_uncertainty(VERTICES, VEHICLE))
+    shape = np.abs(q_type_2(1.0).response(on_axis(np.geomspace(1e-3, 1e3, 100_001))))
+    assert shape.max() == pytest.approx(math.sqrt(27.0 / 16.0), rel=1e-5)
+    assert len(met) == 1
+    assert 0.78 < met[0].minimum_rad_s < 0.79
+    assert math.isinf(met[-1].maximum_rad_s)
 
 
 def test_where_the_steady_gain_is_off_by_more_than_one_no_cutoff_meets_the_condition() -> None:
@@ -135,10 +134,8 @@ def test_where_the_steady_gain_is_off_by_more_than_one_no_cutoff_meets_the_condi
     plants = [steer_to_lateral_error(vehicle) for vehicle in box.vertices()]
     uncertainty = largest_uncertainty(plants, steer_to_lateral_error(box.nominal))
     assert 1.02 < uncertainty.peak.size < 1.04
-    bound = cutoff_bound(q_order_2, uncertainty)
-    assert bound.ranges == ()
-    assert bound.largest_rad_s == 0.0
-    assert "no cutoff" in bound.reason()
+    met = cutoffs_that_meet_23(q_order_2, uncertainty)
+    assert met == ()
 
 
 @pytest.mark.parametrize("model", [paper_eq19(), VEHICLE])
@@ -150,25 +147,26 @@ def test_with_a_delay_the_largest_cutoff_of_20_is_the_closed_form(
     uncertainty = largest_uncertainty(VERTICES, model, delay_s)
     matters = uncertainty.size > 1.0
     expected = np.min(uncertainty.omega_rad_s[matters] / np.sqrt(uncertainty.size[matters] - 1.0))
-    bound = cutoff_bound(q_order_2, uncertainty)
-    assert len(bound.ranges) == 1
-    assert bound.ranges[0].minimum_rad_s == 0.0
-    assert bound.largest_rad_s == pytest.approx(expected, rel=1e-6)
-    assert bound.touching.size == pytest.approx(1.0, rel=1e-5)
-    below, above = 0.999 * bound.largest_rad_s, 1.001 * bound.largest_rad_s
+    met = cutoffs_that_meet_23(q_order_2, uncertainty)
+    assert len(met) == 1
+    assert met[0].minimum_rad_s == 0.0
+    assert met[-1].maximum_rad_s == pytest.approx(expected, rel=1e-6)
+    touching = condition_23(q_order_2(met[-1].maximum_rad_s), uncertainty)
+    assert touching.size == pytest.approx(1.0, rel=1e-5)
+    below, above = 0.999 * met[-1].maximum_rad_s, 1.001 * met[-1].maximum_rad_s
     assert condition_23(q_order_2(below), uncertainty).size < 1.0
     assert condition_23(q_order_2(above), uncertainty).size > 1.0
 
 
 def test_with_80_ms_the_bound_is_30_rad_s_and_the_exact_one_35() -> None:
-    bound = cutoff_bound(q_order_2, largest_uncertainty(VERTICES, paper_eq19(), 0.08))
-    assert 29.8 < bound.largest_rad_s < 29.9
+    met = cutoffs_that_meet_23(q_order_2, largest_uncertainty(VERTICES, paper_eq19(), 0.08))
+    assert 29.8 < met[-1].maximum_rad_s < 29.9
 
     def stable(cutoff_rad_s: float) -> bool:
         law = dob_alone(q_order_2(cutoff_rad_s), paper_eq19())
         return all(closed_loop_roots(law, plant, 0.08).right == 0 for plant in VERTICES)
 
-    assert stable(bound.largest_rad_s)
+    assert stable(met[-1].maximum_rad_s)
     assert stable(34.8)
     assert not stable(34.9)
 
@@ -178,10 +176,10 @@ def test_the_vertices_stand_for_the_box_but_for_a_fraction_of_a_percent() -> Non
     for delay_s in (0.01, 0.08):
         for family in (q_order_2, q_type_2):
             at_vertices, inside = (
-                cutoff_bound(family, largest_uncertainty(plants, paper_eq19(), delay_s))
+                cutoffs_that_meet_23(family, largest_uncertainty(plants, paper_eq19(), delay_s))
                 for plants in (VERTICES, finer)
             )
-            assert 0.99 < inside.largest_rad_s / at_vertices.largest_rad_s <= 1.0 + 1e-6
+            assert 0.99 < inside[-1].maximum_rad_s / at_vertices[-1].maximum_rad_s <= 1.0 + 1e-6
 
 
 def test_every_range_of_accepted_cutoffs_is_found() -> None:

@@ -28,13 +28,13 @@ FILE = "campaign_live.json"
 _KEY_LIBRARY = "cryptography"
 
 
-def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = ()) -> list[LiveResult]:
-    """Run the cases, all unless some are given, print the results and write them to ``folder``.
+def run_live_campaign(folder: Path, seed: int) -> list[LiveResult]:
+    """Run all cases, print the results and write them to ``folder``.
 
     The first case is without a fault: a replay sends its recording. Raises BusError when a process
     does not start or does not end.
     """
-    cases = cases or live_cases()
+    cases = live_cases()
     folder.mkdir(parents=True, exist_ok=True)
     steal, begin_s = StealClock(), time.monotonic()
     outcomes: list[LiveResult] = []
