@@ -15,9 +15,9 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from steer_by_wire.tools.faults.injection.babbling_node import LOWEST_PRIORITY_IDS
 from steer_by_wire.tools.run.__main__ import main as closed_loop
-from tests.support.virtual_soak import run_virtual_soak
+from tests.soak.babbling_node import LOWEST_PRIORITY_IDS
+from tests.soak.virtual_soak import run_virtual_soak
 
 ROOT = Path(__file__).parents[2]
 BUILDERS = {

@@ -46,7 +46,6 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
-    "tools.faults.live.soak": (".run_live_soak",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
     "with_vcan.__main__": (".choose",),
 }  # fmt: skip

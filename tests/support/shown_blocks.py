@@ -33,7 +33,7 @@ LIVE = (("plant",), ("controller",))
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
     (
-        r"^(bus|cockpit|monitor|doctor --measure|faults soak) ?|^study .*--live",
+        r"^(bus|cockpit|monitor|doctor --measure) ?|^study .*--live",
         "goes on in real time",
     ),
     (r"^faults inject (?!--list)|FOLDER|out/gains|out/study", "needs something of the reader's"),

@@ -1,20 +1,17 @@
-"""``faults [SPEC]`` runs a campaign; ``inject`` and ``soak`` are programs of their own."""
+"""``faults [SPEC]`` runs a campaign; ``faults inject`` is a program of its own."""
 
 import importlib
 import sys
 from collections.abc import Sequence
 
-_PROGRAMS = {"inject": "injection.program", "soak": "live.soak"}
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program that the first word names, the campaign by default; returns its status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    module = _PROGRAMS.get(words[0]) if words else None
-    if module is not None:
-        words = words[1:]
-    program = importlib.import_module(f"steer_by_wire.tools.faults.{module or 'program'}")
-    status: int = program.main(words)
+    module = "program"
+    if words[:1] == ["inject"]:
+        module, words = "injection.program", words[1:]
+    status: int = importlib.import_module(f"steer_by_wire.tools.faults.{module}").main(words)
     return status
 
 

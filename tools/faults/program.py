@@ -64,13 +64,13 @@ from steer_by_wire.tools.faults.live.campaign import live_finding, live_section,
 
 NAME = "steer-by-wire faults"
 FAILED = 1
-_EXAMPLES = ("inject --list", "soak --duration-s 60", "--set golden_seeds=1")
+_EXAMPLES = ("inject --list", "--set golden_seeds=1")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     examples = "\n".join(f"{NAME} {words}" for words in _EXAMPLES)
-    usage = "[SPEC.toml | inject | soak] [options]"
+    usage = "[SPEC.toml | inject] [options]"
     parser = command_parser(NAME, __doc__, examples, usage)
     parser.add_argument(
         "spec",

@@ -25,7 +25,6 @@ from ....plant_emulator.faults.effects import with_value
 from ....runtime.frame import ERROR, Frame
 from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
 from ....runtime.node import NEVER_NS, NS_PER_S
-from .babbling_node import HIGHEST_PRIORITY_IDS, babble
 from .live_faults import LiveFault, LiveKind
 
 PERIOD_NS = 10_000_000
@@ -33,6 +32,7 @@ PERIOD_NS = 10_000_000
 FRAMES_AT_ONCE = 200
 """Limit after a stall of the machine; a flood is limited by the bus alone."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
+_HIGHEST_PRIORITY_ID = 0x000
 _RECEIVED_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
 """Frames of one place in the sequence."""
@@ -138,8 +138,13 @@ def _replay(fault: LiveFault, start_ns: int, recording: Sequence[Timed]) -> Fram
     return FrameSource(fault, start_ns, lambda index: (recording[index].frame,), offset_ns)
 
 
+def babble(can_id: int, number: int) -> Frame:
+    """Return a babbling node's frame: its payload counts, so that a recording shows what misses."""
+    return Frame(can_id, number.to_bytes(8, "little"))
+
+
 def _babble(index: int) -> Sequence[Frame]:
-    return (babble(HIGHEST_PRIORITY_IDS[0], index),)
+    return (babble(_HIGHEST_PRIORITY_ID, index),)
 
 
 def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:

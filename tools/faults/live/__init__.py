@@ -1,4 +1,4 @@
-"""Real processes on an emulated bus: the live campaign, and the soak with a babbling node.
+"""Real processes on an emulated bus: the live campaign.
 
 Virtual time is in ``campaign``, what is injected in ``injection``. Begin with ``live_run.py``, the
 one way in which a run is started and ended.

@@ -27,10 +27,9 @@ from ....dbc.messages import (
 )
 from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
-from ....runtime.recording.candump import CandumpReader
+from ....runtime.recording.candump import CandumpReader, parse_entry
 from ..campaign.node_watch import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
 from .cases import LIMITED, LOST, PLANT_ONSET_S, SILENCE, SKIPPED
-from .frame_balance import read_own_log
 from .trial import Trial
 
 _SIGKILL_STATUS = -9
@@ -228,5 +227,9 @@ def _bus_frames(path: Path) -> list[tuple[int, Frame]]:
 
 
 def _sent(path: Path) -> list[tuple[int, Frame]]:
-    by_id, _ = read_own_log(path)
-    return sorted((one for sent in by_id.values() for one in sent), key=lambda one: one[0])
+    with path.open(encoding="ascii") as lines:
+        entries = [parse_entry(line) for line in lines if line.endswith(" T\n")]
+    return sorted(
+        ((entry.time_ns, entry.frame) for entry in entries if entry is not None),
+        key=lambda one: one[0],
+    )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ....closed_loop.live_bus import Bus, BusRecorder
 from ....closed_loop.live_pair import LivePair
 from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
-from ....closed_loop.processes import ProcessError, Processes
+from ....closed_loop.processes import Processes
 from ....controller.settings import controller_preset
 from ....plant_emulator.settings import PlantSettings
 
@@ -52,11 +52,6 @@ class Running(NamedTuple):
     def pids(self) -> dict[str, int]:
         """Return every process of the run by its name."""
         return {**self.others.pids(), **self.pair.programs.pids()}
-
-    def check(self) -> None:
-        """Raise ProcessError when one has ended."""
-        self.others.check()
-        self.pair.programs.check()
 
 
 class LiveRun(NamedTuple):
@@ -131,13 +126,6 @@ def run_live(
         with suppress(FileNotFoundError):  # a killed program writes none
             reports[name] = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
     return LiveRun(folder, statuses, reports, left, recorder.failure)
-
-
-def refuse_failures(run: LiveRun) -> None:
-    """Raise ProcessError where a process has not ended with status 0."""
-    for name, status in run.statuses.items():
-        if status:
-            raise ProcessError(f"{name} has ended with status {status}: {run.folder / name}.txt")
 
 
 def _still_there(pids: Mapping[str, int]) -> list[str]:

@@ -21,19 +21,19 @@ stalls breaks n = 1: frames due a period apart then come at once.
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 
-from ....closed_loop.pair_result import CONTROLLER, PLANT
-from ....closed_loop.reports.findings import Finding
-from ....closed_loop.rest_bus_messages import traffic_of
-from ....dbc.messages import CAN_IDS, Mode, PlantStatus
-from ....runtime.bus_model.rest_bus import PeriodicMessage
-from ....runtime.frame import Frame
-from ....runtime.frame.arbitration import arbitration_field
-from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
-from ....runtime.frame.longest_frame import longest_frame
-from ....runtime.node import NS_PER_S
-from .frame_balance import MessageBalance
-from .live_run import CHANNEL
-from .soak_run import LiveSoak
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.reports.findings import Finding
+from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
+from steer_by_wire.dbc.messages import CAN_IDS, Mode, PlantStatus
+from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.longest_frame import longest_frame
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.tools.faults.live.live_run import CHANNEL
+from tests.soak.frame_balance import MessageBalance
+from tests.soak.soak_run import LiveSoak
 
 _AT_CHANGES_TOO = CAN_IDS[PlantStatus]
 _WAIT_NS_MAX = NS_PER_S

@@ -19,16 +19,12 @@ from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
-from steer_by_wire.tools.faults.injection.babbling_node import (
-    GAPS,
-    HIGHEST_PRIORITY_IDS,
-    LOWEST_PRIORITY_IDS,
-    babble,
-)
-from steer_by_wire.tools.faults.live.frame_balance import balance_messages, gaps, read_bus_log
-from steer_by_wire.tools.faults.live.memory_growth import GROWTH_KIB_MAX, figures_of, resident_kib
-from steer_by_wire.tools.faults.live.soak_findings import delay_bounds_ns, longest_frame_ns
-from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
+from steer_by_wire.tools.faults.injection.frames import babble
+from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
+from tests.soak.findings import delay_bounds_ns, longest_frame_ns
+from tests.soak.frame_balance import balance_messages, gaps, read_bus_log
+from tests.soak.memory_growth import GROWTH_KIB_MAX, figures_of, resident_kib
+from tests.soak.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
 BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)

@@ -10,13 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from ....dbc.codec.protection import COUNTERS
-from ....dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
-from ....runtime.frame import EXTENDED, Frame
-from ....runtime.frame.length import INTERMISSION_BITS, frame_bits
-from ....runtime.node import NS_PER_S
-from ....runtime.node.statistics import DurationStatistics, DurationSummary
-from ....runtime.recording.candump import CandumpReader, parse_entry
+from steer_by_wire.dbc.codec.protection import COUNTERS
+from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
+from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.node.statistics import DurationStatistics, DurationSummary
+from steer_by_wire.runtime.recording.candump import CandumpReader, parse_entry
 
 NAMES = {can_id: message.__name__ for message, can_id in CAN_IDS.items()}
 _COUNTER_BYTE = 2

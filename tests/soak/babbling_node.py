@@ -1,10 +1,10 @@
-"""A babbling node: always has a frame ready, so that the bus is never free.
+"""A babbling node as a process: always has a frame ready, so that the bus is never free.
 
 Its identifier decides the effect. The highest identifier takes the bus time that the others leave;
 the lowest takes all of it; one between two messages starves the message of lower priority, and must
-not delay the other. The payload counts up, so that a recording shows missing frames. As a process:
+not delay the other.
 
-    python -m ...injection.babbling_node ADDRESS CHANNEL REPORT PRIORITY ID...
+    python -m tests.soak.babbling_node ADDRESS CHANNEL REPORT PRIORITY ID...
 
 Each identifier has its own connection, which keeps one queue at the broker full.
 """
@@ -19,12 +19,12 @@ from pathlib import Path
 
 import can
 
-from ....dbc.messages import CAN_IDS, DATA_IDS
-from ....runtime.frame import Frame
-from ....runtime.frame.message import message_of
-from ....runtime.program.host import RealTimeRequest, real_time
-from ....runtime.program.report import write_json
-from ....runtime.program.stop_request import StopRequest
+from steer_by_wire.dbc.messages import CAN_IDS, DATA_IDS
+from steer_by_wire.runtime.frame.message import message_of
+from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
+from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.stop_request import StopRequest
+from steer_by_wire.tools.faults.injection.frames import babble
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
@@ -43,11 +43,6 @@ _SEND_BUFFER_BYTES = 1 << 17
 for a moment must not let the bus go idle."""
 
 
-def babble(can_id: int, number: int) -> Frame:
-    """Return frame ``number`` of the babbling node."""
-    return Frame(can_id, number.to_bytes(8, "little"))
-
-
 def main() -> int:
     """Babble until SIGINT or SIGTERM; returns the exit status."""
     address, channel, report, priority, *ids = sys.argv[1:]
@@ -58,7 +53,7 @@ def main() -> int:
             can_id: stack.enter_context(_silent_bus(address, channel, can_id)) for can_id in sent
         }
         stack.enter_context(real_time(RealTimeRequest(int(priority))))
-        print("ready", flush=True)
+        print("ready", flush=True)  # noqa: T201 - read by the soak
         while not stop():
             for can_id, bus in buses.items():
                 sent[can_id] += _fill(bus, can_id, sent[can_id])

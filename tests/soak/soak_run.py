@@ -5,13 +5,19 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.pair_result import CONTROLLER, PLANT
-from ....closed_loop.virtual_bus import QUIET_BUS
-from ....runtime.bus_model.settings import BusSettings
-from ....runtime.settings.toml_text import dump_toml
-from . import frame_balance
-from .live_run import CHANNEL, LiveSetup, Running, refuse_failures, run_live
-from .memory_growth import MemoryFigures, MemoryWatch
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.processes import ProcessError
+from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.settings.toml_text import dump_toml
+from steer_by_wire.tools.faults.live.live_run import (
+    CHANNEL,
+    LiveSetup,
+    Running,
+    run_live,
+)
+from tests.soak import frame_balance
+from tests.soak.memory_growth import MemoryFigures, MemoryWatch
 
 BABBLER = "babbler"
 SAMPLES = 600
@@ -77,7 +83,7 @@ def run_live_soak(
         report(f"babbling with {soak.name} for {soak.babble_s:g} s")
         words = [running.others.address, CHANNEL, str(folder / f"{BABBLER}.json")]
         words += [str(soak.priority // 2), *map(str, soak.babble_ids)]
-        running.others.start(BABBLER, "steer_by_wire.tools.faults.injection.babbling_node", words)
+        running.others.start(BABBLER, "tests.soak.babbling_node", words)
         watch = MemoryWatch(running.pids())
         _wait(running, watch, soak.babble_s)
         running.others.end(BABBLER)
@@ -91,7 +97,9 @@ def run_live_soak(
     both = priority if soak.priority else [*priority, *_ANY_OVERRUNS]
     report("starting broker, recorder, plant and controller")
     run = run_live(folder, LiveSetup(["--bus-settings", str(bus_file), *priority], both), babble)
-    refuse_failures(run)
+    for name, status in run.statuses.items():
+        if status:
+            raise ProcessError(f"{name} has ended with status {status}: {run.folder / name}.txt")
     report("reading the logs")
     bitrate_bit_s = soak.bus.bitrate_bit_s
     bus = frame_balance.read_bus_log(run.bus_log, soak.babble_ids, bitrate_bit_s)
@@ -112,9 +120,14 @@ def _wait(running: Running, watch: MemoryWatch, duration_s: float) -> None:
     period_s = max(duration_s / SAMPLES, min(1.0, duration_s / 10.0))
     index = 0
     while (elapsed_s := time.monotonic() - start_s) < duration_s:
-        running.check()
+        _check(running)
         watch.sample(elapsed_s)
         index += 1
         time.sleep(max(0.0, min(index * period_s, duration_s) - (time.monotonic() - start_s)))
-    running.check()
+    _check(running)
     watch.sample(duration_s)
+
+
+def _check(running: Running) -> None:
+    running.others.check()
+    running.pair.programs.check()

@@ -1,7 +1,7 @@
 """Run the pair as real processes on an emulated bus that a babbling node keeps full.
 
-    steer-by-wire faults soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
-    steer-by-wire faults soak --rest-bus car.dbc --load 0.5
+    python -m tests.soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
+    python -m tests.soak --rest-bus car.dbc --load 0.5
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
 recorder must have every frame, and memory must not grow. Then its priority lies between those of
@@ -12,17 +12,16 @@ written.
 """
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
-from steer_by_wire.closed_loop.reports.terminal import plain_table
+from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
 from steer_by_wire.runtime.command_line import (
     add_out_argument,
@@ -36,25 +35,23 @@ from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus
 from steer_by_wire.runtime.program.host import StealClock, priority
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.faults.injection.babbling_node import (
+from steer_by_wire.tools.faults.live.live_run import CHANNEL
+from tests.soak.babbling_node import (
     GAPS,
     HIGHEST_PRIORITY_IDS,
     LOWEST_PRIORITY_IDS,
 )
-from steer_by_wire.tools.faults.live.live_run import CHANNEL
-from steer_by_wire.tools.faults.live.soak_findings import (
+from tests.soak.findings import (
     SEED,
     between_findings,
     bounds_ns,
     load_findings,
     starve_findings,
 )
-from steer_by_wire.tools.faults.live.soak_run import LiveSoak, SoakSettings, run_live_soak
+from tests.soak.soak_run import LiveSoak, SoakSettings, run_live_soak
 
-NAME = "steer-by-wire faults soak"
+NAME = "python -m tests.soak"
 NOT_SHOWN = 1
-WIDTH = 132
-"""Width of the tables, whose figures are no use cut short."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,7 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    console = Console(markup=False, highlight=False, width=WIDTH)
+    os.environ["PYTHONPATH"] = str(Path(__file__).parents[2])  # where the babbling node is found
+    console = plain_console()
     bus = bus_settings(options)
     if bus.has_errors:
         raise SettingsError(f"{options.bus_settings}: the soak demands a bus without errors")
@@ -102,8 +100,7 @@ def _run(options: argparse.Namespace) -> int:
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)
         title = f"babbling with {soak.name} for {soak.babble_s:g} s"
-        console.print(title, *finding_lines(findings), "", messages_table(run), "", sep="\n")
-        console.print(memory_table(run), "")
+        console.print(title, *finding_lines(findings), "", sep="\n")
     stolen = steal.fraction()
     write_json(
         options.out / "figures.json",
@@ -112,39 +109,6 @@ def _run(options: argparse.Namespace) -> int:
     if stolen:
         console.print(f"{100 * stolen:.1f} % of the processor time went to other guests")
     return ExitStatus.OK if holds else NOT_SHOWN
-
-
-def messages_table(run: LiveSoak) -> Table:
-    """Return the figures of each message; times in microseconds."""
-    counts = ("id", "sent", "on bus", "lost", "reord.", "taken", "missed")
-    headings = (*counts, "p50", "p99", "max", "bound", "handed p99", "max")
-    title = "frames, and their delay before the start of frame [us]"
-    table = plain_table([""], headings, title)
-    for row in _rows(run):
-        arbitration, handed = row["arbitration"], row["handed_over"]
-        table.add_row(
-            row["name"],
-            f"0x{row['can_id']:03X}",
-            *(str(row[key]) for key in ("sent", "on_bus", "lost", "reordered", "taken", "missed")),
-            *(_us(arbitration[key]) for key in ("p50_s", "p99_s", "max_s", "bound_s")),
-            *(_us(handed[key]) for key in ("p99_s", "max_s")),
-        )
-    return table
-
-
-def _us(time_s: float | None) -> str:
-    """Return a time in microseconds; a dash where there is no bound."""
-    return "-" if time_s is None else f"{1e6 * time_s:.0f}"
-
-
-def memory_table(run: LiveSoak) -> Table:
-    """Return the resident memory of each process [KiB]."""
-    headings = ("start", "middle", "end", "growth", "slope per minute")
-    table = plain_table([""], headings, "memory [KiB]")
-    for name, figures in run.memory.items():
-        growth = (f"{figures.growth_kib:+.0f}", f"{figures.slope_kib_min:+.1f}")
-        table.add_row(name, *map(str, figures[:3]), *growth)
-    return table
 
 
 def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
