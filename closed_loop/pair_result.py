@@ -38,11 +38,12 @@ class PairFiles(NamedTuple):
         """The settings one program is run with, TOML."""
         return self.folder / f"{program}.toml"
 
-    def write_settings(self, plant: PlantSettings, controller: ControllerSettings) -> None:
-        """Write the settings of both programs; makes the folder."""
+    def write_settings(self, plant: PlantSettings, controller: ControllerSettings | None) -> None:
+        """Write the settings of both programs, or of the plant alone; makes the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self.settings(PLANT).write_text(dump_toml(plant), encoding="utf-8")
-        self.settings(CONTROLLER).write_text(dump_toml(controller), encoding="utf-8")
+        if controller is not None:
+            self.settings(CONTROLLER).write_text(dump_toml(controller), encoding="utf-8")
 
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""

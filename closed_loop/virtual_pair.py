@@ -45,9 +45,16 @@ def make_virtual_pair(
 
     ``plant_samples_max``, ``controller_samples_max``  how many samples each keeps
     """
-    plant = PlantNode(plant_settings, 0, samples_max=plant_samples_max)
-    edge = with_faults(plant, plant_settings.faults, plant_settings.seed)
+    plant, edge = make_virtual_plant(plant_settings, plant_samples_max)
     return VirtualPair(plant, edge, ControllerNode(controller_settings, 0, controller_samples_max))
+
+
+def make_virtual_plant(
+    settings: PlantSettings, samples_max: int = SAMPLES_MAX
+) -> tuple[PlantNode, PlantNode | FaultyNode[PlantNode]]:
+    """Make the plant, and its node on the bus: itself, behind the faults of its settings."""
+    plant = PlantNode(settings, 0, samples_max=samples_max)
+    return plant, with_faults(plant, settings.faults, settings.seed)
 
 
 def run_virtual_pair(

@@ -3,24 +3,26 @@
     rig = Rig(Path("out"), "paper_nominal", {"latency.downlink.mean_s": 0.08}, seed=7)
     rig.run("practical_pd_ddob").assert_holds(rms_m=0.02)               # virtual time
     rig.run(["./my_controller", "{channel}"]).assert_holds(rms_m=0.02)  # a program, on a real bus
+    rig.run(["./my_controller"], lockstep=True)                         # the same, virtual time
 
 ``rig.run`` takes the name of a controller preset, the path of a settings file (.toml), a function
 ``make_node(start_ns)`` that returns a node as in ``runtime.node``, or the words of a command.
 The first three run in virtual time, a preset or file with ``in_real_time`` as a program. A command
-runs in real time: on vcan0 where this machine has it, else on an emulated bus, which Python
-programs alone can join (python-can's interface ``emulated``). In its words ``{channel}``, the name
-of the interface, and ``{bus}``, python-can's options of either bus, are replaced.
+with ``lockstep`` runs in virtual time: it speaks the protocol of ``closed_loop.lockstep`` on its
+standard input and output. Without, it runs in real time: on vcan0 where this machine has it, else
+on an emulated bus, which Python programs alone can join (python-can's interface ``emulated``). In
+its words ``{channel}``, the name of the interface, and ``{bus}``, python-can's options of either
+bus, are replaced.
 """
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.faults.stage import with_faults
-from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NEVER_NS, ReportingNode
@@ -29,11 +31,13 @@ from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..live_bus import BUSES, Bus, open_channels
 from ..live_pair import LivePair, Program
+from ..lockstep.node import LockstepNode
+from ..lockstep.program import LockstepProgram
 from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
 from ..processes import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
 from ..virtual_bus import QUIET_BUS
-from ..virtual_pair import run_virtual_nodes
+from ..virtual_pair import make_virtual_plant, run_virtual_nodes
 from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
@@ -76,15 +80,18 @@ class Rig:
         overrides: Mapping[str, Any] = NO_OVERRIDES,
         *,
         in_real_time: bool = False,
+        lockstep: bool = False,
     ) -> Outcome:
         """Drive the plant to the end of its motion; returns what came of it.
 
-        ``overrides``  other settings of a preset or file
+        ``overrides``     other settings of a preset or file
+        ``in_real_time``  run a preset or file as a program on a bus
+        ``lockstep``      run a command in virtual time
 
         Raises SettingsError for settings that cannot be used, ProcessError when the plant fails.
         """
         try:
-            outcome = self._run(controller, overrides, in_real_time)
+            outcome = self._run(controller, overrides, in_real_time, lockstep)
         except (SettingsError, ProcessError) as error:
             raise error.with_traceback(None) from None
         self.outcomes.append(outcome)
@@ -95,6 +102,7 @@ class Rig:
         controller: str | MakeNode | Sequence[str],
         overrides: Mapping[str, Any],
         in_real_time: bool,
+        lockstep: bool,
     ) -> Outcome:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
@@ -102,7 +110,10 @@ class Rig:
         if callable(controller):
             return self._in_virtual_time(controller, files)
         if not isinstance(controller, str):
-            return self._in_real_time(files, controller)
+            if not lockstep:
+                return self._in_real_time(files, controller)
+            with LockstepProgram(controller) as program:
+                return self._in_virtual_time(partial(LockstepNode, program), files)
         settings = settings_of(ControllerSettings, controller, overrides)
         files.settings(CONTROLLER).write_text(dump_toml(settings), encoding="utf-8")
         if in_real_time:
@@ -110,8 +121,7 @@ class Rig:
         return self._in_virtual_time(lambda start_ns: ControllerNode(settings, start_ns), files)
 
     def _in_virtual_time(self, make_node: MakeNode, files: PairFiles) -> Outcome:
-        plant = PlantNode(self.settings, 0)
-        edge = with_faults(plant, self.settings.faults, self.settings.seed)
+        plant, edge = make_virtual_plant(self.settings)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         seconds = iter(range(START_S_MAX))
 
@@ -121,7 +131,8 @@ class Rig:
         controller = make_node(0)
         run_virtual_nodes(edge, controller, bus, log, has_not_begun)
         failure = controller.report().get("failure")
-        ending = f"controller is in its safe state: {failure}" if failure else ""
+        in_safe_state = "" if isinstance(controller, LockstepNode) else "in its safe state: "
+        ending = f"controller is {in_safe_state}{failure}" if failure else ""
         report, trace = dict(edge.report()), Trace.of_node(plant)
         return Outcome(files, "virtual time", self.settings, report, trace, ending)
 

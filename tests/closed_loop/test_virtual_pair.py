@@ -22,7 +22,6 @@ from tests.soak.virtual_soak import run_virtual_soak
 ROOT = Path(__file__).parents[2]
 BUILDERS = {
     "closed_loop/virtual_pair.py": "for all",
-    "closed_loop/rig/rig.py": "beside any controller, behind the faults as well",
     "tools/faults/campaign/watched_pair.py": "watches stand between node and faults",
     "tools/run/run_nodes.py": "in real time, behind the faults as well",
 }

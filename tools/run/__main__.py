@@ -2,12 +2,14 @@
 
     steer-by-wire run --controller-preset practical_pd --out out/run
     steer-by-wire run plant.toml --controller controller.toml --interface virtual
+    steer-by-wire run --controller-command './my_controller --gain 2'
 
 Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
-the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
-reports, the plant's trace and every frame, and prints the command that makes the run again. The
-exit status is that of the two programs: 5 where one of them found a fault in itself, 6 where a
-condition of --fail-if is met. The last line is the verdict.
+the last bit, on every machine. With ``--controller-command`` another program is the controller, in
+virtual time too; it speaks the lockstep protocol on its standard input and output. With ``--out
+DIR`` it leaves there the settings in force, the two reports, the plant's trace and every frame, and
+prints the command that makes the run again. The exit status is that of the two programs: 5 where
+one of them has failed, 6 where a condition of --fail-if is met. The last line is the verdict.
 """
 
 import argparse
@@ -47,6 +49,7 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.result import (
+    CONTROLLER_PREFIX,
     NAME,
     QUANTITIES,
     reports_of,
@@ -95,6 +98,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
     )
     add_overrides_argument(controller, "--controller-set", "override one setting", dest=None)
+    controller.add_argument(
+        "--controller-command",
+        type=shlex.split,
+        metavar="WORDS",
+        help="run this program as the controller, in lockstep with virtual time",
+    )
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate",
@@ -118,23 +127,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    plant_settings, controller_settings = _plant_settings(options), _controller_settings(options)
+    plant_settings, controller = _plant_settings(options), _controller(options)
     period_s = plant_settings.sensor_period_ns / NS_PER_S
-    if warning := sparse_measurements(controller_settings, period_s):
+    ours = controller if isinstance(controller, ControllerSettings) else None
+    if ours is not None and (warning := sparse_measurements(ours, period_s)):
         say(NAME, warning, sys.stderr)
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
-        files.write_settings(plant_settings, controller_settings)
+        files.write_settings(plant_settings, ours)
         files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
     log = files and files.candump_log
-    if options.interface:
-        run = run_in_real_time(plant_settings, controller_settings, log)
+    if options.interface and ours is not None:
+        run = run_in_real_time(plant_settings, ours, log)
     else:
-        run = run_in_virtual_time(
-            plant_settings, controller_settings, bus, log, is_ideal=options.ideal_wire
-        )
-    reports = reports_of(run, plant_settings, controller_settings)
+        run = run_in_virtual_time(plant_settings, controller, bus, log, is_ideal=options.ideal_wire)
+    reports = reports_of(run, plant_settings, controller)
     lines = summary(run, reports)
     if files is not None:
         for program, report in reports.items():
@@ -161,12 +169,34 @@ def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     return load_settings(PlantSettings, preset, options.plant, overrides, vehicle)
 
 
-def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
+def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
+    """Return the settings of our controller, or the words of a command in its place."""
+    words: list[str] | None = options.controller_command
+    if words is not None:
+        _refuse_beside_command(options, words)
+        return words
     name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
     overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
     vehicle = nominal_vehicle(options.vehicle)
     return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
+
+
+def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> None:
+    ours = {
+        "--controller": options.controller,
+        "--controller-preset": options.controller_preset,
+        "--controller-set": options.controller_set,
+        "--law": options.law,
+        "--interface": options.interface,
+    }
+    if given := [option for option, value in ours.items() if value]:
+        raise SettingsError(f"--controller-command takes no {given[0]}: the program is its own")
+    for condition in options.fail_if:
+        if condition.name.startswith(CONTROLLER_PREFIX):
+            raise SettingsError(f"--fail-if {condition.name}: another program does not report it")
+    if not words:
+        raise SettingsError("--controller-command: no program is named")
 
 
 def _bus_settings(options: argparse.Namespace) -> BusSettings:
@@ -182,7 +212,10 @@ def _bus_settings(options: argparse.Namespace) -> BusSettings:
 def _command(options: argparse.Namespace, files: PairFiles) -> str:
     """Return the command that makes a run again from the settings it has left."""
     command = ["steer-by-wire", "run", str(files.settings(PLANT))]
-    command += ["--controller", str(files.settings(CONTROLLER))]
+    if options.controller_command:
+        command += ["--controller-command", shlex.join(options.controller_command)]
+    else:
+        command += ["--controller", str(files.settings(CONTROLLER))]
     if options.interface:
         command += ["--interface", options.interface]
     else:

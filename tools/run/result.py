@@ -1,8 +1,9 @@
 """A run of both nodes, its figures for the user, and what ``--fail-if`` may name of them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ...closed_loop.lockstep.node import LockstepNode
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus
 from ...controller.node import summary as controller_report
@@ -19,10 +20,12 @@ from ...runtime.program.thresholds import of_part
 from ...runtime.settings import Settings
 
 NAME = "steer-by-wire run"
+CONTROLLER_PREFIX = "controller_"
+"""Of the controller's quantities."""
 PROGRAMS = (PLANT, CONTROLLER)
 QUANTITIES = {
     **of_part(plant_quantities.QUANTITIES, PLANT),
-    **of_part(controller_report.QUANTITIES, CONTROLLER, "controller_"),
+    **of_part(controller_report.QUANTITIES, CONTROLLER, CONTROLLER_PREFIX),
 }
 """What ``--fail-if`` may name."""
 
@@ -36,7 +39,7 @@ class Run(NamedTuple):
     """
 
     plant: PlantNode | FaultyNode[PlantNode]
-    controller: ControllerNode
+    controller: ControllerNode | LockstepNode
     bus: str
     elapsed_s: float
     ended_by: str
@@ -45,10 +48,13 @@ class Run(NamedTuple):
 
 
 def reports_of(
-    run: Run, plant: PlantSettings, controller: ControllerSettings
+    run: Run, plant: PlantSettings, controller: ControllerSettings | Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    """Return the report of each program, as the program itself writes it."""
-    of_program: dict[str, tuple[Settings, Mapping[str, Any]]] = {
+    """Return the report of each program, as the program itself writes it.
+
+    ``controller``  its settings, or the words of its command
+    """
+    of_program: dict[str, tuple[Settings | Sequence[str], Mapping[str, Any]]] = {
         PLANT: (plant, run.plant.report()),
         CONTROLLER: (controller, run.controller.report()),
     }
@@ -57,7 +63,11 @@ def reports_of(
             "program": NAME,
             "ended_by": run.ended_by,
             "bus": run.bus,
-            "settings": settings.model_dump(mode="json"),
+            **(
+                {"settings": settings.model_dump(mode="json")}
+                if isinstance(settings, Settings)
+                else {"command": list(settings)}
+            ),
             "node": dict(node),
             **run.loops.get(program, {}),
         }
@@ -71,7 +81,11 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     lines = [
         ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
         ("seed", str(plant["seed"])),
-        *controller_report.controller_summary(controller),
+        *(
+            _program_summary(controller)
+            if isinstance(run.controller, LockstepNode)
+            else controller_report.controller_summary(controller)
+        ),
         *plant_summary(plant),
     ]
     if run.shared is not None:
@@ -79,22 +93,35 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     for program in run.loops:
         lateness = durations_line(reports[program]["loop"]["lateness"])
         lines.append((program.replace("_", " "), f"lateness {lateness}"))
-    lines += [
-        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
-        for program, report in reports.items()
-        if report["node"]["failure"]
-    ]
+    lines += _failures(reports)
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
     return lines
 
 
+def _failures(reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return which programs have failed, each with how: ours are then in their safe state."""
+    return [
+        (
+            "safe state" if "settings" in reports[program] else "failed",
+            f"{program.replace('_', ' ')}: {failure}",
+        )
+        for program in PROGRAMS
+        if (failure := reports[program]["node"]["failure"])
+    ]
+
+
+def _program_summary(node: Mapping[str, Any]) -> list[tuple[str, str]]:
+    text = f"woken {node['wakes']} times, {node['frames_received']} frames in"
+    return [("controller", f"{node['program']}: {text}, {node['frames_sent']} out")]
+
+
 def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the plant's verdict, and what limited the commands on their way; or who failed."""
-    for program in PROGRAMS:
-        if failure := reports[program]["node"]["failure"]:
-            return f"safe state: {program.replace('_', ' ')}: {failure}"
-    limited = controller_report.limited_text(reports[CONTROLLER]["node"])
+    for how, failure in _failures(reports):
+        return f"{how}: {failure}"
+    is_ours = "settings" in reports[CONTROLLER]
+    limited = controller_report.limited_text(reports[CONTROLLER]["node"]) if is_ours else ""
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
 
 

@@ -1,7 +1,7 @@
 """Runs both nodes within the process: in virtual time, or in threads in real time."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from itertools import count
@@ -9,8 +9,10 @@ from pathlib import Path
 
 import can
 
+from ...closed_loop.lockstep.node import LockstepNode
+from ...closed_loop.lockstep.program import LockstepProgram
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
-from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from ...closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
 from ...plant_emulator.faults.stage import FaultyNode, with_faults
@@ -34,21 +36,30 @@ _CHANNEL_NUMBERS = count()
 
 def run_in_virtual_time(
     plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
+    controller: ControllerSettings | Sequence[str],
     settings: BusSettings,
     candump_log: Path | None,
     *,
     is_ideal: bool,
 ) -> Run:
-    """Run both nodes on a bus with these settings; ``is_ideal`` if frames are to take no time."""
-    pair = make_virtual_pair(plant_settings, controller_settings)
+    """Run plant and controller on a bus with these settings.
+
+    ``controller``  its settings, or the words of a command that speaks the lockstep protocol
+    ``is_ideal``    if frames are to take no time
+    """
+    _, plant = make_virtual_plant(plant_settings)
     bitrate = settings.bitrate_bit_s
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
     stop = StopRequest()
     begin_s = time.perf_counter()
-    with stop.on_signals():
+    with stop.on_signals(), ExitStack() as stack:
+        node: ControllerNode | LockstepNode
+        if isinstance(controller, ControllerSettings):
+            node = ControllerNode(controller, 0)
+        else:
+            node = LockstepNode(stack.enter_context(LockstepProgram(controller)), 0)
         try:
-            nodes = with_clocks(pair.edge, pair.controller, settings)
+            nodes = with_clocks(plant, node, settings)
             run_virtual_nodes(*nodes, bus, candump_log, stop)
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
@@ -56,7 +67,7 @@ def run_in_virtual_time(
     carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
     shared = bus if isinstance(bus, SharedBus) else None
-    return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
+    return Run(plant, node, where, elapsed_s, ended_by, {}, shared)
 
 
 def run_in_real_time(

@@ -1,0 +1,98 @@
+"""A program that speaks the lockstep protocol on its standard input and output."""
+
+import os
+import select
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import IO, Self, cast
+
+from ..processes import ProcessError
+from .record import RECORD_BYTES, Record, RecordError, check_mark, pack, unpack
+
+ANSWER_TIMEOUT_S = 30.0
+"""How long a program may compute one answer, in real time: long, for a busy machine."""
+END_TIMEOUT_S = 3.0
+"""How long it may take to end once its input has ended."""
+
+
+class LockstepProgram:
+    """A running program; use it as a context manager, which leaves none of its processes behind.
+
+    ``command``  the program and its arguments
+
+    ``name``, ``pid``  of the program; its process group has the same number
+
+    Raises ProcessError when the program cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self.name = os.path.basename(command[0])
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 the user's own command
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+                bufsize=0, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            self._errors.close()
+            raise ProcessError(f"{command[0]}: {error.strerror}") from error
+        self.pid = self._process.pid
+        self._input = cast(IO[bytes], self._process.stdin)
+        self._output = cast(IO[bytes], self._process.stdout)
+        self._poll = select.poll()
+        self._poll.register(self._output, select.POLLIN)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._output.close()
+        self._input.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT_S)
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._process.wait()
+        self._errors.close()
+
+    def exchange(self, record: Record) -> Record:
+        """Send a record; returns the answer. Raises ProcessError when there is none to use."""
+        with suppress(BrokenPipeError):  # what it has printed, or how it has ended, says more
+            self._input.write(pack(record))
+        answer = b""
+        try:
+            while len(answer) < RECORD_BYTES:
+                answer += self._more(len(answer))
+                check_mark(answer)
+            return unpack(answer)
+        except RecordError as error:
+            raise ProcessError(f"{self.name}: its standard output: {error}") from error
+
+    def _more(self, received: int) -> bytes:
+        """Return at least one byte of an answer of which so many have been received."""
+        if not self._poll.poll(1e3 * ANSWER_TIMEOUT_S):
+            got = f"{received} of {RECORD_BYTES} bytes of an answer"
+            raise ProcessError(f"{self.name}: {got} within {ANSWER_TIMEOUT_S:g} s")
+        if part := self._output.read(RECORD_BYTES - received):
+            return part
+        raise ProcessError(self._ended(received))
+
+    def _ended(self, received: int) -> str:
+        """Return in words how it ended; it may take a moment after it has closed its output."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT_S)
+        status = self._process.returncode
+        if status is None:
+            how = "has closed its standard output"
+        elif status < 0:
+            how = f"ended by {signal.Signals(-status).name}"
+        else:
+            how = f"ended with status {status}"
+        inside = f" after {received} of {RECORD_BYTES} bytes of an answer" if received else ""
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
+        said = f"; its last line: {lines[-1][:200]}" if lines else ""
+        return f"{self.name} {how}{inside}{said}"

@@ -1,0 +1,226 @@
+"""A program in lockstep: the same run as our own node's, and one line for each way to fail."""
+
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.lockstep.node import LockstepNode
+from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.closed_loop.lockstep.record import (
+    DEADLINE,
+    FRAMES,
+    FRAMES_MAX,
+    MARK,
+    RECORD_BYTES,
+    START,
+    WAKE_ON_FRAMES,
+    Record,
+    RecordError,
+    pack,
+    unpack,
+)
+from steer_by_wire.closed_loop.processes import ProcessError
+from steer_by_wire.closed_loop.rig.rig import Rig
+from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
+from steer_by_wire.tools.run.__main__ import main
+from tests.support.random_frames import sendable_frames
+
+OURS = [sys.executable, str(Path(__file__).with_name("lockstep_controller.py"))]
+ECHO = f"""
+import sys
+while record := sys.stdin.buffer.read({RECORD_BYTES}):
+    sys.stdout.buffer.write(EXPRESSION)
+    sys.stdout.buffer.flush()
+"""
+times = st.integers(-(2**63), 2**63 - 1)
+records = st.builds(
+    Record,
+    st.integers(0, 0xFFFF),
+    times,
+    st.lists(st.tuples(times, sendable_frames()), max_size=FRAMES_MAX),
+)
+
+
+def answering(expression: str) -> list[str]:
+    """Return a program whose answer to ``record`` is the expression's value."""
+    return [sys.executable, "-c", ECHO.replace("EXPRESSION", expression)]
+
+
+@given(records)
+def test_a_record_comes_back_from_its_bytes(record: Record) -> None:
+    packed = pack(record)
+    assert len(packed) == RECORD_BYTES
+    assert unpack(packed) == record
+
+
+@given(st.binary(min_size=RECORD_BYTES, max_size=RECORD_BYTES), st.integers(0, 40))
+def test_any_bytes_are_a_record_or_an_error(content: bytes, count: int) -> None:
+    record = MARK + content[4:6] + count.to_bytes(2, "little") + content[8:]
+    try:
+        unpacked = unpack(record)
+    except RecordError:
+        return
+    assert len(unpacked.frames) == count <= FRAMES_MAX
+
+
+@pytest.mark.parametrize("preset", ["practical_pd_ddob", "practical_predictor"])
+def test_our_node_in_a_program_of_its_own_makes_the_same_run(preset: str, tmp_path: Path) -> None:
+    network = {"latency.downlink.mean_s": 0.05, "duration_s": 3.0}
+    rig = Rig(tmp_path, "paper_nominal", network, seed=5)
+    inside = rig.run(preset)
+    outside = rig.run([*OURS, preset], lockstep=True)
+    assert outside.files.candump_log.read_bytes() == inside.files.candump_log.read_bytes()
+    assert outside.report == inside.report
+    assert outside.ending == ""
+
+
+def test_a_program_that_polls_finds_its_frames_at_its_deadline() -> None:
+    later = "record[:4] + b'\\0\\0\\0\\0' + (int.from_bytes(record[8:16], 'little') + 100)"
+    with LockstepProgram(answering(f"{later}.to_bytes(8, 'little') + record[16:]")) as program:
+        node = LockstepNode(program, 0)
+        node.on_frame(Frame(1, b"before the start"[:8]), 0)
+        node.on_tick(0)
+        assert node.deadline_ns == 100
+        for time_ns in range(1, FRAMES_MAX):
+            assert node.on_frame(Frame(time_ns, b""), time_ns) == ()
+        assert node.report()["wakes"] == 1
+        node.on_frame(Frame(0x7FF, b"full"), 50)  # no room for another one
+        assert node.report()["wakes"] == 2
+        node.on_tick(150)
+    assert node.report() == {
+        "program": Path(sys.executable).name,
+        "wakes": 3,
+        "frames_received": FRAMES_MAX,
+        "frames_sent": 0,
+        "failure": "",
+    }
+
+
+def test_every_frame_wakes_one_that_asks_for_it() -> None:
+    sent = Record(WAKE_ON_FRAMES, 2**63 - 1, [(0, Frame(0x1ABCDE, b"x" * 64, EXTENDED | FD))])
+    with LockstepProgram(answering(repr(pack(sent)))) as program:
+        node = LockstepNode(program, 0)
+        assert node.on_tick(0) == [sent.frames[0][1]]
+        assert node.on_frame(Frame(1, b""), 1) == [sent.frames[0][1]]
+
+
+FAILURES = {
+    "one that ends": ([sys.executable, "-c", "raise SystemExit(3)"], "ended with status 3$"),
+    "its last line": (
+        [sys.executable, "-c", "raise OSError('no such bus')"],
+        "ended with status 1; its last line: OSError: no such bus$",
+    ),
+    "a crash": (
+        [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"],
+        "ended by SIGSEGV$",
+    ),
+    "a banner": (
+        [sys.executable, "-c", "print('Welcome', flush=True); input()"],
+        r"its standard output: a record begins with b'LSP1', this with b'Welcome(\\n)?'$",
+    ),
+    "half a record": (
+        [sys.executable, "-c", "print(end='LSP1')"],
+        "ended with status 0 after 4 of 1296 bytes of an answer$",
+    ),
+    "too many frames": (
+        answering("record[:6] + b'\\x11\\0' + record[8:]"),
+        "17 frames in one record .allowed: 0 to 16.$",
+    ),
+    "no such identifier": (
+        answering(repr(pack(Record(0, 9, [(0, Frame(0x800, b""))])))),
+        "frame 0 of 0x800: not a frame that can be sent",
+    ),
+    "a deadline in the past": (
+        answering(repr(pack(Record(0, -1)))),
+        "its next deadline, -1 ns, is not after now, 0 ns$",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_a_program_that_fails_is_one_line_and_the_verdict(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words, pattern = FAILURES[name]
+    assert main(["--duration", "1", "--controller-command", " ".join(map(_quoted, words))]) == 5
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("verdict            failed: controller: at 0.000 s: ")
+    assert re.search(pattern, last)
+
+
+def _quoted(word: str) -> str:
+    return "'" + word.replace("'", "'\\''") + "'"
+
+
+def test_one_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.ANSWER_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.END_TIMEOUT_S", 0.05)
+    with (
+        pytest.raises(ProcessError, match=r"sleep: 0 of 1296 bytes of an answer within 0\.05 s"),
+        LockstepProgram(["sleep", "1000"]) as program,
+    ):
+        program.exchange(Record(START, 0))
+    with pytest.raises(ProcessLookupError):
+        os.killpg(program.pid, 0)
+
+
+def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:
+    with LockstepProgram(answering(repr(pack(Record(WAKE_ON_FRAMES, 5))))) as program:
+        node = LockstepNode(program, 5)
+        node.on_tick(5)
+        assert node.failure == ""
+        node.on_frame(Frame(1, b""), 5)
+        assert node.failure == ""
+        node.on_tick(5)
+        assert node.failure.endswith("its next deadline, 5 ns, is not after now, 5 ns")
+        assert node.finished
+        assert node.on_frame(Frame(1, b""), 6) == ()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--law", "pd"], "--controller-command takes no --law: the program is its own"),
+        (["--interface", "virtual"], "--controller-command takes no --interface"),
+        (["--fail-if", "controller_holds > 0"], "--fail-if controller_holds: another program"),
+    ],
+)
+def test_what_a_foreign_program_has_not_is_refused(
+    arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--controller-command", "true", *arguments]) == 2
+    assert line in capsys.readouterr().err
+
+
+def test_a_program_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--controller-command", "./no_such_program 1"]) == 3
+    assert capsys.readouterr().err == (
+        "steer-by-wire run: error: ./no_such_program: No such file or directory\n"
+    )
+
+
+def test_the_header_has_the_layout_of_the_record(tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler: the header was not compiled")
+    import subprocess
+
+    header = Path(sys.modules[LockstepNode.__module__].__file__ or "").with_name("lockstep.h")
+    facts = {
+        "sizeof(struct lockstep_record)": RECORD_BYTES,
+        "offsetof(struct lockstep_record, frames[1].data)": 16 + 80 + 16,
+        "LOCKSTEP_MARK": int.from_bytes(MARK, "little"),
+        "LOCKSTEP_START * 100 + LOCKSTEP_DEADLINE * 10 + LOCKSTEP_FRAMES": 100 * START
+        + 10 * DEADLINE
+        + FRAMES,
+        "LOCKSTEP_EXTENDED + 100 * LOCKSTEP_FD": EXTENDED + 100 * FD,
+    }
+    checks = "".join(f'_Static_assert({fact} == {value}, "");' for fact, value in facts.items())
+    source = tmp_path / "facts.c"
+    source.write_text(f'#include <stddef.h>\n#include "{header}"\n{checks}\n')
+    subprocess.run(["cc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", str(source)], check=True)
