@@ -8,9 +8,16 @@ a filtered derivative.
 
     steer-by-wire plant -i socketcan -c vcan0 --set duration_s=20
     python examples/foreign_controller.py dbc/steer_by_wire.dbc -i socketcan -c vcan0
+
+In virtual time it speaks the lockstep protocol instead:
+
+    steer-by-wire run --controller-command \
+        'python examples/foreign_controller.py dbc/steer_by_wire.dbc --lockstep'
 """
 
 import argparse
+import struct
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -21,6 +28,8 @@ from matplotlib.figure import Figure
 
 GAIN_RAD_M, DERIVATIVE_RAD_S_M, FILTER_RAD_S, PERIOD_S = 1.5, 0.07, 25.0, 0.01
 STEER_RAD_MAX, MODE_ACTIVE = 0.6, 1
+HEAD, FRAME = struct.Struct("<4sHHq"), struct.Struct("<qIBB2x64s")
+FRAMES_MAX, WAKE_ON_FRAMES, NEVER_NS = 16, 1, 2**63 - 1
 SILENCE_S, PATIENCE_S = 2.0, 60.0
 
 
@@ -87,6 +96,23 @@ def data_id(message: cantools.database.can.Message) -> bytes:
     return int(specifics.attributes["E2EDataId"].value).to_bytes(2, "little")
 
 
+def run_in_lockstep(controller: ForeignController) -> None:
+    """Answer each record on standard input by one on standard output."""
+    size = HEAD.size + FRAMES_MAX * FRAME.size
+    while len(record := sys.stdin.buffer.read(size)) == size:
+        mark, _why, count, _now_ns = HEAD.unpack_from(record)
+        answers = b""
+        for index in range(count):
+            arrived = FRAME.unpack_from(record, HEAD.size + index * FRAME.size)
+            time_ns, can_id, length, _format, data = arrived
+            message = can.Message(1e-9 * time_ns, can_id, data=data[:length])
+            if answer := controller.on_message(message):
+                answers += FRAME.pack(0, answer.arbitration_id, answer.dlc, 0, answer.data)
+        head = HEAD.pack(mark, WAKE_ON_FRAMES, len(answers) // FRAME.size, NEVER_NS)
+        sys.stdout.buffer.write((head + answers).ljust(size, b"\0"))
+        sys.stdout.buffer.flush()
+
+
 def draw(controller: ForeignController, file: Path) -> None:
     figure = Figure(figsize=(8.0, 3.5), layout="constrained", dpi=110)
     axes = figure.subplots()
@@ -101,9 +127,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("dbc", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/examples"))
+    parser.add_argument("--lockstep", action="store_true")
     can.cli.add_bus_arguments(parser)
     options = parser.parse_args()
     controller = ForeignController(options.dbc)
+    if options.lockstep:
+        run_in_lockstep(controller)
+        return
     with can.cli.create_bus_from_namespace(options) as bus:
         print("ready", flush=True)
         until_s = time.monotonic() + PATIENCE_S

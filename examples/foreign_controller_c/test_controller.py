@@ -1,7 +1,8 @@
-"""The controller in C under test: ``steer-by-wire with-vcan python -m pytest test_controller.py``.
+"""The controller in C under test, on a bus and in virtual time.
 
-The second test shows that the rig finds a controller with an error: its commands all have the same
-counter, so that the plant believes the first one only.
+``steer-by-wire with-vcan python -m pytest test_controller.py`` runs both. The second test shows
+that the rig finds a controller with an error: its commands all have the same counter, so that the
+plant believes the first one only.
 """
 
 import subprocess
@@ -10,35 +11,35 @@ from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).parent
-DBC = HERE.parents[1] / "dbc" / "steer_by_wire.dbc"
+MAKEFILE = Path(__file__).with_name("Makefile")
 
 
-def build(folder: Path, *options: str) -> str:
-    """Return the compiled controller."""
-    compiler = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-I.", *options]
-    if not (folder / "steer_by_wire.o").exists():
-        generate = [sys.executable, "-m", "cantools", "generate_c_source", str(DBC)]
-        subprocess.run(generate, cwd=folder, check=True)
-        subprocess.run([*compiler, "-c", "steer_by_wire.c"], cwd=folder, check=True)
-    sources = [str(HERE / "controller.c"), "steer_by_wire.o"]
-    subprocess.run([*compiler, "-o", "controller", *sources, "-lm"], cwd=folder, check=True)
-    return str(folder / "controller")
+def build(folder: Path, program: str, *options: str) -> str:
+    """Return the compiled program."""
+    make = ["make", "-s", "-f", str(MAKEFILE), program]
+    variables = [f"CFLAGS={' '.join(options)}", f"PYTHON={sys.executable}"]
+    subprocess.run([*make, *variables], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    return str(folder / program)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where both tests compile what they need."""
+    """Where tests of the same source compile it once."""
     return tmp_path_factory.mktemp("controller")
 
 
 @pytest.mark.steer_by_wire(seeds=[1], overrides={"duration_s": 2.0, "safety.ftti_ms": "off"})
 def test_it_holds_the_path(rig, folder):
-    rig.run([build(folder), "{channel}"]).assert_holds(rms_m=0.1)
+    rig.run([build(folder, "on_vcan"), "{channel}"]).assert_holds(rms_m=0.1)
 
 
 @pytest.mark.steer_by_wire(seeds=[1], overrides={"duration_s": 2.0})
-def test_one_without_a_counter_is_found(rig, folder):
-    outcome = rig.run([build(folder, "-DWITHOUT_COUNTER"), "{channel}"])
+def test_one_without_a_counter_is_found(rig, tmp_path):
+    outcome = rig.run([build(tmp_path, "on_vcan", "-DWITHOUT_COUNTER"), "{channel}"])
     with pytest.raises(AssertionError, match=r"(?s)fell back.*rejected: \d+ repeated"):
         outcome.assert_holds(rms_m=0.1)
+
+
+@pytest.mark.steer_by_wire(seeds=[1, 2], latency_s=0.02, overrides={"duration_s": 20.0})
+def test_it_holds_the_path_for_a_minute_of_virtual_time(rig, folder):
+    rig.run([build(folder, "on_lockstep")], lockstep=True).assert_holds(rms_m=0.1)

@@ -36,7 +36,10 @@ WHY_NOT = (
         r"^(bus|cockpit|monitor|doctor --measure) ?|^study .*--live",
         "goes on in real time",
     ),
-    (r"^faults inject (?!--list)|FOLDER|out/gains|out/study", "needs something of the reader's"),
+    (
+        r"^faults inject (?!--list)|FOLDER|out/gains|out/study|--controller-command",
+        "needs something of the reader's",
+    ),
     (
         r"^(demo|design|faults(?! inject)|paper|study(?! --list))",
         "takes minutes",

@@ -1,5 +1,6 @@
 """Every example runs, leaves its picture, and comes to the figure it shows."""
 
+import shlex
 import shutil
 import subprocess
 import sys
@@ -16,7 +17,10 @@ import pytest
 
 import steer_by_wire
 from steer_by_wire import simulate
+from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.closed_loop.lockstep.record import FRAMES, Arrival, Record
 from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
@@ -225,6 +229,10 @@ def judge_live(plant: RunningProgram, printed: str) -> None:
     assert not set(report["node"]["rejected"]) & {"bad_crc", "wrong_length", "out_of_range"}
 
 
+QEMU_M7 = shlex.split(
+    "qemu-system-arm -M mps2-an500 -nographic -serial none -monitor none"
+    " -semihosting-config enable=on,target=native -icount shift=0,sleep=off -kernel"
+)
 needs_a_c_compiler = pytest.mark.skipif(
     shutil.which("cc") is None or sys.platform != "linux",
     reason="no C compiler, or no SocketCAN: the controller in C was not compiled",
@@ -235,17 +243,28 @@ needs_a_c_compiler = pytest.mark.skipif(
 def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
     tests: Any = import_module("test_controller")
     _, node = foreign_run()
-    lines = "".join(f"110#{data.hex()}\n" for data in node.heard)
-    spoilt = f"110#{bytes(8).hex()}\n100#{node.said[0].hex()}\n110#00\n"
-    repeated = f"110#{node.heard[-1].hex()}\n"
-    result = subprocess.run(
-        [tests.build(tmp_path), "-"],
-        input=spoilt + lines + repeated,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert result.stdout.splitlines() == [f"100#{data.hex().upper()}" for data in node.said]
+    spoilt = [Frame(0x110, bytes(8)), Frame(0x100, node.said[0]), Frame(0x110, bytes(1))]
+    heard = [Frame(0x110, data) for data in node.heard]
+    said: list[Arrival] = []
+    with LockstepProgram([tests.build(tmp_path, "on_lockstep")]) as program:
+        for frame in (*spoilt, *heard, heard[-1]):  # the last one is a repetition
+            said += program.exchange(Record(FRAMES, 0, [(0, frame)])).frames
+    assert [frame for _, frame in said] == [Frame(0x100, data) for data in node.said]
+
+
+@needs_a_c_compiler
+@pytest.mark.skipif(
+    shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-system-arm") is None,
+    reason="no arm-none-eabi-gcc or qemu-system-arm: nothing ran on a Cortex-M7",
+)
+def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path) -> None:
+    tests: Any = import_module("test_controller")
+    rig = Rig(tmp_path, overrides={"duration_s": 5.0, "latency.downlink.mean_s": 0.02})
+    host = rig.run([tests.build(tmp_path, "on_lockstep")], lockstep=True)
+    m7 = rig.run([*QEMU_M7, tests.build(tmp_path, "on_m7.elf")], lockstep=True)
+    assert host.ending == m7.ending == ""
+    assert m7.files.candump_log.read_bytes() == host.files.candump_log.read_bytes()
+    assert m7.report["accepted"] > 400
 
 
 @needs_a_c_compiler
@@ -255,4 +274,4 @@ def test_the_rig_drives_the_controller_in_c_and_finds_the_broken_one(
 ) -> None:
     file = EXAMPLES / "foreign_controller_c" / "test_controller.py"
     result = pytester.runpytest_inprocess(str(file), "-p", "no:xdist", "-p", "no:cacheprovider")
-    result.assert_outcomes(passed=2)
+    result.assert_outcomes(passed=4)

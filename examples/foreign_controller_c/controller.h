@@ -1,0 +1,22 @@
+/* The controller: it knows no bus, no clock and no operating system. */
+#ifndef CONTROLLER_H
+#define CONTROLLER_H
+
+#include <stdint.h>
+
+struct frame {
+    uint32_t can_id;
+    uint8_t length;
+    uint8_t data[8];
+};
+
+struct controller { /* begins as zeros */
+    double error_m, derivative_m_s;
+    uint8_t counter;
+    unsigned long sent;
+};
+
+/* Return whether a frame is a measurement, to which ``answer`` is the command. */
+int controller_on_frame(struct controller *x, const struct frame *frame, struct frame *answer);
+
+#endif
