@@ -298,7 +298,7 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
 ) -> None:
     spec = tmp_path / "spec.toml"
     spec.write_text(
-        "motion_s = 1.5\nonset_s = 0.5\nfault_s = 0.5\ngolden_seeds = 1\nresidual_frames = 1000\n"
+        "motion_s = 1.5\nonset_s = 0.5\nfault_s = 0.5\ngolden_seeds = 1\n"
         'laws = ["practical_pd"]\n[[points]]\nname = "nominal"\n[[cases]]\nkind = "duplicate"\n'
         'messages = ["STEERING_COMMAND"]\nmagnitudes = [1.0]\n'
     )

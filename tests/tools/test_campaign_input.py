@@ -25,7 +25,6 @@ motion_s = 1.0
 onset_s = 0.5
 fault_s = 0.1
 golden_seeds = 1
-residual_frames = 1000
 laws = ["practical_pd"]
 """
 

@@ -40,7 +40,6 @@ motion_s = 3.0
 onset_s = 1.0
 fault_s = 0.5
 golden_seeds = 1
-residual_frames = 20000
 laws = ["practical_pd"]
 [[points]]
 name = "nominal"

@@ -9,7 +9,11 @@ from scipy.special import ellipe
 
 from steer_by_wire.closed_loop.pair_result import rms
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.paper import published
 from steer_by_wire.tools.paper.continuous_runs import (
     PATH,
@@ -27,14 +31,14 @@ from steer_by_wire.tools.paper.delay_runs import (
     PD,
     TYPE_2,
     WASHOUT,
+    Law,
     delayed_plant,
     drive,
     lap_s,
     mean_before,
     peak,
 )
-from steer_by_wire.tools.paper.derivative_filter import largest_filter_rad_s
-from steer_by_wire.tools.paper.simulation import thinned
+from steer_by_wire.tools.paper.simulation import PAPER_DELAY_S, thinned
 from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, corner_run
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
@@ -76,9 +80,24 @@ def test_a_lap_is_the_circumference_over_the_speed() -> None:
     assert lap_s(delayed_plant(1.0)) == pytest.approx(circumference_m / (5.0 / 3.6), rel=1e-6)
 
 
+def is_stable_at_the_papers_delay(law: Law, filter_rad_s: float) -> bool:
+    overrides = (*law.overrides, f"pd.derivative_filter_rad_s={filter_rad_s}")
+    controller = controller_preset(law.preset, overrides)
+    model = steer_to_lateral_error(paper_box().nominal)
+    loop = SampledLoop(design_law(controller), model, controller.period_ns)
+    return loop.is_stable(round(PAPER_DELAY_S * NS_PER_S))
+
+
+@pytest.mark.parametrize(("law", "last_rad_s"), [(PD, 17.8), (CDOB.changed(*WASHOUT), 54.0)])
+def test_each_law_survives_the_papers_delay_up_to_the_filter_that_the_page_states(
+    law: Law, last_rad_s: float
+) -> None:
+    assert is_stable_at_the_papers_delay(law, 0.99 * last_rad_s)
+    assert not is_stable_at_the_papers_delay(law, 1.01 * last_rad_s)
+
+
 def test_pd_survives_the_paper_s_delay_only_with_a_slow_derivative() -> None:
-    last_rad_s = largest_filter_rad_s(PD)
-    assert 17.0 < last_rad_s < 18.5
+    last_rad_s = 17.8
     plant = delayed_plant(60.0)
     steers_rad = [
         peak(run.wheel_angle_rad[run.time_s > 50.0])

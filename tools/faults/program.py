@@ -36,11 +36,7 @@ from steer_by_wire.runtime.settings import (
     preset_names,
     read_preset,
 )
-from steer_by_wire.tools.faults.campaign.acceptance import (
-    findings_of,
-    measure_residual,
-    residual_finding,
-)
+from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
@@ -115,8 +111,7 @@ def _run(options: argparse.Namespace) -> int:
     earlier = None if options.compare is None else _earlier(options.compare)
     begin_s = time.perf_counter()
     results = _results(spec, options)
-    residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
-    findings = [*findings_of(results, spec.ftti_ms), residual]
+    findings = findings_of(results, spec.ftti_ms)
     live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
     findings += [live_finding(live)] if live else []
     comparison = None if earlier is None else compare(earlier, results)

@@ -68,7 +68,6 @@ ENTRIES = (
     Entry("table_2", "table", "2", "table_2", "table_2"),
     *(_figure(number, "delay_figures") for number in range(21, 25)),
     _figure(21, "delay_runs", "_varying"),
-    Entry("robustness_table", "table", "robustness", "robustness_table", "robustness_table"),
 )
 """In the order of the paper, which is the order of the index page."""
 

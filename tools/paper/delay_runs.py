@@ -5,7 +5,7 @@ one after the other, and named wherever they are:
 
     filter     C(s) = K_p + K_d s/(s/N + 1), N = 30 rad/s, instead of the ideal derivative. Every
                implementation has one. 30 rad/s lies between the N at which PD loses its stability
-               at 80 ms and the one at which PD+CDOB does (`derivative_filter` computes both).
+               at 80 ms and the one at which PD+CDOB does (17.8 and 54 rad/s).
                Elsewhere a CDOB makes no difference.
     washout    H = (s/(s + ω_h))² with ω_h = 3 rad/s on the CDOB's compensation, and with DDOB the
                type-2 Q in the DOB. They change the law; not in the paper.

@@ -48,10 +48,9 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
 
 def heading(item: Written) -> str:
     """Return "Figure 8: title" from the key, unless the title contains it itself."""
-    kind, _, rest = item.key.partition("_")
-    if item.title.startswith(("Figure", "Table")) or not rest[:1].isdigit():
+    if item.title.startswith(("Figure", "Table")):
         return item.title
-    own_number, _, _ = rest.partition("_")
+    kind, own_number, *_ = item.key.split("_")
     beyond = "Beyond " if item.verdict is Verdict.BEYOND else ""
     return f"{beyond}{kind.capitalize()} {int(own_number)}: {item.title}"
 

@@ -5,53 +5,18 @@ E2E profile 5 has a CRC of 16 bits: of frames with random errors in more than th
 
     accepted ≤ corrupted · 2^-16
 
-is the bound in a run. ``measure_residual`` judges the CRC alone, so its figure is tested from both
-sides.
+is the bound in a run.
 """
 
-import random
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 from ....closed_loop.reports.findings import Finding
-from ....dbc.messages import CAN_IDS, LateralError, Rejection, SteeringCommand, decode, encode
-from ....dbc.messages import Mode as ControllerMode
-from ....runtime.frame import Frame
 from .scenario import GOLDEN
 from .specification import NodeFaultKind
 from .trial import Detection, RunResult
 
 RESIDUAL = 2.0**-16
 IMPROBABLE = 1e-4
-_BITS = 64
-
-
-class Residual(NamedTuple):
-    """Frames corrupted at random, and how many had a CRC that fits."""
-
-    corrupted: int
-    fitting: int
-
-    @property
-    def expected(self) -> float:
-        """How many of them are expected to fit."""
-        return self.corrupted * RESIDUAL
-
-
-def measure_residual(frames: int, seed: int = 1) -> Residual:
-    """Put random errors, half of all bits, into ``frames`` frames of both control messages."""
-    draw = random.Random(seed)  # noqa: S311 no secret
-    command = encode(SteeringCommand(0.05, 77, ControllerMode.ACTIVE), 7)
-    error = encode(LateralError(0.02, -0.01), 200)
-    words = [int.from_bytes(frame.data, "little") for frame in (command, error)]
-    ids = (CAN_IDS[SteeringCommand], CAN_IDS[LateralError])
-    fitting = 0
-    for number in range(frames):
-        which = number & 1
-        flips = draw.getrandbits(_BITS) or 1
-        judged = decode(Frame(ids[which], (words[which] ^ flips).to_bytes(8, "little")))
-        fitting += judged not in (Rejection.BAD_CRC, Rejection.MASQUERADED)
-    return Residual(frames, fitting)
 
 
 def exceeds(accepted: int, corrupted: int) -> bool:
@@ -59,13 +24,6 @@ def exceeds(accepted: int, corrupted: int) -> bool:
     from scipy.special import pdtrc
 
     return accepted > 0 and float(pdtrc(accepted - 1, corrupted * RESIDUAL)) < IMPROBABLE
-
-
-def falls_short(accepted: int, corrupted: int) -> bool:
-    """Whether too few were accepted for the errors to have been random."""
-    from scipy.special import pdtr
-
-    return float(pdtr(accepted, corrupted * RESIDUAL)) < IMPROBABLE
 
 
 _IDLE = (Detection.NO_EFFECT, Detection.NO_CHANCE)
@@ -89,18 +47,6 @@ def findings_of(results: Sequence[RunResult], ftti_ms: float) -> list[Finding]:
         _queues(results),
         _unreceived(results),
     ]
-
-
-def residual_finding(measured: Residual) -> Finding:
-    """Return whether random errors pass the CRC as often as expected, and no less often."""
-    is_too_many = exceeds(measured.fitting, measured.corrupted)
-    is_too_few = falls_short(measured.fitting, measured.corrupted)
-    figure = (
-        f"{measured.fitting} of {measured.corrupted} frames with random errors in half of their "
-        f"bits had a CRC that fits; expected are {measured.expected:.1f}"
-    )
-    what = "the CRC's residual probability is 2^-16"
-    return Finding(what, not (is_too_many or is_too_few), figure)
 
 
 def _handled(faulty: Sequence[RunResult], ftti_ms: float) -> list[Finding]:

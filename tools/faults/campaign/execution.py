@@ -53,8 +53,7 @@ def specification_hash(spec: CampaignSettings) -> str:
 
     Results of programs, or of waypoint files, that have changed since do not belong to it.
     """
-    text = spec.model_dump_json(exclude={"residual_frames"})  # no run depends on it
-    digest = sha256(text.encode())
+    digest = sha256(spec.model_dump_json().encode())
     for point in spec.points:
         if isinstance(point.path, WaypointSettings):
             with suppress(OSError):  # rejected where the path is made

@@ -140,8 +140,6 @@ class CampaignSettings(Settings):
     golden_seeds: Annotated[int, Field(ge=1, le=1000)] = 4
     """Fault-free runs at each operating point with each law."""
     bitrate_bit_s: Annotated[int, Field(ge=125_000, le=1_000_000)] = 500_000
-    residual_frames: Annotated[int, Field(ge=1000, le=100_000_000)] = 2_000_000
-    """Frames corrupted at random, apart from the runs, to count how many have a CRC that fits."""
     laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
     points: tuple[PointSettings, ...] = Field((PointSettings(name="nominal"),), min_length=1)

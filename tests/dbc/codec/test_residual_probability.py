@@ -1,0 +1,37 @@
+"""Of frames with random errors as many pass the CRC as its 16 bits predict, and no more."""
+
+import random
+
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    LateralError,
+    Mode,
+    Rejection,
+    SteeringCommand,
+    decode,
+    encode,
+)
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.tools.faults.campaign.acceptance import RESIDUAL, exceeds
+
+FRAMES = 300_000
+BITS = 64
+FITTING_MIN = 1
+"""Fewer than 1 of 4.6 expected have a probability of 1 %; the seed is fixed."""
+
+
+def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
+    draw = random.Random(1)
+    sent = (
+        (SteeringCommand, encode(SteeringCommand(0.05, 77, Mode.ACTIVE), 7)),
+        (LateralError, encode(LateralError(0.02, -0.01), 200)),
+    )
+    fitting = 0
+    for number in range(FRAMES):
+        kind, frame = sent[number & 1]
+        flips = draw.getrandbits(BITS) or 1
+        data = int.from_bytes(frame.data, "little") ^ flips
+        judged = decode(Frame(CAN_IDS[kind], data.to_bytes(BITS // 8, "little")))
+        fitting += judged not in (Rejection.BAD_CRC, Rejection.MASQUERADED)
+    assert fitting >= FITTING_MIN
+    assert not exceeds(fitting, FRAMES), f"{fitting}, expected {FRAMES * RESIDUAL:.1f}"
