@@ -1,7 +1,6 @@
 """The DBC itself, and that the typed messages and the documentation say the same as it does."""
 
 import re
-from collections import Counter
 from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
@@ -81,22 +80,6 @@ def test_every_field_has_the_name_and_the_unit_of_its_signal() -> None:
         assert found == [(signal.name.removeprefix(prefix), signal.unit) for signal in signals]
 
 
-def test_a_name_is_unique_and_has_its_message_in_front_only_where_it_would_not_be() -> None:
-    """ARXML exports refuse two of one name, and so do 32 characters of an old DBC reader."""
-    messages = [message.name for message in DATABASE.messages]
-    signals = [signal.name for message in DATABASE.messages for signal in message.signals]
-    names = messages + signals
-    assert sorted(names) == sorted(set(names))
-    assert max(map(len, names)) <= 32
-    bare = Counter(messages)
-    for message in DATABASE.messages:
-        bare.update(signal.name.removeprefix(f"{message.name}_") for signal in message.signals)
-    for message in DATABASE.messages:
-        for signal in message.signals:
-            short = signal.name.removeprefix(f"{message.name}_")
-            assert (short != signal.name) == (bare[short] > 1), signal.name
-
-
 def test_every_message_has_a_type_and_every_type_a_message() -> None:
     assert list(MESSAGE_TYPES) == [message.name for message in DATABASE.messages]
     assert list(MESSAGE_TYPES.values()) == list(CAN_IDS)
@@ -126,14 +109,6 @@ def test_everything_has_a_comment() -> None:
         assert message.comment, message.name
         for signal in message.signals:
             assert signal.comment, (message.name, signal.name)
-
-
-def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
-    for message in DATABASE.messages:
-        for signal in message.signals:
-            numbers = re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?", signal.comment or "")
-            if signal.scale != 1:
-                assert signal.scale in map(float, numbers), (message.name, signal.name)
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ from steer_by_wire.runtime.command_line import (
 )
 
 NAMES = (
-    "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
-    "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
+    "authentication", "broker", "bus_client", "command_line", "controller",
+    "log", "plant", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
 """Names in ``tests.fuzz.targets``, which must not be imported before atheris instruments it."""
 NAME = "python -m tests.fuzz"

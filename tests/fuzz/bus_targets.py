@@ -17,7 +17,6 @@ import can
 from steer_by_wire.runtime.emulated_bus import protocol
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
-from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_US
 from steer_by_wire.runtime.port.python_can import BusError, BusPort
 from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
@@ -27,34 +26,6 @@ from tests.support.broker_bench import BITRATE_BIT_S
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
 """Largest number of the intruders' actions in one input."""
-_RECORDS = (protocol.CLASSIC_RECORD, protocol.FD_RECORD)
-
-
-def fuzz_protocol(data: bytes) -> None:
-    """Unpack any bytes as every part of the protocol, and pack what came out again."""
-    for part, unpack in (
-        (protocol.HELLO, protocol.unpack_hello),
-        (protocol.ANSWER, protocol.unpack_answer),
-    ):
-        for raw in (data, protocol.MAGIC + data):
-            with suppress(protocol.ProtocolError):
-                unpack(raw[: part.size].ljust(part.size, b"\0"))
-    for record in _RECORDS:
-        raw = data[: record.size].ljust(record.size, b"\0")
-        with suppress(protocol.ProtocolError):
-            delivered, _ = protocol.unpack_delivery(record, raw)
-            if isinstance(delivered, protocol.Buffer):
-                packed = protocol.pack_buffer(record, delivered)
-                unpacked, _ = protocol.unpack_delivery(record, packed)
-                promise(unpacked == delivered, f"{delivered} becomes {unpacked}")
-        with suppress(protocol.ProtocolError):
-            request = protocol.unpack_request(record, raw)
-            if isinstance(request, Frame):
-                again = protocol.unpack_request(record, protocol.pack_frame(record, request))
-                promise(again == request, f"{request} becomes {again}")
-            if isinstance(request, protocol.BusOff):
-                again = protocol.unpack_request(record, protocol.pack_bus_off(record, request))
-                promise(again == request, f"{request} becomes {again}")
 
 
 def fuzz_broker(data: bytes) -> None:

@@ -1,19 +1,12 @@
-"""Random files. Bytes as a log: candump's text, and every format that python-can reads.
+"""Random files as a log: candump's text, and every format that python-can reads.
 
 A log that cannot be read at all raises a LogError of one line; any other has figures. Every frame
-is counted once: accepted, late, refused, foreign, or an error frame. A line of candump that is read
-and written again is the same frame at the same microsecond.
-
-Random text as the DBC: one that does not fit the messages raises a ContractError of one line. With
-any other the codecs stay within the contract: what they unpack is finite and within the DBC's
-range, and packs into the same payload again, except for bits that belong to no signal.
+is counted once: accepted, late, refused, foreign, or an error frame.
 """
 
 import gzip
-import importlib.resources
 import json
 import logging
-import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -24,20 +17,8 @@ import can
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
-from steer_by_wire.dbc.codec.codec import (
-    FILE,
-    ContractError,
-    EncodeError,
-    MessageCodec,
-    Rejection,
-    codecs_of,
-)
-from steer_by_wire.dbc.codec.protection import protect
-from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import (
-    MESSAGE_TYPES,
     LateralError,
-    Message,
     Mode,
     SteeringCommand,
     SteeringStatus,
@@ -45,12 +26,8 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.frame.message import message_of
-from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
 from steer_by_wire.tools.analyze.report import report_html
 from tests.fuzz.traffic import Choices, Sender, promise
-
-_PIECES = (b"9" * 12, b"-", b".", b"0", b"1", b"7", b'"', b"\n", b"e9", b"@0+", b"(0,0)", b"|")
-_PAYLOADS = 4
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (
@@ -61,17 +38,6 @@ _STAMPS = (
 )
 _LOGGED = 60
 """Frames of the faultless log that inputs are made from by damaging it."""
-
-
-def fuzz_candump(data: bytes) -> None:
-    """Read one line, write it, and read that."""
-    line = _candump_line(Choices(data))
-    entry = parse_entry(line)
-    if entry is None:
-        return
-    again = parse_entry(format_entry(entry))
-    wanted = entry._replace(time_ns=entry.time_ns // 1000 * 1000)
-    promise(again == wanted, f"{line!r} is {entry}, and then {again}")
 
 
 def fuzz_log(data: bytes) -> None:
@@ -179,64 +145,3 @@ def _messages() -> Iterator[can.Message]:
             message.timestamp = 1.6e9 + 0.01 * number
             message.channel = "vcan0"
             yield message
-
-
-def fuzz_contract(data: bytes) -> None:
-    """Read the DBC with some places changed, and unpack payloads by it."""
-    choices = Choices(data)
-    text = _changed(choices)
-    try:
-        codecs = codecs_of(layouts_of(parse_database(text)), MESSAGE_TYPES.items())
-    except ContractError as error:
-        promise(len(str(error).splitlines()) == 1, f"not one line: {error!r}")
-        promise(str(error).startswith(FILE), f"does not begin with the file: {error}")
-        return
-    for codec in codecs.values():
-        for _ in range(_PAYLOADS):
-            _unpack(choices, codec)
-
-
-def _unpack(choices: Choices, codec: MessageCodec[Message]) -> None:
-    payload = bytearray(choices.raw(codec.length))
-    if codec.data_id is not None:
-        protect(payload, codec.data_id)
-    unpacked = codec.unpack(bytes(payload))
-    if isinstance(unpacked, Rejection):
-        return
-    message, counter = unpacked
-    for (field, value), limits in zip(
-        message._asdict().items(), codec.limits.values(), strict=True
-    ):
-        promise(math.isfinite(value), f"{field} = {value}")
-        within = limits.minimum - 1e-6 * abs(limits.minimum) <= value
-        within &= value <= limits.maximum + 1e-6 * abs(limits.maximum)
-        promise(within, f"{field} = {value} outside {limits}")
-    try:
-        again = codec.unpack(codec.pack(message, counter))
-    except EncodeError as error:
-        promise(False, f"unpacked, but does not pack: {error}")
-    promise(again == unpacked, f"{unpacked} becomes {again}")
-
-
-def _changed(choices: Choices) -> str:
-    """Return the DBC with a few pieces replaced, taken out, or put in twice."""
-    if choices.chance(16):
-        return choices.rest().decode("ascii", errors="replace")
-    text = bytearray(_contract())
-    for _ in range(choices.integer(0, 4)):
-        place, size = choices.integer(0, len(text)), choices.integer(1, 60)
-        kind = choices.integer(0, 4)
-        if kind == 0:
-            text[place : place + 1] = choices.raw(1)
-        elif kind == 1:
-            del text[place : place + size]
-        elif kind == 2:
-            text[place:place] = text[place : place + size]
-        else:
-            text[place : place + 1] = choices.pick(_PIECES)
-    return text.decode("ascii", errors="replace")
-
-
-@lru_cache
-def _contract() -> bytes:
-    return importlib.resources.files("steer_by_wire.dbc").joinpath(FILE).read_bytes()

@@ -32,12 +32,3 @@ def test_equal_frames_are_told_apart() -> None:
     assert (receipts_of(0, 1, 1, 2).distinct, receipts_of(0, 1, 1, 2).twice) == (3, 1)
     with pytest.raises(AssertionError):
         receipts_of(0, 2, 1)
-
-
-def test_what_one_node_misses_is_counted_unless_it_comes_again() -> None:
-    frame, receipts = Frame(0x100, b""), Receipts(is_fifo=True)
-    receipts.submitted(frame)
-    receipts.take(Delivery(1, 0, frame), {(1, 2)})
-    assert receipts.omitted == 1
-    receipts.take(Delivery(2, 0, frame), set())
-    assert (receipts.omitted, receipts.twice) == (0, 1)

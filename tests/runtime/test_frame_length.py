@@ -1,13 +1,15 @@
-"""The byte tables against frames written out bit by bit, a published frame and published bounds."""
+"""The byte tables of lengths: a published frame, published bounds, and what is no frame.
+
+That they agree with the bits of any frame: ``test_frame_on_wire``.
+"""
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.bits import frame_on_wire
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, FrameBits, crc15, frame_bits
-
-FD_LENGTHS = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
 
 identifiers = st.one_of(
     st.tuples(st.just(0), st.integers(0, 0x7FF)),
@@ -25,10 +27,6 @@ def payloads(draw: st.DrawFn, lengths: list[int]) -> bytes:
     return bytes(draw(st.lists(byte, min_size=length, max_size=length)))
 
 
-def to_bits(value: int, width: int) -> str:
-    return f"{value:0{width}b}"
-
-
 def stuff(bits: str) -> str:
     """Insert the stuff bits, the one after a run of five at the very end included."""
     sent = ""
@@ -37,62 +35,6 @@ def stuff(bits: str) -> str:
         if len(sent) >= 5 and len(set(sent[-5:])) == 1:
             sent += "10"[int(bit)]
     return sent
-
-
-def reference_crc15(bits: str) -> str:
-    """The shift register of the CAN 2.0 specification, section 3.1.1."""
-    register = 0
-    for bit in bits:
-        feedback = int(bit) ^ register >> 14
-        register = register << 1 & 0x7FFF
-        if feedback:
-            register ^= 0x4599
-    return to_bits(register, 15)
-
-
-def payload_bits(frame: Frame) -> str:
-    return "".join(to_bits(byte, 8) for byte in frame.data)
-
-
-def classic_on_the_wire(frame: Frame) -> str:
-    """Every bit the sender of a classic frame writes: its acknowledge slot is recessive."""
-    rtr = "1" if frame.flags & REMOTE else "0"
-    dlc = to_bits(len(frame.data), 4)
-    if frame.flags & EXTENDED:
-        can_id = to_bits(frame.can_id, 29)
-        head = "0" + can_id[:11] + "11" + can_id[11:] + rtr + "00" + dlc
-    else:
-        head = "0" + to_bits(frame.can_id, 11) + rtr + "00" + dlc
-    message = head + payload_bits(frame)
-    return stuff(message + reference_crc15(message)) + "1" + "11" + "1" * 7
-
-
-def fd_on_the_wire(frame: Frame) -> tuple[str, str, str]:
-    """The bits the sender of an FD frame writes: until BRS, ESI to CRC delimiter, and the rest.
-
-    The CRC's own value is left at zero: no stuff bit depends on it.
-    """
-    brs = "1" if frame.flags & BITRATE_SWITCH else "0"
-    if frame.flags & EXTENDED:
-        can_id = to_bits(frame.can_id, 29)
-        until_brs = "0" + can_id[:11] + "11" + can_id[11:] + "0" + "10" + brs
-    else:
-        until_brs = "0" + to_bits(frame.can_id, 11) + "00" + "10" + brs
-    message = until_brs + "0" + to_bits(FD_LENGTHS.index(len(frame.data)), 4) + payload_bits(frame)
-    # The first fixed stuff bit takes the place of a stuff bit after a run of five at the end: stuff
-    # up to the last bit only, and append that one.
-    last, stuffed = message[-1], stuff(message[:-1])
-    stuff_bits = len(stuffed) + 1 - len(message)
-    gray = stuff_bits % 8 ^ stuff_bits % 8 >> 1
-    crc_bits = 17 if len(frame.data) <= 16 else 21
-    check = to_bits(gray, 3) + str(gray.bit_count() % 2) + "0" * crc_bits
-    sent = stuffed + last
-    for start in range(0, len(check), 4):
-        sent += "10"[int(sent[-1])] + check[start : start + 4]
-    # The last group is one bit without a fixed stuff bit after it: 21 = 5 * 4 + 1, 25 = 6 * 4 + 1.
-    sent += "1"
-    until_brs_sent = stuff(until_brs[:-1]) + brs
-    return until_brs_sent, sent[len(until_brs_sent) :], "11" + "1" * 7
 
 
 def test_the_crc_is_the_catalogued_crc_15_can() -> None:
@@ -104,32 +46,10 @@ def test_a_published_frame_has_its_published_bits() -> None:
     # commaai/panda, tests/gmbitbang/test_packer.c: identifier 20, payload 01, with intermission.
     published = "0000010010100000100010000010011110111010100111111111111111"
     frame = Frame(20, b"\x01")
-    assert classic_on_the_wire(frame) + "1" * INTERMISSION_BITS == published
-    assert frame_bits(frame).nominal + INTERMISSION_BITS == len(published)
-
-
-@settings(deadline=None, max_examples=500)
-@given(identifiers, payloads(list(range(9))))
-def test_classic_data_frames_are_as_long_as_their_bits(
-    identifier: tuple[int, int], data: bytes
-) -> None:
-    flags, can_id = identifier
-    frame = Frame(can_id, data, flags)
-    assert frame_bits(frame) == FrameBits(len(classic_on_the_wire(frame)), 0)
-
-
-@given(st.integers(0, 0x7FF), st.lists(st.one_of(stuffy_bytes, any_bytes), min_size=8, max_size=8))
-def test_the_frame_that_is_written_out_is_as_long_as_its_bits(can_id: int, data: list[int]) -> None:
-    frame = Frame(can_id, bytes(data))
-    assert frame_bits(frame) == FrameBits(len(classic_on_the_wire(frame)), 0)
-
-
-@settings(deadline=None)
-@given(identifiers)
-def test_remote_frames_are_as_long_as_their_bits(identifier: tuple[int, int]) -> None:
-    flags, can_id = identifier
-    frame = Frame(can_id, b"", flags | REMOTE)
-    assert frame_bits(frame) == FrameBits(len(classic_on_the_wire(frame)), 0)
+    # There nobody acknowledges.
+    levels = [1 if bit.field == "ACK" else bit.level for bit in frame_on_wire(frame)]
+    assert "".join(map(str, levels)) + "1" * INTERMISSION_BITS == published
+    assert frame_bits(frame).nominal == len(levels)
 
 
 @settings(deadline=None)
@@ -152,20 +72,6 @@ def test_a_frame_without_a_run_of_five_gets_no_stuff_bit() -> None:
 def test_a_frame_of_zeros_gets_a_stuff_bit_after_every_five() -> None:
     # 15 zeros before the one of the DLC (8), 67 after it, and a CRC without a run of five.
     assert frame_bits(Frame(0, bytes(8))) == FrameBits(108 + 15 // 5 + 67 // 5, 0)
-
-
-@settings(deadline=None, max_examples=300)
-@given(identifiers, payloads(FD_LENGTHS), st.booleans())
-def test_fd_frames_are_as_long_as_their_bits_at_each_rate(
-    identifier: tuple[int, int], data: bytes, switches: bool
-) -> None:
-    flags, can_id = identifier
-    frame = Frame(can_id, data, flags | FD | (BITRATE_SWITCH if switches else 0))
-    until_brs, after_brs, trailer = map(len, fd_on_the_wire(frame))
-    if switches:
-        assert frame_bits(frame) == FrameBits(until_brs + trailer, after_brs)
-    else:
-        assert frame_bits(frame) == FrameBits(until_brs + after_brs + trailer, 0)
 
 
 def test_the_fixed_stuff_bit_of_an_fd_frame_takes_the_place_of_one_after_the_payload() -> None:

@@ -20,8 +20,3 @@ def test_it_counts_what_has_passed_and_groups_what_has_not_run_by_its_reason() -
 def test_it_counts_what_has_failed() -> None:
     reports = {"failed": [SimpleNamespace()], "error": [SimpleNamespace()] * 2}
     assert last_line(reports) == "0 passed, 1 failed, 2 errors, 0 skipped"
-
-
-def test_a_failure_that_is_expected_is_no_skip() -> None:
-    reports = {"passed": [SimpleNamespace()], "xfailed": [SimpleNamespace()]}
-    assert last_line(reports) == "1 passed, 1 expected to fail, 0 skipped"

@@ -180,15 +180,20 @@ def test_commands_after_a_fault_are_ignored() -> None:
     assert abs(tested.last(SteeringStatus).wheel_angle_rad) < 0.1
 
 
-@pytest.mark.parametrize("value", ["-1", "10001", "never", "true", "2.5"])
-def test_a_bad_bound_is_reported_in_one_line(value: str) -> None:
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("overruns_max", value) for value in ("-1", "10001", "never", "true", "2.5")),
+        *(("missed_periods_max", "-1"), ("window_periods", "0"), ("stall_periods_max", "0")),
+    ],
+)
+def test_a_bad_bound_is_reported_in_one_line(key: str, value: str) -> None:
     preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
-        with pytest.raises(SettingsError) as caught:
-            load_settings(model, below, overrides=[f"overruns.overruns_max={value}"])
+        with pytest.raises(SettingsError, match=f"overruns.{key} = ") as caught:
+            load_settings(model, below, overrides=[f"overruns.{key}={value}"])
         (line,) = caught.value.mistakes
-        assert "overruns.overruns_max = " in line
-        assert line.endswith("or off)")
+        assert line.endswith("or off)") is (key in ("overruns_max", "missed_periods_max"))
 
 
 # No number

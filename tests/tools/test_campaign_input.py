@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
     read_stored,
+    specification_hash,
     write_result,
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
@@ -191,13 +190,9 @@ def test_a_line_that_was_cut_is_reported_and_its_run_made_again(
     assert (out / RESULTS).read_text() == whole
 
 
-def test_the_state_of_the_programs_is_found_from_any_folder(tmp_path: Path) -> None:
-    code = (
-        "from steer_by_wire.tools.faults.campaign.execution import specification_hash\n"
-        "from steer_by_wire.tools.faults.campaign.specification import CampaignSettings\n"
-        "print(specification_hash(CampaignSettings()))"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert len(run.stdout.strip()) == 16, run.stderr
+def test_the_state_of_the_programs_is_found_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = specification_hash(CampaignSettings())
+    monkeypatch.chdir(tmp_path)
+    assert specification_hash(CampaignSettings()) == here

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
-    Bound,
-    RootKind,
     Window,
 )
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
@@ -29,7 +27,6 @@ from steer_by_wire.controller.filters.nominal_model import (
     paper_eq19,
     steer_to_lateral_error,
 )
-from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.gain_loops import (
     CORNERS,
@@ -192,44 +189,6 @@ def test_the_roots_are_those_of_the_plant_discretised_by_python_control(periods:
 
 
 # Published gains
-
-
-def test_the_published_gains_are_well_inside_the_region_of_the_nominal_loop() -> None:
-    region = d_stable_region([ContinuousGainLoop(paper_eq19())], SPEC, WINDOW)
-    assert region.contains(*PUBLISHED)
-    margins = {(m.bound, m.kind): m.relative for m in region.margins(*PUBLISHED)}
-    assert list(margins.values()) == sorted(margins.values())
-    assert region.relative_distance(*PUBLISHED) == pytest.approx(min(margins.values()))
-    assert 0.56 < margins[Bound.RADIUS, RootKind.REAL] < 0.57
-    assert 0.61 < margins[Bound.SIGMA, RootKind.COMPLEX] < 0.63
-    assert 1.00 < margins[Bound.CONE, RootKind.COMPLEX] < 1.02
-    assert (Bound.SIGMA, RootKind.REAL) not in margins  # not on the edge
-
-
-@pytest.mark.parametrize("model", CORNERS)
-def test_the_published_gains_are_in_the_region_of_every_corner(model: TransferFunction) -> None:
-    region = d_stable_region([ContinuousGainLoop(model)], SPEC, WINDOW)
-    assert 0.3 < region.relative_distance(*PUBLISHED) < 0.72
-
-
-@pytest.mark.parametrize(
-    ("delay_ms", "filter_rad_s", "inside"),
-    [
-        (0, None, True),
-        (8, None, False),
-        (80, None, False),
-        (80, 20.0, False),
-        (80, 5.0, True),
-        (160, 5.0, False),
-        (160, 2.0, True),
-    ],
-)
-def test_the_published_gains_survive_a_delay_only_with_a_filtered_derivative(
-    delay_ms: int, filter_rad_s: float | None, inside: bool
-) -> None:
-    region = d_stable_region([sampled(delay_ms, filter_rad_s)], SPEC, WINDOW)
-    assert region.contains(*PUBLISHED) == inside
-    assert (region.relative_distance(*PUBLISHED) > 0.0) == inside
 
 
 # Several plants and delays at once

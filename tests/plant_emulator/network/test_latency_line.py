@@ -186,18 +186,6 @@ def test_loss_takes_frames_and_leaves_the_latency_of_the_others() -> None:
     assert set(lossy) < set(free)
 
 
-def test_a_heavier_tail_makes_the_same_frames_late_and_later() -> None:
-    light = injected_ns(line(**JITTER), 2000)
-    heavy = injected_ns(line(**{**JITTER, "model": "lognormal"}), 2000)
-    wide = injected_ns(line(**{**JITTER, "spread_s": 0.04}), 2000)
-    rank = sorted(range(2000), key=light.__getitem__)
-    # The first few are all zero where the normal distribution is clipped.
-    assert rank[100:] == sorted(range(2000), key=heavy.__getitem__)[100:]
-    tail = rank[-20:]
-    assert all(heavy[frame] > light[frame] for frame in tail)
-    assert all(wide[frame] > light[frame] for frame in tail)
-
-
 def test_duplicates_come_beside_the_frames_and_do_not_shift_them() -> None:
     plain = run(line(**JITTER, order="as_arrives", loss=0.2), 400)
     tested = line(**JITTER, order="as_arrives", loss=0.2, duplicates=0.25)
