@@ -59,7 +59,7 @@ NEEDS_LINUX = {
 """Test modules that are for Linux only, and why."""
 NEEDS_POSIX = {
     "test_bus_contract": _PROCESSES,
-    "test_closed_loop_tool": _PROCESSES,
+    "test_run": _PROCESSES,
     "test_demo": _PROCESSES,
     "test_emulated_bus": _PROCESSES,
     "test_emulated_bus_addresses": _PROCESSES,
@@ -88,10 +88,10 @@ NEEDS_POSIX = {
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 LONGEST = (
-    "test_batch", "test_house_rules", "test_stale_messages", "test_baseline_laws", "test_site",
-    "test_plugin_law", "test_package", "test_cockpit_page", "test_any_processor",
-    "test_stress_report", "test_designed_presets", "test_soak_live", "test_fault_campaign",
-    "test_demo",
+    "test_house_rules", "test_pages", "test_any_processor", "test_designed_presets", "test_batch",
+    "test_examples", "test_package", "test_studies_over_a_bus", "test_controller_program",
+    "test_cockpit_page", "test_demo", "test_stress_report", "test_predictor_loop", "test_site",
+    "test_jitter", "test_plugin_law",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 

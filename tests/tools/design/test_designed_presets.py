@@ -45,7 +45,7 @@ from steer_by_wire.tools.design.virtual_check import (
 from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
 
 RMS_M_MAX = 0.011
-GAIN_DESIGN = Path(__file__).parents[2] / "tools" / "design"
+GAIN_DESIGN = Path(__file__).parents[3] / "tools" / "design"
 FAST_HEAVY = paper_box().vertices()[3]
 
 

@@ -29,7 +29,7 @@ from steer_by_wire.tools.analyze.smoothing import (
 from steer_by_wire.tools.run.__main__ import main as run_loop
 from tests.support.unrendered import unrendered as unrendered
 
-VEHICLE_FILE = Path(__file__).parents[2] / "tools" / "design" / "highway_vehicle.toml"
+VEHICLE_FILE = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
 CONTROLLER = controller_preset("highway_predictor")
 SPEED_M_S = 12.5
 PERIOD_S = 0.01

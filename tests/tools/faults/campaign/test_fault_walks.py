@@ -1,6 +1,6 @@
 """Random walks of faults: whatever overlaps, the pair meets the conditions of its judge.
 
-``WALKS=2000 python -m pytest tests/tools/test_fault_walks.py`` tries more of them.
+``WALKS=2000 python -m pytest tests/tools/faults/campaign/test_fault_walks.py`` tries more of them.
 """
 
 import os

@@ -8,7 +8,7 @@ import pytest
 from steer_by_wire.tools.can.__main__ import main
 
 RESPONSE_TIMES = "response-times"
-OURS = str(Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc")
+OURS = str(Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc")
 
 BUSY = """VERSION ""
 BU_: A

@@ -182,7 +182,7 @@ def test_a_run_is_a_function_of_its_scenario(spec: CampaignSettings) -> None:
 
 def test_the_campaign_that_is_shipped_has_more_than_a_thousand_runs() -> None:
     text = Path("tools/faults/default.toml")
-    spec = load_settings(CampaignSettings, None, Path(__file__).parents[2] / text, [])
+    spec = load_settings(CampaignSettings, None, Path(__file__).parents[4] / text, [])
     scenarios = list(scenarios_of(spec))
     assert len({scenario.name for scenario in scenarios}) == len(scenarios) > 1000
     assert {scenario.case.kind for scenario in scenarios} == {

@@ -147,7 +147,7 @@ def test_what_is_sent_by_hand_has_no_secured_form() -> None:
 # The document's figures
 
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "authentication.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "authentication.md"
 SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, "years": 3600 * 24 * 365.25, "million": 1e6}
 
 

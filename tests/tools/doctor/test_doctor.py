@@ -12,7 +12,7 @@ from steer_by_wire.closed_loop.reports.findings import Finding
 from steer_by_wire.tools.doctor import checks as doctor_checks
 from steer_by_wire.tools.doctor.checks import Section, as_json, as_text
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def doctor(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -175,7 +175,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
                 *(sys.executable, "-c", code, str(tmp_path), presets, *ORDINARY),
                 *("-i", "virtual", "-c", "gone", "--report", str(file)),
             ],
-            cwd=Path(__file__).resolve().parents[2],
+            cwd=Path(__file__).resolve().parents[3],
             stdout=writer,
             stderr=subprocess.PIPE,
             text=True,

@@ -19,7 +19,7 @@ from steer_by_wire.runtime.recording.candump import (
 from tests.support.any_text import ANY_CHARACTER
 from tests.support.running_program import PATIENCE_S
 
-DBC = Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc"
+DBC = Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc"
 
 FD_LENGTHS = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
 
