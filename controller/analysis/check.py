@@ -5,6 +5,7 @@ The text as a whole is a settings file again: all but the settings are TOML comm
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
 from typing import Any
 
 from ...runtime.settings.toml_text import dump_toml
@@ -19,6 +20,7 @@ _PER_MS = 1e3
 _RESOLUTION = 100.0
 """Delays are shown in hundredths of a millisecond."""
 _RANGES_PER_LINE = 3
+_WIDTH = 98
 
 Figures = Mapping[str, Any]
 
@@ -58,7 +60,7 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
         yield "The set point of the followed point is outside the loop: it changes none of it."
         yield ""
     if figures["not_analysed"]:
-        yield f"Not analysed: {figures['not_analysed']}."
+        yield from wrap(f"Not analysed: {figures['not_analysed']}.", _WIDTH)
         return
     yield "Poles of the law alone:"
     yield from _poles(figures["law_poles"])
@@ -98,11 +100,11 @@ def _corners(corners: Sequence[Figures]) -> Iterator[str]:
 
 
 def _looking_back(figures: Figures) -> Iterator[str]:
-    yield from figures["opening"]
-    yield ""
     if figures["not_analysed"]:
-        yield f"Not analysed: {figures['not_analysed']}."
+        yield from wrap(f"Not analysed: {figures['not_analysed']}.", _WIDTH)
     else:
+        yield from figures["opening"]
+        yield ""
         yield "Poles of the closed loop around the nominal plant, without delay:"
         yield from _poles(figures["closed_loop_poles"])
         yield ""

@@ -2,12 +2,14 @@
 
 law, rate_hz, period_s
 not_analysed           why there is no analysis at all, empty otherwise
-opening, closing       of a law that looks back: lines before and after the analysis, as printed
+opening, closing       of a law that looks back or a loop of two rates: lines before and after the
+                       analysis, as printed
 law_poles              of the law alone; absent for laws that look back
 closed_loop_poles      around the nominal plant, without delay; absent without a model
-decay_1_s              of the slowest mode without delay; null for laws that look back
+decay_1_s              of the slowest mode without delay; absent with ``delays``
 margins                without delay, at the command on the bus; null where not stable
-delays                 of a law that looks back: sensitivity and noise at some constant delays
+delays                 of a law that looks back or a loop of two rates: sensitivity and noise at
+                       some constant delays
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``
 jitter                 for some mean latencies, the standard deviations that are tolerated
@@ -27,13 +29,14 @@ from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
+from ..filters.transfer_function import TransferFunction
 from ..interface.law import LookingBack
 from ..laws.assembly import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .loop_signals import LoopModel
-from .predictor_loop import PredictorLoop, Responses, linear, stable_constant_delays
+from .periodic_loop import PeriodicLoop, Responses, linear, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
@@ -43,6 +46,8 @@ SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
 """Largest delay for a law with a filter: every command in transit is a state, and the search with a
 hundred of them at each delay takes a minute in total."""
+TWO_RATES_PERIODS_MAX = 300
+"""Largest delay for another law at two rates: the search takes some seconds."""
 
 Figures = dict[str, Any]
 Progress = Callable[[str], None]
@@ -60,7 +65,8 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     delay_max_s = None if validity is None else 1e-3 * validity.delay_ms_max
     box = validity if "stable_delays" in figures else None
     if box is not None and box.given() and isinstance(model, VehicleModelSettings):
-        limit_ns = min(DELAY_NS_MAX, round(box.delay_ms_max * NS_PER_MS))
+        searched_ns = round(NS_PER_S * figures["stable_delays"]["searched_s"])
+        limit_ns = min(searched_ns, round(box.delay_ms_max * NS_PER_MS))
         responses: Responses = {}
         for vehicle in box.corners(model.vehicle):
             changed = {key: getattr(vehicle, key) for key in box.given()}
@@ -78,11 +84,42 @@ def _stable_delays_of(
     law = design.looking_back
     if law is None:
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
-        loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
-        return stable_delays(loop, limit_ns)
+        model = steer_to_lateral_error(vehicle)
+        return _stable_delays_around(settings, design, model, limit_ns, responses)
     periods = law.state_period_ns, law.request_periods
-    around = PredictorLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, responses)
+    around = PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, responses)
     return stable_constant_delays(around, limit_ns)
+
+
+def _stable_delays_around(
+    settings: ControllerSettings,
+    design: LawDesign,
+    model: TransferFunction,
+    limit_ns: int,
+    responses: Responses | None = None,
+) -> tuple[DelayInterval, ...]:
+    """Return the stable delays of a law that does not look back.
+
+    Raises ValueError where the two periods have no common multiple.
+    """
+    if not _has_two_rates(settings):
+        return stable_delays(SampledLoop(design, model, settings.period_ns), limit_ns)
+    loop = PeriodicLoop(design, settings.loop_delay, LoopModel(model), responses=responses)
+    return stable_constant_delays(loop, limit_ns)
+
+
+def _has_two_rates(settings: ControllerSettings) -> bool:
+    """Whether some ticks find no new measurement, or one that is not taken at the tick."""
+    return settings.period_ns % settings.loop_delay.sensor_period_ns != 0
+
+
+def _delay_ns_max(settings: ControllerSettings, design: LawDesign) -> int:
+    """Return the largest delay that is searched."""
+    if design.looking_back is not None:
+        return min(DELAY_NS_MAX, FILTER_PERIODS_MAX * settings.period_ns)
+    if _has_two_rates(settings):
+        return min(DELAY_NS_MAX, TWO_RATES_PERIODS_MAX * settings.period_ns)
+    return DELAY_NS_MAX
 
 
 def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figures:
@@ -94,7 +131,8 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     }
     design = design_law(linear(settings))
     if design.looking_back is not None:
-        return figures | _looking_back(settings, design, design.looking_back, progress)
+        loop_model = LoopModel(vehicle_of(settings).vehicle)
+        return figures | _looking_back(settings, design, design.looking_back, loop_model, progress)
     if settings.followed_point != "preview":  # its set point is outside the loop
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
     try:
@@ -104,6 +142,9 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     figures["law_poles"] = _poles(np.linalg.eigvals(law.a).astype(np.complex128), settings)
     if settings.model is None:
         return figures
+    if _has_two_rates(settings):
+        loop_model = LoopModel(settings.model)
+        return figures | _looking_back(settings, design, _two_rates(settings), loop_model, progress)
     loop = SampledLoop(design, settings.model, settings.period_ns)
     progress("poles and margins")
     decay_1_s = loop.decay_1_s(0)
@@ -122,40 +163,58 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     }
 
 
-def _looking_back(
-    settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
-) -> Figures:
-    loop_delay, loop_model = (
-        settings.loop_delay,
-        LoopModel(vehicle_of(settings).vehicle),
+def _two_rates(settings: ControllerSettings) -> LookingBack:
+    """Return what is said about a loop whose measurements have a rate of their own."""
+    control_ms, sensor_ms = settings.period_ns / NS_PER_MS, settings.link.sensor_period_ms
+    return LookingBack(
+        (
+            f"Control every {control_ms:g} ms, measurements every {sensor_ms:g} ms"
+            " (link.sensor_period_ms):",
+            "analysed at both rates; gain and phase margins belong to loops of one rate.",
+        ),
+        (
+            "The clocks start together, as in virtual time; on a bus a measurement waits up to",
+            f"{min(control_ms, sensor_ms):g} ms more for its tick, which counts as delay.",
+        ),
     )
+
+
+def _looking_back(
+    settings: ControllerSettings,
+    design: LawDesign,
+    law: LookingBack,
+    loop_model: LoopModel,
+    progress: Progress,
+) -> Figures:
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
-    if law.fallback is not None and settings.model is not None:
-        name, when = law.fallback
-        progress(f"stable delays of {name}")
-        fallback = design_law(settings.model_copy(update={"law": name}))
-        stable = stable_delays(SampledLoop(fallback, settings.model, settings.period_ns))
-        figures["fallback"] = {"law": name, "when": when, "stable_delays": _delays(stable)}
+    limit_ns = _delay_ns_max(settings, design)
     try:
-        loop = PredictorLoop(
-            design, loop_delay, loop_model, law.state_period_ns, law.request_periods
+        if law.fallback is not None and settings.model is not None:
+            name, when = law.fallback
+            progress(f"stable delays of {name}")
+            fallback = design_law(settings.model_copy(update={"law": name}))
+            fallback_ns = _delay_ns_max(settings, fallback)
+            stable = _stable_delays_around(settings, fallback, settings.model, fallback_ns)
+            delays = _delays(stable, fallback_ns)
+            figures["fallback"] = {"law": name, "when": when, "stable_delays": delays}
+        loop = PeriodicLoop(
+            design, settings.loop_delay, loop_model, law.state_period_ns, law.request_periods
         )
     except ValueError as error:
-        return figures | {"not_analysed": f"{error}"}
+        return figures | {"opening": (), "closing": (), "not_analysed": f"{error}"}
     progress("poles and sensitivity")
-    longest_ns = FILTER_PERIODS_MAX * loop_delay.period_ns
+    longest_ns = FILTER_PERIODS_MAX * settings.period_ns
     shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS if ms * NS_PER_MS <= longest_ns]
     figures |= {
         "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings, loop.period_ns),
         "delays": [_at_delay(loop, delay_ns) for delay_ns in shown_ns],
     }
     progress("stable delays")
-    limit_ns = min(DELAY_NS_MAX, longest_ns)
     stable = stable_constant_delays(loop, limit_ns)
     return figures | {"stable_delays": _delays(stable, limit_ns)}
 
 
-def _at_delay(loop: PredictorLoop, delay_ns: int) -> Figures:
+def _at_delay(loop: PeriodicLoop, delay_ns: int) -> Figures:
     decay_1_s = loop.decay_1_s(delay_ns)
     is_stable = decay_1_s > SLOWEST_DECAY_1_S
     return {

@@ -1,4 +1,4 @@
-"""The signals in the loop of a law that looks back, as linear functions of the initial state.
+"""The signals in a loop of two rates, as linear functions of the initial state.
 
 At a constant latency every instant is known beforehand: when samples are taken, ticks run and
 commands act, which command the echo names, and what the controller has received. ``Signals`` moves
@@ -19,8 +19,10 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
+from ..filters.transfer_function import TransferFunction
 from ..history.loop_delay import LoopDelayParams
 from ..prediction.matrices import zero_order_hold
+from .linear_system import companion_form
 
 BETA, R, PSI, Y, WHEEL = range(5)
 
@@ -28,19 +30,28 @@ BETA, R, PSI, Y, WHEEL = range(5)
 class LoopModel(NamedTuple):
     """The controlled system: a vehicle with an actuator, and its network.
 
+    ``vehicle``         or G from wheel angle [rad] to lateral error [m], for a law that reads no
+                        other signal; without actuator lag then
     ``actuator_lag_s``  from the command to the wheel, first order; 0 for none [s]
     ``uplink_ns``       constant latency of every measurement and echo [ns]
     """
 
-    vehicle: NominalVehicle
+    vehicle: NominalVehicle | TransferFunction
     actuator_lag_s: float = 0.0
     uplink_ns: int = 0
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of the vehicle; 0 if unknown [m/s]."""
+        return 0.0 if isinstance(self.vehicle, TransferFunction) else self.vehicle.speed_m_s
 
 
 class Timing(NamedTuple):
     """Times of all events in the period that begins with ``first_tick`` and ``first_sample``.
 
     ``samples_per_state``  from one VEHICLE_STATE to the next; 0: the law does not read it
+    ``commands_read``      how many of its last commands the law reads; None: all from the one that
+                           the echo names, and the echo too
     """
 
     loop_delay: LoopDelayParams
@@ -51,6 +62,7 @@ class Timing(NamedTuple):
     ticks: int
     samples: int
     samples_per_state: int = 0
+    commands_read: int | None = None
 
     @property
     def end_ns(self) -> int:
@@ -85,6 +97,19 @@ class Timing(NamedTuple):
         if self.delay_ns == 0:  # the sample is taken before the tick
             return -(-sample_ns // self.loop_delay.period_ns) - 1
         return (sample_ns - self.delay_ns) // self.loop_delay.period_ns
+
+    def rows_read_at(self, tick: int) -> tuple[range, range]:
+        """Return the commands and the samples that a law may read at a tick."""
+        known = self.newest_sample(tick - 1)
+        samples = range(known, self.newest_sample(tick) + 1)
+        if self.commands_read is not None:
+            return range(tick - self.commands_read, tick), samples
+        return range(self.applied_tick(known), tick), samples
+
+    def commands_kept(self, tick: int) -> range:
+        """Return the commands before a tick that still matter to law or plant."""
+        applied = self.applied_tick(self.newest_sample(tick - 1))
+        return range(min(applied, tick - (self.commands_read or 1)), tick)
 
     def acting_tick(self, time_ns: int) -> int:
         """Return the tick whose command acts from a time on."""
@@ -131,7 +156,7 @@ class Signals:
         self._now_ns = timing.first_tick * timing.loop_delay.period_ns
         self._tick, self._sample = timing.first_tick, timing.first_sample
         known = timing.newest_sample(self._tick - 1)
-        ticks = range(timing.applied_tick(known), self._tick)
+        ticks = timing.commands_kept(self._tick)
         samples = range(known, self._sample)
         states = timing.states_known(self._tick - 1, self._sample)
         acting = timing.acting_tick(self._now_ns)
@@ -175,7 +200,7 @@ class Signals:
 
     def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:
         """Run the law's tick."""
-        ticks, samples = rows_read_at(self._timing, self._tick)
+        ticks, samples = self._timing.rows_read_at(self._tick)
         states = self._timing.states_known(self._tick, self._sample)[:1]
         rows = [
             *self._law,
@@ -192,7 +217,7 @@ class Signals:
     def matrices(self) -> LoopMatrices:
         """Return the final state, and the steers and acting commands in between."""
         known = self._timing.newest_sample(self._tick - 1)
-        ticks = range(self._timing.applied_tick(known), self._tick)
+        ticks = self._timing.commands_kept(self._tick)
         states = self._timing.states_known(self._tick - 1, self._sample)
         acting = self._timing.acting_tick(self._now_ns)
         rows = [
@@ -217,14 +242,10 @@ class Signals:
         )
 
 
-def rows_read_at(timing: Timing, tick: int) -> tuple[range, range]:
-    """Return the commands and the samples that a law with a filter reads at a tick."""
-    known = timing.newest_sample(tick - 1)
-    return range(timing.applied_tick(known), tick), range(known, timing.newest_sample(tick) + 1)
-
-
 def continuous_model(loop_model: LoopModel) -> tuple[FloatArray, FloatArray]:
     """Return vehicle and actuator, SAE 2018-01-1086 (1), from the command."""
+    if isinstance(loop_model.vehicle, TransferFunction):
+        return _observer_form(loop_model.vehicle)
     m, j, c_f, c_r, l_f, l_r, l_s, v = loop_model.vehicle
     a = np.zeros((5, 5))
     a[BETA, BETA] = -(c_r + c_f) / (m * v)
@@ -239,3 +260,17 @@ def continuous_model(loop_model: LoopModel) -> tuple[FloatArray, FloatArray]:
         return a[:WHEEL, :WHEEL], a[:WHEEL, WHEEL]
     a[WHEEL, WHEEL], b[WHEEL] = -1.0 / loop_model.actuator_lag_s, 1.0 / loop_model.actuator_lag_s
     return a, b
+
+
+def _observer_form(model: TransferFunction) -> tuple[FloatArray, FloatArray]:
+    """Return A and b of a transfer function whose output is the state of the lateral error.
+
+    A model of fewer states leaves some that nothing drives.
+    """
+    a, b, c = companion_form(model)
+    order = max(len(b), Y + 1)
+    padded_a, padded_b = np.zeros((order, order)), np.zeros(order)
+    padded_a[: len(b), : len(b)], padded_b[: len(b)] = a.T, c
+    at = np.arange(order)
+    at[[Y, len(b) - 1]] = at[[len(b) - 1, Y]]
+    return padded_a[np.ix_(at, at)], padded_b[at]

@@ -1,4 +1,4 @@
-"""The response of a law that looks back to unit inputs, at one tick.
+"""The response of a law to unit inputs, at one tick.
 
 The law's own step function is evaluated once for every float of its state and for every input that
 it reads. This determines a law completely if it is linear at a constant latency.
@@ -13,7 +13,7 @@ from ...runtime.array_types import FloatArray
 from ..interface.law import History, LawInput, LoopDelay, VehicleReading
 from ..laws.assembly import LawDesign
 from .linear_system import filled, floats_of
-from .loop_signals import Timing, rows_read_at
+from .loop_signals import Timing
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000
@@ -29,7 +29,7 @@ def unit_responses(
     """
     loop_input = _LoopInput(timing, speed_m_s)
     rest = _settled_at_rest(design, params, loop_input, timing, tick)
-    ticks, samples = rows_read_at(timing, tick)
+    ticks, samples = timing.rows_read_at(tick)
     at_rest = own_floats(rest)
     responses = [design.step(params, rest, loop_input.observed(tick))]
     for unit in range(len(at_rest)):

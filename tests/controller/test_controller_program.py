@@ -104,7 +104,8 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20_000_000)
     monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     looks_back = preset(name).law in ("predictor", "packet", "delayed_set_point")
-    settings = preset(name, f"rate_hz={100 if looks_back else 64}")
+    rates = ("rate_hz=100",) if looks_back else ("rate_hz=64", "link.sensor_period_ms=15.625")
+    settings = preset(name, *rates)
     text = check_text(settings)
     assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text

@@ -24,11 +24,13 @@ from ...controller.filters.settings import (
     PdSettings,
     VehicleModelSettings,
 )
+from ...controller.history.loop_delay import LinkSettings
 from ...controller.interface.designed_ranges import ValiditySettings
 from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.laws.pid import PidSettings
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
+from ...runtime.node import NS_PER_MS
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -153,6 +155,7 @@ def controller_settings(
         rate_hz=spec.rate_hz,
         nominal_model=VehicleModelSettings(**vehicle.vehicle.model_dump()),
         limits=spec.limits,
+        link=LinkSettings(sensor_period_ms=spec.period_ns / NS_PER_MS),
         validity=validity(vehicle, spec.delay.ms_max),
         **tables,
     )

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from ...closed_loop.compiled.engine import Outcome, run_batch
 from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...controller.analysis.loop_signals import LoopModel
-from ...controller.analysis.predictor_loop import PredictorLoop, linear
+from ...controller.analysis.periodic_loop import PeriodicLoop, linear
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
@@ -165,7 +165,7 @@ def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequen
         design_law(linear(settings)),
         settings.loop_delay,
     )
-    loops = [PredictorLoop(design, loop_delay, LoopModel(vehicle)) for vehicle in task.vehicles]
+    loops = [PeriodicLoop(design, loop_delay, LoopModel(vehicle)) for vehicle in task.vehicles]
     return max(
         loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf
         for loop, delay_ns in product(loops, delays_ns)
@@ -320,7 +320,10 @@ def _settings(
         **tables,
         law="predictor",
         validity=validity(vehicle, table.delay_ms_max),
-        link=LinkSettings(delay_averaging_s=table.delay_averaging_s),
+        link=LinkSettings(
+            sensor_period_ms=fallback.link.sensor_period_ms,
+            delay_averaging_s=table.delay_averaging_s,
+        ),
         estimator=EstimatorSettings(
             lateral_error_noise_m=table.lateral_error_noise_m,
             heading_error_noise_rad=table.heading_error_noise_rad,

@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
-from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop
+from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.laws.assembly import design_law
@@ -26,11 +26,11 @@ SMALL_PUSH = (
 
 
 @cache
-def loop_of(vehicle: NominalVehicle, *overrides: str) -> PredictorLoop:
+def loop_of(vehicle: NominalVehicle, *overrides: str) -> PeriodicLoop:
     settings = preset(SET_POINT, overrides)
     design = design_law(settings)
     repeated = int(design.params.request_periods)
-    return PredictorLoop(design, settings.loop_delay, LoopModel(vehicle), 20 * MS, repeated)
+    return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), 20 * MS, repeated)
 
 
 # Where the slowest mode swings, close to the end of the stable delays: 416 ms at d, 421 ms at c.

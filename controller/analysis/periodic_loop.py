@@ -1,9 +1,11 @@
-"""The loop of a law that looks back, at a constant latency: linear then, and analysed as it runs.
+"""A loop of two rates at a constant latency, linear then, and analysed as it runs.
 
-At a constant latency the echo shows a constant delay and every measurement arrives. The predictor,
-or a law with dy/dt from the Kalman filter, is then a linear system that repeats itself with the
-common multiple of control and sensor period. So is the delayed set point, whose multiple includes
-the periods of VEHICLE_STATE and of its stored requests. The state at the beginning of a multiple is
+The controller decides every control period on the newest measurement, which the plant takes every
+sensor period. All of it repeats itself with the common multiple of both. At a constant latency the
+echo shows a constant delay and every measurement arrives, so that the laws that look back are
+linear too: the predictor, a law with dy/dt from the Kalman filter, and the delayed set point, whose
+multiple includes the periods of VEHICLE_STATE and of its stored requests. The state at the
+beginning of a multiple is
 
     x = (vehicle and wheel, law and filter, commands sent, measurements in transit)
 
@@ -38,7 +40,6 @@ from .loop_signals import (
     Timing,
     Y,
     continuous_model,
-    rows_read_at,
 )
 from .sampled_loop import SLOWEST_DECAY_1_S
 from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, DelayInterval, stable_intervals
@@ -46,7 +47,7 @@ from .unit_responses import own_floats, unit_responses
 
 _START_S = 10
 """Start of the analysed period, late enough for all the history that a law reads."""
-_TICKS_MAX = 40
+_TICKS_MAX = 100
 """Most ticks, and most samples, in one common multiple of the periods."""
 _DOUBLINGS = 60
 _SETTLED = 1e-12
@@ -60,16 +61,18 @@ Responses = dict[tuple[Any, ...], FloatArray]
 """A law's known responses, by its speed and the timing of a tick."""
 
 
-class PredictorLoop:
-    """A law that looks back, around a vehicle.
+class PeriodicLoop:
+    """A law around a vehicle that measures at a rate of its own.
 
-    ``design``  the law, its parameters those of the vehicle's speed
-    ``link``    periods of controller and sensors
+    Both clocks start together, as in virtual time: a measurement taken at a tick is read by it.
+
+    ``design``      the law, its parameters those of the vehicle's speed
+    ``loop_delay``  periods of controller and sensors
     ``state_period_ns``  of VEHICLE_STATE, a multiple of the sensors', if the law reads its yaw rate
     ``ticks_repeated``   after how many ticks the law does the same again, if it counts them
     ``responses``        of the same law around other vehicles, extended by those computed here
 
-    Raises ValueError where the two periods have no common multiple within 40 of either.
+    Raises ValueError where the two periods have no common multiple within 100 of either.
     """
 
     def __init__(
@@ -83,7 +86,7 @@ class PredictorLoop:
     ) -> None:
         self.loop_model = loop_model
         self._design, self._loop_delay = design, loop_delay
-        speed_m_s = loop_model.vehicle.speed_m_s
+        speed_m_s = loop_model.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
         sample_ns = loop_delay.sensor_period_ns
         self._samples_per_state = 0 if state_period_ns is None else state_period_ns // sample_ns
@@ -97,10 +100,13 @@ class PredictorLoop:
             > _TICKS_MAX
         ):
             raise ValueError(
-                f"control period {loop_delay.period_ns} ns and sensor period"
-                f" {loop_delay.sensor_period_ns} ns"
-                f" have no common multiple within {_TICKS_MAX} periods"
+                f"control every {loop_delay.period_ns} ns and measurements every"
+                f" {loop_delay.sensor_period_ns} ns have no common multiple within {_TICKS_MAX}"
+                " periods: choose rate_hz and link.sensor_period_ms that have one"
             )
+        self._commands_read = None
+        if design.looking_back is None:
+            self._commands_read = max(design.commands_read or 0, 1)
         self._plant = continuous_model(loop_model)
         self._responses: Responses = {} if responses is None else responses
         self._last: tuple[int, LoopMatrices] | None = None
@@ -182,6 +188,7 @@ class PredictorLoop:
             self.period_ns // loop_delay.period_ns,
             self.period_ns // loop_delay.sensor_period_ns,
             self._samples_per_state,
+            self._commands_read,
         )
 
     def _kept(self, delay_ns: int) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -195,13 +202,12 @@ class PredictorLoop:
 
     def _respond(self, timing: Timing, tick: int) -> FloatArray:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
-        ticks, samples = rows_read_at(timing, tick)
-        applied = tuple(timing.applied_tick(sample) for sample in samples)
-        speed_m_s = self.loop_model.vehicle.speed_m_s
-        key = (
-            *(speed_m_s, tick - timing.first_tick, timing.echoed_delay_ns()),
-            *(ticks, samples, applied),
-        )
+        ticks, samples = timing.rows_read_at(tick)
+        speed_m_s = self.loop_model.speed_m_s
+        key: tuple[Any, ...] = (speed_m_s, tick - timing.first_tick, ticks, samples)
+        if timing.commands_read is None:
+            applied = tuple(timing.applied_tick(sample) for sample in samples)
+            key = (*key, timing.echoed_delay_ns(), applied)
         if key not in self._responses:
             self._responses[key] = unit_responses(
                 self._design, self._params, timing, tick, speed_m_s
@@ -229,7 +235,7 @@ def _reached_from(start: int, acts: BoolArray) -> BoolArray:
 
 
 def stable_constant_delays(
-    loop: PredictorLoop, delay_ns_max: int = DELAY_NS_MAX
+    loop: PeriodicLoop, delay_ns_max: int = DELAY_NS_MAX
 ) -> tuple[DelayInterval, ...]:
     """Return the stable latencies of the commands from 0 to a limit, ascending.
 

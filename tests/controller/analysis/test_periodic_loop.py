@@ -11,8 +11,8 @@ from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
-from steer_by_wire.controller.analysis.predictor_loop import (
-    PredictorLoop,
+from steer_by_wire.controller.analysis.periodic_loop import (
+    PeriodicLoop,
     Responses,
     stable_constant_delays,
 )
@@ -36,10 +36,10 @@ def controller(*overrides: str) -> ControllerSettings:
 @cache
 def loop_of(
     overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float = 0.0, uplink_ns: int = 0
-) -> PredictorLoop:
+) -> PeriodicLoop:
     settings, loop_model = controller(*overrides), LoopModel(vehicle, lag_s, uplink_ns)
     responses = responses_of(overrides)
-    return PredictorLoop(
+    return PeriodicLoop(
         design_law(settings),
         settings.loop_delay,
         loop_model,
@@ -119,7 +119,7 @@ def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
     settings, vehicle = controller(), paper_box().nominal
     design, model = design_law(settings), steer_to_lateral_error(vehicle)
     classical = SampledLoop(design, model, settings.period_ns)
-    loop = PredictorLoop(design, settings.loop_delay, LoopModel(vehicle))
+    loop = PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle))
     for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
         expected = classical.closed_loop_poles(delay_ns)
         found = loop.closed_loop_poles(delay_ns)
@@ -158,7 +158,7 @@ def test_periods_of_their_own_are_one_period_together(
 def test_periods_without_a_common_multiple_are_refused() -> None:
     settings = controller(*PREDICTOR, "rate_hz=99")
     with pytest.raises(ValueError, match="no common multiple"):
-        PredictorLoop(
+        PeriodicLoop(
             design_law(settings),
             settings.loop_delay,
             LoopModel(paper_box().nominal),
@@ -189,7 +189,9 @@ def test_the_check_of_the_filtered_derivative_says_where_it_ends() -> None:
 
 
 def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
-    assert "Not analysed: control period" in check_text(controller(*PREDICTOR, "rate_hz=99"))
+    assert "Not analysed: control every 10101010 ns" in check_text(
+        controller(*PREDICTOR, "rate_hz=99")
+    )
 
 
 def test_the_check_of_the_predictor_reports_what_its_fallback_survives(
