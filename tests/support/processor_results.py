@@ -162,7 +162,7 @@ def search(folder: Path) -> Iterator[tuple[str, str]]:
     found = find(coarse, coarse, "pd", lambda *_: None)
     yield "designed gains", digest(found.candidate.values())
     random = np.random.default_rng(7)
-    evolution = evolve(lambda x: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
+    evolution = evolve(lambda x, _: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
     yield "evolution", digest([one.best.tolist() for one in islice(evolution, 30)])
 
 

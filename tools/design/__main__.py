@@ -13,22 +13,24 @@ A frontier compares the structures of a law: the least error of each for every d
 guarantees, all at the same noise. It leaves frontier.csv and two pictures in DIR.
 
 A law that meets not all demands has no preset. Its best is kept as NAME.unmet.toml, which says in
-its first line that it is no design and then what was demanded and reached.
+its first line that it is no design and then what was demanded and reached. Ctrl-C, or the end of
+--minutes, ends a search with its best so far; the same command goes on from there.
 
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
-written.
+written, 130 when interrupted.
 """
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import CancelledError, Future, wait
 from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
 from steer_by_wire.closed_loop.worker_processes import worker_pool
@@ -38,6 +40,8 @@ from steer_by_wire.runtime.command_line import (
     add_out_argument,
     add_overrides_argument,
     command_parser,
+    ending_signals,
+    number,
     run_main,
     say,
 )
@@ -50,16 +54,23 @@ from steer_by_wire.tools.design.law_design import Design, NoDesignError, verific
 from steer_by_wire.tools.design.law_parameters import KEYS, any_settings
 from steer_by_wire.tools.design.predictor_design import design_predictor, predictor_demands
 from steer_by_wire.tools.design.report import (
-    UNMET,
+    LawFiles,
     demand_lines,
-    outcome_lines,
     predictor_figures,
     predictor_preset_text,
     preset_name,
     reason_lines,
+    unmet_lines,
     unmet_text,
+    written_lines,
 )
 from steer_by_wire.tools.design.specification import PredictorTable, Specification
+from steer_by_wire.tools.design.stop_and_resume import (
+    CtrlC,
+    SearchStoppedError,
+    kept_costs,
+    stopped_after,
+)
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
     plant_text,
@@ -79,6 +90,7 @@ SHIPPED = "steer_by_wire.tools.design"
 FRONTIERS = f"{SHIPPED}.frontier"
 NO_DESIGN = 1
 WORKERS = 2
+MINUTES = 5.0
 _POLL_S = 0.2
 
 
@@ -114,6 +126,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="also run every corner and delay in virtual time, half a second each",
     )
+    parser.add_argument(
+        "--minutes", type=number(0.0, 10_000.0), default=MINUTES, metavar="M",
+        help="longest search of a law (default: %(default)g)",
+    )  # fmt: skip
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -140,7 +156,7 @@ def _run(options: argparse.Namespace) -> int:
     rig.write_text(plant_text(spec, vehicle, any_settings(spec, vehicle)), encoding="utf-8")
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
-        Job(spec, vehicle, law, sources, options.out, pictures, index)
+        Job(spec, vehicle, law, sources, options.out, pictures, index, options.minutes)
         for index, law in enumerate(linear_laws(spec))
     ]
     console = plain_console()
@@ -151,34 +167,40 @@ def _run(options: argparse.Namespace) -> int:
     )
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
-    progress = shared_progress(len(jobs))
+    progress, ctrl_c = shared_progress(len(jobs)), CtrlC(NAME)
     workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
     with worker_pool(workers, begin_worker, progress) as pool:
         futures = [pool.submit(run_job, job) for job in jobs]
-        _watch(console, linear_laws(spec), futures, progress)
-        for future in futures:
+        with ending_signals(ctrl_c):
+            _watch(console, linear_laws(spec), futures, progress, ctrl_c)
+        for job, future in zip(jobs, futures, strict=True):
+            files = LawFiles(options.out, preset_name(spec, job.law))
             try:
                 design = future.result()
+            except (CancelledError, SearchStoppedError):
+                say(NAME, f"{job.law}: not begun", sys.stderr)
+                continue
             except NoDesignError as error:
                 say(NAME, f"error: {error}", sys.stderr)
                 if error.found is not None:
-                    for line in outcome_lines(error.found.judgement.demands):
+                    for line in unmet_lines(error.found.judgement.demands, files):
                         print(line)
-                    name = preset_name(spec, error.found.candidate.law)
-                    print(f"  no preset; the best so far -> {options.out / name}{UNMET}.toml")
                 status = NO_DESIGN
                 continue
             for line in _lines(spec, design, options.out):
                 print(line)
-            if options.verify:
+            if options.verify and not ctrl_c.is_pressed:
                 verification = verify(pool, spec, vehicle, design)
                 print(verification_line(spec, design, verification))
                 status = status if verification.held else NO_DESIGN
             if design.law == FALLBACK:
                 fallback = design.settings
-    if "predictor" in spec.laws and spec.predictor is not None:
+    if "predictor" in spec.laws and spec.predictor is not None and not ctrl_c.is_pressed:
         designed = (spec, spec.predictor, vehicle, fallback)
-        status = max(status, _design_predictor(console, *designed, sources, options))
+        with ending_signals(ctrl_c):
+            status = max(status, _design_predictor(console, *designed, sources, options, ctrl_c))
+    if ctrl_c.is_pressed:
+        return int(ExitStatus.INTERRUPTED)
     print(f"\nplant for these: {rig}")
     print(f"{time.perf_counter() - begin_s:.0f} s")
     return status
@@ -197,52 +219,64 @@ def _design_predictor(
     fallback: ControllerSettings | None,
     sources: tuple[str, str],
     options: argparse.Namespace,
+    ctrl_c: CtrlC,
 ) -> int:
     if table.fallback is not None:
         fallback = controller_preset(table.fallback)
     if fallback is None:
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
         return NO_DESIGN
-    name = preset_name(spec, "predictor")
+    files = LawFiles(options.out, preset_name(spec, "predictor"))
+    kept = kept_costs(files.search, spec, vehicle, fallback)
     with _bars(console, TextColumn("predictor")) as bars:
-        task = bars.add_task(name, total=1.0, best="")
+        task = bars.add_task(files.name, total=1.0, best="")
         lines = ProgressLines(NAME, is_shown=not console.is_terminal)
 
         def show(done: float, best: float) -> None:
             bars.update(task, completed=done, best=f"best {best:.4g}")
             lines.update({"predictor": done})
+            if ctrl_c.is_pressed:
+                raise SearchStoppedError
 
-        design = design_predictor(spec, table, vehicle, fallback, show)
+        progress = stopped_after(options.minutes, show)
+        design = design_predictor(spec, table, vehicle, fallback, progress, kept)
+    if design.ended:
+        kept.forget()
     print(f"\npredictor  ({design.judged} sets of parameters judged)")
     for label, text in predictor_figures(spec, table, design):
         print(f"  {label:18}{text}")
     demands = predictor_demands(spec, table, design)
-    unmet = options.out / f"{name}{UNMET}.toml"
     if any(demand.excess for demand in demands):
         count = sum(demand.excess > 0.0 for demand in demands)
         say(NAME, f"error: predictor: {count} of {len(demands)} demands are not met", sys.stderr)
-        for line in outcome_lines(demands):
+        files.write_unmet(unmet_text("predictor", design.settings, demands, sources))
+        for line in unmet_lines(demands, files):
             print(line)
-        text = unmet_text("predictor", design.settings, demands, sources)
-        unmet.write_text(text, encoding="utf-8")
-        print(f"  no preset; the best so far -> {unmet}")
         return NO_DESIGN
-    text = predictor_preset_text(spec, table, vehicle, design, sources)
-    (options.out / f"{name}.toml").write_text(text, encoding="utf-8")
-    unmet.unlink(missing_ok=True)
-    print(f"  -> {options.out / name}.toml")
+    files.write_preset(predictor_preset_text(spec, table, vehicle, design, sources))
+    for line in written_lines(files, ended=design.ended):
+        print(line)
     return int(ExitStatus.OK)
 
 
 def _watch(
-    console: Console, laws: Sequence[str], futures: Sequence[Future[Design]], shared: SharedProgress
+    console: Console,
+    laws: Sequence[str],
+    futures: Sequence[Future[Design]],
+    shared: SharedProgress,
+    ctrl_c: CtrlC,
 ) -> None:
+    """Show the searches until all have ended."""
     with _bars(console, TextColumn("{task.description:8}")) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)
         lines = ProgressLines(NAME, is_shown=not console.is_terminal)
         while waiting:
             _, waiting = wait(waiting, timeout=_POLL_S)
+            if ctrl_c.is_pressed:
+                shared[-1] = 1.0
+                for future in waiting:
+                    future.cancel()
             done = [1.0 if f.done() else shared[2 * n] for n, f in enumerate(futures)]
             lines.update(dict(zip(laws, done, strict=True)))
             for index, task in enumerate(tasks):
@@ -253,7 +287,7 @@ def _watch(
 
 def _bars(console: Console, name: TextColumn) -> Progress:
     best = TextColumn("{task.fields[best]}")
-    return progress_bars(console, name, BarColumn(30), TimeElapsedColumn(), best)
+    return progress_bars(console, name, BarColumn(30), TimeRemainingColumn(), best)
 
 
 def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
@@ -274,14 +308,14 @@ def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
         yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
     for reason in design.reasons:
         yield from reason_lines(reason, judgement.objective)
-    yield f"  -> {out / preset_name(spec, design.law)}.toml"
+    yield from written_lines(LawFiles(out, preset_name(spec, design.law)), design.found.ended)
 
 
 EVERY_S = 10.0
 
 
 class ProgressLines:
-    """Prints on standard error how much of each search is done.
+    """Prints on standard error how much of each search is done, and how long the rest may take.
 
     ``is_shown``  whether to print; a terminal has bars instead
     """
@@ -293,16 +327,28 @@ class ProgressLines:
         self._is_shown = is_shown
         self._clock_s = clock_s
         self._begin_s = self._last_s = clock_s()
+        self._first: dict[str, tuple[float, float]] = {}
 
     def update(self, done: Mapping[str, float]) -> None:
         """Print what is done of each, 0 to 1, unless a line was printed shortly before."""
         now_s = self._clock_s()
+        for what, share in done.items():
+            if share > 0.0 and share >= self._first.get(what, (0.0, math.inf))[1]:
+                continue
+            self._first[what] = now_s, share
         if not self._is_shown or now_s - self._last_s < EVERY_S:
             return
         self._last_s = now_s
-        shares = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in done.items())
+        shares = ", ".join(self._in_words(what, share, now_s) for what, share in done.items())
         text = f"{self._name}: {now_s - self._begin_s:.0f} s: {shares} of the search"
         print(text, file=sys.stderr, flush=True)
+
+    def _in_words(self, what: str, share: float, now_s: float) -> str:
+        since_s, first = self._first[what]
+        if not first < share < 1.0:
+            return f"{what} {100.0 * share:.0f} %"
+        left_s = (now_s - since_s) * (1.0 - share) / (share - first)
+        return f"{what} {100.0 * share:.0f} % (about {left_s:.0f} s left)"
 
 
 if __name__ == "__main__":

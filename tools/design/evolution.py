@@ -78,7 +78,7 @@ def constants(dimensions: int, points: int) -> Constants:
 
 
 def evolve(
-    cost: Callable[[FloatArray], float],
+    cost: Callable[[FloatArray, float], float],
     start: FloatArray,
     deviation: FloatArray,
     points: int,
@@ -86,6 +86,8 @@ def evolve(
 ) -> Iterator[Generation]:
     """Yield generation after generation, without end.
 
+    ``cost``       of a point; its second argument is a ceiling. A point above that is in the worse
+                   half of its generation, so any value above it does as well as the true cost
     ``start``      where the first generation is centred, shape (n,)
     ``deviation``  and how far it is spread in each coordinate, shape (n,)
     """
@@ -100,7 +102,7 @@ def evolve(
         scales = np.sqrt(np.maximum(variances, 0.0))
         steps = product(random.standard_normal((points, len(mean))) * scales, basis.T)
         samples = mean + sigma * steps
-        costs = np.array([cost(sample) for sample in samples])
+        costs = _costs(cost, samples, len(c.weights))
         order = np.argsort(costs, kind="stable")
         if costs[order[0]] < best_cost:
             best, best_cost = samples[order[0]], float(costs[order[0]])
@@ -129,6 +131,17 @@ def evolve(
         variances, basis = principal_axes(covariance)
         spread = sigma * math.sqrt(float(variances.max()))
         yield Generation(number, number * points, best, best_cost, spread)
+
+
+def _costs(
+    cost: Callable[[FloatArray, float], float], samples: FloatArray, half: int
+) -> FloatArray:
+    """Return the costs of a generation; the ceiling is the worst cost of its better half so far."""
+    costs: list[float] = []
+    for sample in samples:
+        ceiling = sorted(costs)[half - 1] if len(costs) >= half else math.inf
+        costs.append(cost(sample, ceiling))
+    return np.array(costs)
 
 
 def principal_axes(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,8 @@ analysis.
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import suppress
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +20,14 @@ from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, u
 from .law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
 from .parameter_search import Found, Progress, find, find_any
 from .specification import Specification
+from .stop_and_resume import KeptCosts, SearchStoppedError
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
 from .virtual_check import constant, drive, drives, jittered
 
 _MOVE = 0.1
 """Share by which a parameter is moved to see what it does."""
+_STOPPED = "stopped before it was found which demand is in the way; the same command goes on"
 _MEANINGS = {
     "settling": "a mode slower than sigma",
     "delay margin": "unstable within the delay margin",
@@ -90,15 +94,29 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
-    """Return the law that is best by the specification; raises NoDesignError."""
+def design(
+    spec: Specification,
+    vehicle: VehicleFile,
+    law: str,
+    progress: Progress,
+    kept: KeptCosts | None = None,
+) -> Design:
+    """Return the law that is best by the specification; raises NoDesignError.
+
+    ``kept``  costs of an earlier search for the same that was stopped
+    """
     reason = why_no_gains(spec, vehicle)
     if reason is not None:
         raise NoDesignError(f"{law}: {reason}")
     fine = make_study(spec, vehicle, fine=True)
-    found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, progress, (), kept)
     if not found.feasible:
-        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}", found)
+        why = _STOPPED
+        with suppress(SearchStoppedError):
+            if found.ended:
+                why = _why_no_design(spec, vehicle, found, progress, kept)
+        found = found._replace(ended=why != _STOPPED)
+        raise NoDesignError(f"{law}: no design; {_nearest(found)}; {why}", found)
     described = describe(fine, found)
     return described._replace(reasons=tuple(reasons(fine, found.candidate)))
 
@@ -144,21 +162,37 @@ def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
     return by_delay.delays_ns[last] if last >= 0 else -1
 
 
-def _why_no_design(
-    spec: Specification, vehicle: VehicleFile, found: Found, progress: Progress
-) -> str:
-    """Return which demands the best law fails, and whether a design exists without one of the
-    demands, or with separate gains for two halves of the box.
-    """
-    best = ", ".join(
-        f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
-    )
+def _nearest(found: Found) -> str:
+    values = found.candidate.values().items()
+    best = ", ".join(f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in values)
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
+    return f"the nearest ({best}) fails: {fails}"
+
+
+def _why_no_design(
+    spec: Specification,
+    vehicle: VehicleFile,
+    found: Found,
+    progress: Progress,
+    kept: KeptCosts | None,
+) -> str:
+    """Return whether a design exists without one of the demands, or with separate gains for two
+    halves of the box.
+    """
     law = found.candidate.law
-    relaxed = (
-        (name, make_study(spec, vehicle, fine=False, without=frozenset({name}))) for name in DEMANDS
-    )
-    culprits = [name for name, study in relaxed if find_any(study, law, progress)]
+    share = 1.0 / (len(DEMANDS) + 2 * len(vehicle.box.ranges))
+    searches = count()
+
+    def is_possible(what: str, box: VehicleFile, without: frozenset[str]) -> bool:
+        begun = next(searches)
+
+        def show(done: float, best: float) -> None:
+            progress(min(1.0, share * (begun + done)), best)
+
+        study = make_study(spec, box, fine=False, without=without)
+        return find_any(study, law, show, kept, what)
+
+    culprits = [name for name in DEMANDS if is_possible(name, vehicle, frozenset({name}))]
     dropped = (
         f"without one of these there is a design: {', '.join(culprits)}"
         if culprits
@@ -167,14 +201,16 @@ def _why_no_design(
     halved = [
         f"{field} at {middle:g}"
         for field, middle, halves in split_boxes(vehicle)
-        if all(find_any(make_study(spec, half, fine=False), law, progress) for half in halves)
+        if all(
+            is_possible(f"{field} {which}", half, frozenset()) for which, half in enumerate(halves)
+        )
     ]
     split = (
         f"split the box into two designs at one of these: {', '.join(halved)}"
         if halved
         else "no split of the box in two halves helps"
     )
-    return f"no design; the nearest ({best}) fails: {fails}; {dropped}; {split}"
+    return f"{dropped}; {split}"
 
 
 def split_boxes(

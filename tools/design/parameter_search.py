@@ -7,6 +7,7 @@ search goes to better neighbours until there is none, judged first by the coarse
 fine one. The result is the best point of the lattice whose stability the eigenvalues confirm.
 """
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import combinations, product
 from typing import NamedTuple
@@ -17,10 +18,11 @@ from numpy.typing import ArrayLike
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import Judgement, Study, judge_candidate, judge_law
+from .demands import NEARLY_MET, Judgement, Study, judge_candidate, judge_law, may_be_better
 from .evolution import Generation, evolve
 from .law_parameters import Candidate, bounds, controller_settings, designs, values_at
 from .loop_figures import behind_lag
+from .stop_and_resume import KeptCosts, SearchStoppedError
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS
 _STABLE_1_S = 1e-3
@@ -42,7 +44,10 @@ _HALVED_AFTER = 150.0
 """Candidates of the fine study after which half of the rest of the progress has been shown."""
 
 Progress = Callable[[float, float], None]
-"""Called with the share of the search that is done at most, and the best cost so far."""
+"""Called with the share of the search that is done at most, and the best cost so far.
+
+It raises SearchStoppedError to end the search.
+"""
 
 
 class Confirmation(NamedTuple):
@@ -115,12 +120,14 @@ class Found(NamedTuple):
     ``judgement``     of the fine study
     ``confirmation``  by eigenvalues; None where the fine study did not pass it
     ``judged``        how many sets of parameters were judged
+    ``ended``         whether the search came to its end; otherwise this is its best so far
     """
 
     candidate: Candidate
     judgement: Judgement
     confirmation: Confirmation | None
     judged: int
+    ended: bool = True
 
     @property
     def feasible(self) -> bool:
@@ -132,24 +139,51 @@ class _Lattice:
     """Judges each candidate of the lattice once; ``show`` is called with the costs so far.
 
     One outside the bounds is not judged: no filter may be at or above the Nyquist frequency.
+
+    ``screen``  the coarse study that tells which candidates of a fine one need not be judged
     """
 
-    def __init__(self, study: Study, law: str, show: Callable[[Collection[float]], None]) -> None:
+    def __init__(
+        self,
+        study: Study,
+        law: str,
+        kept: KeptCosts,
+        show: Callable[[Collection[float]], None],
+        screen: Study | None,
+    ) -> None:
         self._study = study
         self._bounds = bounds_of(study, law)
-        self._show = show
+        self._kept = kept
+        self.show = show
+        self._screen = screen
         self.known: dict[Candidate, float] = {}
 
-    def cost(self, candidate: Candidate) -> float:
+    def cost(self, candidate: Candidate, ceiling: float = math.inf) -> float:
+        """Return the cost; the ceiling instead, if it is plain that the cost is no less."""
         if candidate not in self.known:
-            beyond = _beyond(self._bounds, candidate.places)
-            judged = 0.0 if beyond else cost(judge_candidate(self._study, candidate))
-            self.known[candidate] = _OUTSIDE * (1.0 + beyond) if beyond else judged
-            self._show(self.known.values())
+            if self._is_worse(candidate, ceiling):
+                return ceiling
+            what = ("lattice", self._screen is None, candidate.places)
+            self.known[candidate] = self._kept.cost(what, lambda: self._judged(candidate))
+            self.show(self.known.values())
         return self.known[candidate]
 
     def best(self) -> list[Candidate]:
         return sorted(self.known, key=lambda candidate: (self.known[candidate], candidate))
+
+    def _judged(self, candidate: Candidate) -> float:
+        beyond = _beyond(self._bounds, candidate.places)
+        if beyond:
+            return _OUTSIDE * (1.0 + beyond)
+        return cost(judge_candidate(self._study, candidate))
+
+    def _is_worse(self, candidate: Candidate, ceiling: float) -> bool:
+        if self._screen is None or ceiling >= _INFEASIBLE:
+            return False
+        if _beyond(self._bounds, candidate.places):
+            return True
+        law, values = candidate.law, candidate.values()
+        return not may_be_better(self._screen, self._study, law, values, ceiling)
 
 
 def bounds_of(study: Study, law: str) -> FloatArray:
@@ -172,80 +206,133 @@ def cost(judgement: Judgement) -> float:
 
 
 def find(
-    coarse: Study, fine: Study, law: str, progress: Progress, known: Sequence[Candidate] = ()
+    coarse: Study,
+    fine: Study,
+    law: str,
+    progress: Progress,
+    known: Sequence[Candidate] = (),
+    kept: KeptCosts | None = None,
 ) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification.
 
     ``known``  candidates from which the search goes on where they are better
+    ``kept``   costs of an earlier search for the same that was stopped
     """
+
+    def show_coarse(costs: Collection[float]) -> None:
+        progress(_COARSE_SHARE, min(costs))
 
     def show_fine(costs: Collection[float]) -> None:
         left = 0.5 ** (len(costs) / _HALVED_AFTER)
         progress(1.0 - (1.0 - _COARSE_SHARE) * left, min(costs))
 
-    lattice, judged = _Lattice(coarse, law, lambda _costs: None), 0
-    for start in range(coarse.spec.search.starts):
-        *_, last = _evolution(coarse, law, start, progress)
-        judged += last.judged
-        rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in last.best))
-        nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
-        descend(lattice.cost, nearest)
-    for candidate in known:
-        if lattice.cost(candidate) < lattice.cost(lattice.best()[0]):
-            descend(lattice.cost, candidate)
+    kept = KeptCosts() if kept is None else kept
+    lattice = _Lattice(coarse, law, kept, show_coarse, None)
+    finely = _Lattice(fine, law, kept, show_fine, coarse)
+    judged, ended = 0, True
+    reached = 0.5 * bounds_of(coarse, law).sum(axis=0)
+    try:
+        for start in range(coarse.spec.search.starts):
+            before = judged
+            for generation in _evolution(coarse, law, start, progress, kept):
+                reached, judged = generation.best, before + generation.judged
+            descend(lattice.cost, _nearest(lattice, law, reached))
+        for candidate in known:
+            if lattice.cost(candidate) < lattice.cost(lattice.best()[0]):
+                descend(lattice.cost, candidate)
+        _judge_finely(lattice, finely)
+        descend(finely.cost, finely.best()[0])
+    except SearchStoppedError:
+        ended = False
+        lattice.show = finely.show = _nobody
+        _nearest(lattice, law, reached)
+        _judge_finely(lattice, finely)
     judged += len(lattice.known)
-    finely = _Lattice(fine, law, show_fine)
-    for candidate in lattice.best()[:_KEPT]:
-        if finely.cost(candidate) < _INFEASIBLE:
-            break
-    descend(finely.cost, finely.best()[0])
+    best = finely.best()[0]
+    if finely.known[best] < _INFEASIBLE and not confirm(fine, best).stable:
+        for neighbour in neighbours(best):
+            finely.cost(neighbour)
     for candidate in finely.best()[:_KEPT]:
         if finely.known[candidate] >= _INFEASIBLE:
             break
         confirmation = confirm(fine, candidate)
         if confirmation.stable:
-            return Found(candidate, judge_candidate(fine, candidate), confirmation, judged)
-    best = finely.best()[0]
-    return Found(best, judge_candidate(fine, best), None, judged)
+            return Found(candidate, judge_candidate(fine, candidate), confirmation, judged, ended)
+    return Found(best, judge_candidate(fine, best), None, judged, ended)
 
 
-def find_any(study: Study, law: str, progress: Progress) -> bool:
-    """Whether an evolution from the first start meets all demands of a coarse study."""
+def _nearest(lattice: _Lattice, law: str, places: FloatArray) -> Candidate:
+    """Return the best candidate next to places between those of the lattice."""
+    rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in places))
+    return min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
+
+
+def _judge_finely(lattice: _Lattice, finely: _Lattice) -> None:
+    """Judge the best of the coarse study by the fine one, until one meets all demands."""
+    for candidate in lattice.best()[:_KEPT]:
+        if finely.cost(candidate) < _INFEASIBLE:
+            break
+
+
+def _nobody(_costs: Collection[float]) -> None:
+    """Ends a search without being stopped again."""
+
+
+def find_any(
+    study: Study, law: str, progress: Progress, kept: KeptCosts | None = None, what: str = ""
+) -> bool:
+    """Whether an evolution from the first start meets all demands of a coarse study.
+
+    ``what``  the study's name among the kept costs
+    """
+    kept = KeptCosts() if kept is None else kept
     return any(
-        generation.best_cost < _INFEASIBLE for generation in _evolution(study, law, 0, progress)
+        generation.best_cost < _INFEASIBLE
+        for generation in _evolution(study, law, 0, progress, kept, what)
     )
 
 
-def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterator[Generation]:
+def _evolution(
+    study: Study, law: str, start: int, progress: Progress, kept: KeptCosts, what: str = ""
+) -> Iterator[Generation]:
     """Yield the generations of an evolution between places of the lattice, until it settles."""
     table = study.spec.search
     limits = bounds_of(study, law)
     low, high = limits
     random = np.random.default_rng([table.seed, start])
 
-    def cost_at(places: FloatArray) -> float:
+    def cost_at(places: FloatArray, ceiling: float) -> float:
         beyond = _beyond(limits, places)
         if beyond:
             return _OUTSIDE * (1.0 + beyond)
-        return cost(judge_law(study, law, values_at(law, places)))
+        runs_up_to = 0.0 if ceiling < _INFEASIBLE else NEARLY_MET
+        return kept.cost(
+            (what, places.tolist()),
+            lambda: cost(judge_law(study, law, values_at(law, places), runs_up_to)),
+            ceiling,
+        )
 
     points = table.points_per_parameter * len(low)
     middle, spread = 0.5 * (low + high), _FIRST_SPREAD * (high - low)
     for generation in evolve(cost_at, middle, spread, points, random):
+        yield generation
         done = (start + generation.number / table.generations) / table.starts
         progress(_COARSE_SHARE * done, generation.best_cost)
-        yield generation
         if generation.spread < _SPREAD_MIN or generation.number >= table.generations:
             return
 
 
-def descend(cost_of: Callable[[Candidate], float], start: Candidate) -> Candidate:
-    """Go to the best neighbour on the lattice until none is better."""
+def descend(cost_of: Callable[[Candidate, float], float], start: Candidate) -> Candidate:
+    """Go to the best neighbour on the lattice until none is better.
+
+    ``cost_of``  of a candidate; its second argument is a ceiling, to which it may round up
+    """
+    least = cost_of(start, math.inf)
     while True:
-        best = min(neighbours(start), key=cost_of)
-        if cost_of(best) >= cost_of(start):
+        best = min(neighbours(start), key=lambda candidate: cost_of(candidate, least))
+        if cost_of(best, least) >= least:
             return start
-        start = best
+        start, least = best, cost_of(best, least)
 
 
 def neighbours(candidate: Candidate) -> Iterator[Candidate]:

@@ -8,9 +8,9 @@ and counters. The evolution strategy is the same as for the other laws.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
+from itertools import islice, product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from ...closed_loop.compiled.engine import Outcome, run_batch
 from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...controller.analysis.loop_signals import LoopModel
-from ...controller.analysis.periodic_loop import PeriodicLoop, linear
+from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
@@ -39,6 +39,7 @@ from .evolution import evolve
 from .law_parameters import validity
 from .parameter_search import Progress
 from .specification import ConditionsTable, PredictorTable, Specification
+from .stop_and_resume import KeptCosts, SearchStoppedError
 from .vehicle_file import VehicleFile
 from .virtual_check import Drive, constant, jittered, plant_settings
 
@@ -165,7 +166,11 @@ def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequen
         design_law(linear(settings)),
         settings.loop_delay,
     )
-    loops = [PeriodicLoop(design, loop_delay, LoopModel(vehicle)) for vehicle in task.vehicles]
+    responses: Responses = {}  # the law's own, at each speed
+    loops = [
+        PeriodicLoop(design, loop_delay, LoopModel(vehicle), responses=responses)
+        for vehicle in task.vehicles
+    ]
     return max(
         loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf
         for loop, delay_ns in product(loops, delays_ns)
@@ -183,6 +188,7 @@ class PredictorDesign(NamedTuple):
     ``conditions_m``     largest error under each of the specification's conditions
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
                          takes over without echoes; at most DELAY_NS_MAX of the analysis
+    ``ended``            whether the search came to its end; otherwise this is its best so far
     """
 
     settings: ControllerSettings
@@ -196,6 +202,7 @@ class PredictorDesign(NamedTuple):
     jitter_rms_m: tuple[float, ...]
     conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
+    ended: bool = True
 
 
 def predictor_demands(
@@ -224,32 +231,43 @@ def design_predictor(
     vehicle: VehicleFile,
     fallback: ControllerSettings,
     progress: Progress,
+    kept: KeptCosts,
 ) -> PredictorDesign:
     """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
 
     ``progress``  called with the share of the search that is done, and its best cost [m]
+    ``kept``      costs of an earlier search for the same that was stopped
     """
     start = np.array([math.log(value) for value in _START.values()])
     random = np.random.default_rng(spec.search.seed)
     points = spec.search.points_per_parameter * len(start)
-    best, judged = start, 0
+    best, best_cost, judged, ended = start, math.inf, 0, True
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, table, vehicle)
 
-        def cost(values: FloatArray) -> float:
+        def cost(values: FloatArray, ceiling: float) -> float:
+            nonlocal best, best_cost, judged
+            progress(judged / (points * table.generations), best_cost)
             try:
                 settings = _settings(table, vehicle, fallback, values)
             except ValidationError:
                 return LEFT_M * LEFT_M
-            return _cost(task, settings)
+            finally:
+                judged += 1
+            asked = settings.model_dump_json()
+            value = kept.cost(asked, lambda: _cost(task, settings, ceiling), ceiling)
+            if value < best_cost:
+                best, best_cost = values, value
+            return value
 
-        for generation in evolve(cost, start, np.full(len(start), 0.3 * _DECADE), points, random):
-            best, judged = generation.best, generation.judged
-            progress(generation.number / table.generations, generation.best_cost)
-            if generation.number >= table.generations:
-                break
+        try:
+            evolution = evolve(cost, start, np.full(len(start), 0.3 * _DECADE), points, random)
+            for _ in islice(evolution, table.generations):
+                pass
+        except SearchStoppedError:
+            ended = False
         settings = _settings(table, vehicle, fallback, best)
-        return describe_predictor(task, settings)._replace(judged=judged)
+        return describe_predictor(task, settings)._replace(judged=judged, ended=ended)
 
 
 def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
@@ -280,19 +298,32 @@ def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> in
     return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
 
 
-def _cost(task: Task, settings: ControllerSettings) -> float:
-    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
-    spec, table = task.spec, task.table
-    last_ns = table.delays_ns[-1]
+def _cost(task: Task, settings: ControllerSettings, ceiling: float = math.inf) -> float:
+    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded.
+
+    Where it is seen to exceed the ceiling, something between the two.
+    """
+    last_ns = task.table.delays_ns[-1]
     columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
     worst_m = max(run.settled_rms_m for column in columns for run in column)
-    excess = max(
-        steer_noise_rad(task, settings, columns[-1]) / table.steer_noise_rad_max,
-        # It grows with the delay.
-        peak_sensitivity(task, settings, [last_ns]) / spec.peak_sensitivity_max,
-        *(largest_error_m(task, settings, met) / met.error_m_max for met in table.conditions),
-    )
+    if worst_m > ceiling:
+        return worst_m
+    excess = 0.0
+    for share in _shares(task, settings, columns[-1]):
+        excess = max(excess, share)
+        if excess > 1.0 and LEFT_M * excess > ceiling:
+            break
     return worst_m if excess <= 1.0 else LEFT_M * excess
+
+
+def _shares(task: Task, settings: ControllerSettings, without: Sequence[Run]) -> Iterator[float]:
+    """Yield how much of each limit is used."""
+    spec, table = task.spec, task.table
+    for met in table.conditions:
+        yield largest_error_m(task, settings, met) / met.error_m_max
+    yield steer_noise_rad(task, settings, without) / table.steer_noise_rad_max
+    # It grows with the delay.
+    yield peak_sensitivity(task, settings, table.delays_ns[-1:]) / spec.peak_sensitivity_max
 
 
 def _settings(

@@ -7,6 +7,8 @@ the RMS over the delay, the sensitivity, and the stable delays.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -67,7 +69,7 @@ def preset_text(
     """
     delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
     judged = f"{len(vehicle.box.vertices())} corners"
-    head = _head(spec, vehicle, design.law, delays, judged, sources)
+    head = _head(spec, vehicle, design.law, delays, judged, sources, design.found.ended)
     return _commented(head, _figures(spec, design), design.settings)
 
 
@@ -81,7 +83,7 @@ def predictor_preset_text(
     """Return the TOML of a predictor's preset."""
     delays = f"delay from 0 to {table.delay_ms_max:g} ms, measured by the echo."
     judged = f"{design.vehicles} vehicles"
-    head = _head(spec, vehicle, "predictor", delays, judged, sources)
+    head = _head(spec, vehicle, "predictor", delays, judged, sources, design.ended)
     return _commented(head, predictor_figures(spec, table, design), design.settings)
 
 
@@ -92,9 +94,12 @@ def _head(
     delays: str,
     judged: str,
     sources: tuple[str, str],
+    ended: bool,
 ) -> Iterator[str]:
     yield f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}"
     yield f"Written by tools.design from {sources[0]} and {sources[1]}; do not edit."
+    if not ended:
+        yield STOPPED
     yield ""
     yield f"Worst of {judged} and, where none is given, of all delays:"
     for field, minimum, maximum in vehicle.box.ranges:
@@ -149,8 +154,38 @@ def conditions_in_words(met: ConditionsTable) -> str:
     return ", ".join(words)
 
 
-UNMET = ".unmet"
-"""Between name and ending of a file that holds the best of a search that met not all demands."""
+class LawFiles(NamedTuple):
+    """The files of a law in the folder of the presets."""
+
+    folder: Path
+    name: str
+
+    @property
+    def preset(self) -> Path:
+        """What meets all demands."""
+        return self.folder / f"{self.name}.toml"
+
+    @property
+    def unmet(self) -> Path:
+        """The best of a search that met not all demands."""
+        return self.folder / f"{self.name}.unmet.toml"
+
+    @property
+    def search(self) -> Path:
+        """The costs of a search that was stopped."""
+        return self.folder / f"{self.name}.search"
+
+    def write_preset(self, text: str) -> None:
+        """Write what meets all demands, in place of what did not."""
+        self.preset.write_text(text, encoding="utf-8")
+        self.unmet.unlink(missing_ok=True)
+
+    def write_unmet(self, text: str) -> None:
+        """Write the best of what meets not all demands."""
+        self.unmet.write_text(text, encoding="utf-8")
+
+
+STOPPED = "The search was stopped before its end: this is the best so far, not the best."
 
 
 def unmet_text(
@@ -179,6 +214,19 @@ def outcome_lines(demands: Sequence[Demand]) -> Iterator[str]:
         yield f"  {demand.name:{_LABEL_WIDTH}}{verdict:9}{reached}".rstrip()
     if not any(demand.name in _JUDGED_LAST for demand in demands):
         yield "  No other demand was judged, as these are too far from met."
+
+
+def unmet_lines(demands: Sequence[Demand], files: LawFiles) -> Iterator[str]:
+    """Yield what the program prints of a law without a design."""
+    yield from outcome_lines(demands)
+    yield f"  no preset; the best so far -> {files.unmet}"
+
+
+def written_lines(files: LawFiles, ended: bool) -> Iterator[str]:
+    """Yield what the program prints of a preset."""
+    if not ended:
+        yield f"  {STOPPED} The same command goes on."
+    yield f"  -> {files.preset}"
 
 
 def _commented(

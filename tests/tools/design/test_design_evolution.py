@@ -44,7 +44,9 @@ def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
     cost: Callable[[NDArray[np.float64]], float], start: list[float], minimum: list[float]
 ) -> None:
     random = np.random.default_rng(3)
-    for generation in evolve(cost, np.array(start), np.ones(len(start)), 14, random):
+    for generation in evolve(
+        lambda x, _: cost(x), np.array(start), np.ones(len(start)), 14, random
+    ):
         if generation.number == 250:
             assert generation.best == pytest.approx(minimum, abs=2e-3)
             assert generation.judged == 250 * 14

@@ -1,8 +1,11 @@
 """The design of gains: the search, refusals, and one run of the program."""
 
 import math
+import os
 import re
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +17,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
+from steer_by_wire.tools.design import predictor_design
 from steer_by_wire.tools.design.__main__ import ProgressLines
 from steer_by_wire.tools.design.demands import (
     Demand,
@@ -34,9 +38,14 @@ from steer_by_wire.tools.design.law_parameters import (
     lattice_place,
     why_no_gains,
 )
-from steer_by_wire.tools.design.parameter_search import neighbours
+from steer_by_wire.tools.design.parameter_search import Progress, neighbours
 from steer_by_wire.tools.design.report import preset_text
 from steer_by_wire.tools.design.specification import Specification
+from steer_by_wire.tools.design.stop_and_resume import (
+    SearchStoppedError,
+    kept_costs,
+    stopped_after,
+)
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.same_process import same_process as same_process
 from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
@@ -128,6 +137,57 @@ def test_an_unstable_law_is_judged_by_how_many_of_its_loops_are() -> None:
     assert required(settings.pd).proportional_gain_rad_m == 10.0
 
 
+# Stopping
+
+
+def stopped_at(share: float) -> Progress:
+    def show(done: float, _best: float) -> None:
+        if done >= share:
+            raise SearchStoppedError
+
+    return show
+
+
+def test_a_stopped_search_keeps_its_best_and_goes_on_to_the_same_end(
+    designed: Design, tmp_path: Path
+) -> None:
+    spec, vehicle, file = small_spec(tmp_path), shipped_vehicle(), tmp_path / "costs"
+    first = kept_costs(file, spec, vehicle, "pd")
+    stopped = design(spec, vehicle, "pd", stopped_at(0.7), first)
+    assert stopped.found.feasible
+    assert not stopped.found.ended
+    assert "stopped before its end" in preset_text(spec, vehicle, stopped, ("car", "small.toml"))
+    assert stopped.found.judgement.objective > designed.found.judgement.objective
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(lines)[:-3])  # as a killed process leaves it
+    again = design(spec, vehicle, "pd", nobody, kept_costs(file, spec, vehicle, "pd"))
+    assert again.found == designed.found
+    assert file.read_text().splitlines()[: len(lines) - 1] == lines[:-1]
+
+
+def test_costs_are_kept_for_the_same_search_alone(tmp_path: Path) -> None:
+    spec, vehicle, file = small_spec(tmp_path), shipped_vehicle(), tmp_path / "costs"
+    kept = kept_costs(file, spec, vehicle)
+    assert kept.cost("one", lambda: 0.1) == 0.1
+    assert kept.cost("dear", lambda: 9.0, ceiling=1.0) == 9.0
+    again = kept_costs(file, spec, vehicle)
+    assert again.cost("one", lambda: math.nan) == 0.1
+    assert again.cost("dear", lambda: 8.0) == 8.0
+    other = kept_costs(file, small_spec(tmp_path, "peak_sensitivity_max=2"), vehicle)
+    assert other.cost("one", lambda: 0.2) == 0.2
+
+
+def test_a_search_ends_when_its_time_is_up() -> None:
+    now_s = 0.0
+    shown: list[float] = []
+    progress = stopped_after(2.0, lambda done, _: shown.append(done), lambda: now_s)
+    progress(0.1, 1.0)
+    now_s = 120.5
+    with pytest.raises(SearchStoppedError):
+        progress(0.2, 1.0)
+    assert shown == [0.1, 0.2]
+
+
 # Refusals
 
 
@@ -187,8 +247,8 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
     for now_s in range(30):
         lines.update({"pd": now_s / 30, "pd_dob": 0.0})
     assert capsys.readouterr().err.splitlines() == [
-        "design: 10 s: pd 33 %, pd_dob 0 % of the search",
-        "design: 20 s: pd 67 %, pd_dob 0 % of the search",
+        "design: 10 s: pd 33 % (about 20 s left), pd_dob 0 % of the search",
+        "design: 20 s: pd 67 % (about 10 s left), pd_dob 0 % of the search",
     ]
     ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
     assert not capsys.readouterr().err
@@ -253,6 +313,35 @@ def test_a_predictor_is_written_as_a_preset_only_if_it_meets_all_its_conditions(
         assert "error: predictor: 1 of 4 demands are not met" in printed.err
         assert "  condition 1       NOT MET" in printed.out
         assert kept.read_text(encoding="utf-8").startswith("# NOT A DESIGN: this predictor fails")
+
+
+def test_ctrl_c_ends_a_predictor_with_its_best_and_the_same_command_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = SMALL.replace('["pd"]', '["predictor"]').replace("rate_hz = 50", "rate_hz = 100")
+    text = text.replace("generations = 8", "points_per_parameter = 2")
+    (tmp_path / "small.toml").write_text(text + ONE_CONDITION.format(limit=1e-6))
+    command = [str(PAPER_VEHICLE), "--spec", str(tmp_path / "small.toml"), "--out", str(tmp_path)]
+    judge, judged = predictor_design._cost, 0
+
+    def counting(*arguments: Any) -> float:
+        nonlocal judged
+        judged += 1
+        if judged == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return judge(*arguments)
+
+    monkeypatch.setattr(predictor_design, "_cost", counting)
+    assert design_gains.main(command) == 130
+    printed = capsys.readouterr()
+    assert "ending with the best so far" in printed.err
+    assert "predictor  (3 sets of parameters judged)" in printed.out
+    assert (tmp_path / "small_predictor.unmet.toml").exists()
+    assert (tmp_path / "small_predictor.search").exists()
+    assert design_gains.main(command) == 1
+    assert "predictor  (8 sets of parameters judged)" in capsys.readouterr().out
+    assert judged == 8
+    assert not (tmp_path / "small_predictor.search").exists()
 
 
 @pytest.mark.usefixtures("same_process")
