@@ -3,10 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.processes import children_of
 from steer_by_wire.controller.node.modes import supervision_of
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
@@ -23,7 +20,7 @@ from steer_by_wire.tools.faults.injection.frames import babble
 from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
 from tests.soak.findings import delay_bounds_ns, longest_frame_ns
 from tests.soak.frame_balance import balance_messages, gaps, read_bus_log
-from tests.soak.memory_growth import GROWTH_KIB_MAX, figures_of, resident_kib
+from tests.soak.memory_growth import GROWTH_KIB_MAX, figures_of
 from tests.soak.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
@@ -203,17 +200,6 @@ def test_a_babbling_node_leaves_the_bus_not_one_bit(can_id: int) -> None:
 # The bound
 
 
-def test_the_longest_frame_has_135_bits() -> None:
-    """As in the literature on the schedulability of CAN."""
-    assert longest_frame_ns(BITRATE_BIT_S) == 135 * 2000
-
-
-@given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_no_frame_is_longer(can_id: int, data: bytes) -> None:
-    bits = frame_bits(Frame(can_id, data)).nominal + INTERMISSION_BITS
-    assert bits * 2000 <= longest_frame_ns(BITRATE_BIT_S)
-
-
 def test_each_message_waits_for_one_frame_and_for_those_before_it() -> None:
     bounds_ns = delay_bounds_ns([0x300, 0x100, 0x110], BITRATE_BIT_S)
     assert bounds_ns == {0x100: 270_000, 0x110: 540_000, 0x300: 810_000}
@@ -332,8 +318,3 @@ def test_memory_that_stays_is_flat_and_memory_that_grows_is_not() -> None:
     almost = [(60.0 * m, 50_000 + round(0.99 * GROWTH_KIB_MAX / 5.0 * m)) for m in minutes]
     assert figures_of(almost).is_flat
     assert figures_of([(0.0, 7)]).is_flat
-
-
-def test_a_process_that_is_gone_has_no_memory() -> None:
-    assert resident_kib(2**22 + 1) is None
-    assert children_of(2**22 + 1) == []

@@ -96,12 +96,6 @@ def test_every_finding_between_the_pairs_own_priorities_can_fail(between: LiveSo
         assert not {finding.what: finding for finding in between_findings(run)}[what].holds, what
 
 
-def test_what_is_starved_has_no_bound(between: LiveSoak) -> None:
-    rows = record_of(between, [])["messages"]
-    without = {row["can_id"] for row in rows if row["arbitration"]["bound_s"] is None}
-    assert without == {row["can_id"] for row in rows if row["can_id"] > GAPS[3][0]} != set()
-
-
 def with_loops(run: LiveSoak, controller: dict[str, Any], plant: dict[str, Any]) -> LiveSoak:
     """The same run with other figures of the two loops."""
     changed = {CONTROLLER: controller, PLANT: plant}
