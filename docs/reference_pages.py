@@ -25,6 +25,7 @@ from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Settings
 from steer_by_wire.runtime.settings.mistakes import allowed
+from steer_by_wire.tools.design.specification import Specification
 
 HELP_COLUMNS = "88"
 
@@ -36,6 +37,7 @@ def write_pages(folder: Path) -> None:
         "commands": commands_page(),
         "plant_settings": settings_page("plant emulator", PlantSettings),
         "controller_settings": settings_page("controller", ControllerSettings),
+        "design_specification": settings_page("gain design's specification", Specification),
         "messages": messages_page(),
     }
     for name, text in pages.items():
