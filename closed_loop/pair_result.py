@@ -54,7 +54,9 @@ class Trace(NamedTuple):
     """Columns of one run, one row per sensor period; each array has shape (samples,)."""
 
     time_s: FloatArray  # since the start of motion
+    arc_length_m: FloatArray  # of the path, beside the preview point
     lateral_error_m: FloatArray  # true, at the preview point
+    heading_error_rad: FloatArray
     cg_deviation_m: FloatArray  # of the centre of gravity from the path
     wheel_angle_rad: FloatArray
     downlink_latency_s: FloatArray  # of the command in effect; NaN before the first

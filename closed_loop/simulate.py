@@ -31,6 +31,7 @@ from ..runtime.settings import (
     read_preset,
     with_values,
 )
+from .followed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
@@ -112,10 +113,9 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
         values[side][name] = value
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
-    settings = (
-        settings_of(PlantSettings, plant, values["plant"], of_plant),
-        settings_of(ControllerSettings, controller, values["controller"], of_controller),
-    )
+    drives = settings_of(ControllerSettings, controller, values["controller"], of_controller)
+    driven = settings_of(PlantSettings, plant, values["plant"], of_plant)
+    settings = judged_like(driven, drives), drives
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
         raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")

@@ -106,15 +106,16 @@ class BatchRun(NamedTuple):
     @property
     def cg_deviation_m(self) -> FloatArray:
         """Deviation of the centre of gravity from the path; computed anew at each call."""
-        return self.cg_deviation_at_every_m(1)
+        return self.deviation_m(self.motion.preview_distance_m)
 
-    def cg_deviation_at_every_m(self, stride: int) -> FloatArray:
-        """Return the same at every ``stride``-th sample: it takes as long as the run itself."""
+    def deviation_m(self, behind_m: float, stride: int = 1) -> FloatArray:
+        """Return that of a point behind the preview point at every ``stride``-th sample.
+
+        Each sample takes as long as in the run itself.
+        """
         columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
         chosen = (np.ascontiguousarray(column[::stride]) for column in columns)
-        deviations_m: FloatArray = cg_deviations_m(
-            self.motion.path, *chosen, self.motion.preview_distance_m
-        )
+        deviations_m: FloatArray = cg_deviations_m(self.motion.path, *chosen, behind_m)
         return deviations_m
 
     @property

@@ -23,6 +23,7 @@ from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.node import NS_PER_S
+from ...runtime.settings import SettingsError
 
 SAMPLES_MAX = 31_000
 """Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
@@ -33,14 +34,23 @@ _LIMITS = {
 
 
 class HeldPath:
-    """Takes the messages of a log in their order; ``rules`` are those of the verdict."""
+    """Takes the messages of a log in their order; ``rules`` are those of the verdict.
+
+    Raises SettingsError where they judge a point that no log has.
+    """
 
     def __init__(self, rules: VerdictRules) -> None:
+        if rules.followed_point == "rear_axle":
+            raise SettingsError(
+                "followed_point = rear_axle: a log has the error of preview point and centre of "
+                "gravity alone (allowed: preview, centre_of_gravity)"
+            )
         self._rules = rules
         self._figures = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
         self._has_started = False
         self._wheel_rad = 0.0
         self._limit = ""
+        self._first_s = math.nan
 
     @property
     def has_started(self) -> bool:
@@ -57,8 +67,11 @@ class HeldPath:
         """Whether the two windows at the end, each of a share of the samples, have any."""
         return int(self.samples * WINDOW_SHARE_MAX) > 1
 
-    def take(self, message: messages.Message, cg_deviation_m: float) -> None:
-        """Take an accepted message, and the centre of gravity's deviation by then, NaN for none."""
+    def take(self, message: messages.Message, at_s: float, cg_deviation_m: float) -> None:
+        """Take an accepted message, and the centre of gravity's deviation by then, NaN for none.
+
+        ``at_s``  its time; NaN in a log without times, whose error never counts as settled
+        """
         if isinstance(message, messages.SteeringCommand):
             self._has_started = True
         elif isinstance(message, messages.SteeringStatus):
@@ -66,7 +79,15 @@ class HeldPath:
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, messages.LateralError) and self._has_started:
             error_m = message.lateral_error_m
-            self._figures.take([(error_m, cg_deviation_m, self._wheel_rad, self._limit)])
+            figures = self._figures
+            if not figures.samples:
+                self._first_s = at_s
+            is_settled = at_s - self._first_s >= self._rules.settled_s
+            if is_settled and figures.settled_after == math.inf:
+                figures.settled_after = figures.samples
+            follows_cg = self._rules.followed_point == "centre_of_gravity"
+            followed_m = cg_deviation_m if follows_cg else error_m
+            figures.take([(error_m, cg_deviation_m, followed_m, self._wheel_rad, self._limit)])
 
     def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.

@@ -134,6 +134,7 @@ class LogAnalysis:
         if not math.isnan(cg_m):
             self._cg_m = cg_m
             self.histories[CG_DEVIATION].add(at_s, cg_m)
+        self._held_path.take(shown, at_s, self._cg_m)
         self._watch(shown, since_ns)
         return at_s, received
 
@@ -226,7 +227,6 @@ class LogAnalysis:
 
     def _watch(self, message: messages.Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
-        self._held_path.take(message, self._cg_m)
         for name, field, modulus in _COUNTED_IN.get(type(message), ()):
             count = getattr(message, field)
             self._advanced[name] += (count - self._counts.get(name, count)) % modulus

@@ -29,6 +29,7 @@ from ...runtime.node import NEVER_NS, ReportingNode
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
+from ..followed_point import judged_like
 from ..live_bus import BUSES, Bus, open_channels
 from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
@@ -106,22 +107,28 @@ class Rig:
     ) -> Outcome:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
-        files.settings(PLANT).write_text(dump_toml(self.settings), encoding="utf-8")
-        if callable(controller):
-            return self._in_virtual_time(controller, files)
         if not isinstance(controller, str):
+            files.settings(PLANT).write_text(dump_toml(self.settings), encoding="utf-8")
+            if callable(controller):
+                return self._in_virtual_time(controller, self.settings, files)
             if not lockstep:
-                return self._in_real_time(files, controller)
+                return self._in_real_time(self.settings, files, controller)
             with LockstepProgram(controller) as program:
-                return self._in_virtual_time(partial(LockstepNode, program), files)
+                node = partial(LockstepNode, program)
+                return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
-        files.settings(CONTROLLER).write_text(dump_toml(settings), encoding="utf-8")
+        plant = judged_like(self.settings, settings)
+        files.write_settings(plant, settings)
         if in_real_time:
-            return self._in_real_time(files)
-        return self._in_virtual_time(lambda start_ns: ControllerNode(settings, start_ns), files)
+            return self._in_real_time(plant, files)
+        return self._in_virtual_time(
+            lambda start_ns: ControllerNode(settings, start_ns), plant, files
+        )
 
-    def _in_virtual_time(self, make_node: MakeNode, files: PairFiles) -> Outcome:
-        plant, edge = make_virtual_plant(self.settings)
+    def _in_virtual_time(
+        self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
+    ) -> Outcome:
+        plant, edge = make_virtual_plant(settings)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         seconds = iter(range(START_S_MAX))
 
@@ -134,9 +141,11 @@ class Rig:
         in_safe_state = "" if isinstance(controller, LockstepNode) else "in its safe state: "
         ending = f"controller is {in_safe_state}{failure}" if failure else ""
         report, trace = dict(edge.report()), Trace.of_node(plant)
-        return Outcome(files, "virtual time", self.settings, report, trace, ending)
+        return Outcome(files, "virtual time", settings, report, trace, ending)
 
-    def _in_real_time(self, files: PairFiles, words: Sequence[str] | None = None) -> Outcome:
+    def _in_real_time(
+        self, settings: PlantSettings, files: PairFiles, words: Sequence[str] | None = None
+    ) -> Outcome:
         """Run the plant with our controller, or with the command ``words`` in its place."""
         with open_channels(self.bus, ["rig"], files.folder / "bus.txt") as channels:
             (bus,) = channels.buses
@@ -146,7 +155,7 @@ class Rig:
             report = pair.report(PLANT)["node"]
         trace, cut_off = Trace.read(files.plant_trace), pair.recording_failure
         where = channels.description
-        return Outcome(files, where, self.settings, report, trace, ending, cut_off)
+        return Outcome(files, where, settings, report, trace, ending, cut_off)
 
     def _wait(self, programs: Processes) -> str:
         """Wait for the end of the plant or of the controller; returns how the latter ended."""

@@ -198,8 +198,10 @@ class Computer:
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        cg_m, figures = run.cg_deviation_at_every_m(CG_STRIDE), row[: -len(COUNTS)]
-        moved = run.time_s, run.lateral_error_m, run.wheel_angle_rad
+        preview_m, behind_m = run.motion.preview_distance_m, rules.behind_preview_m
+        cg_m, figures = run.deviation_m(preview_m, CG_STRIDE), row[: -len(COUNTS)]
+        followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
+        moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
         take_figures(rules, *moved, cg_m, run.sent_rad, known, figures)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan

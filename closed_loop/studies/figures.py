@@ -1,13 +1,15 @@
 """The figures of one run, in one pass of compiled code over its samples, and its verdict.
 
     y    lateral error of the preview point, once a sensor period      [m]
-         and with it the angle of the wheel                            [rad]
+         and with it that of the followed point, which is judged       [m]
+         and the angle of the wheel                                    [rad]
     w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
     δ    command sent, once a control period                           [rad]
 
 Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
 the settling time of y in its band, the share of control periods in which a command was at its
-limits, and the latency of the commands in effect. From SETTLED_S on: RMS of y and of w.
+limits, and the latency of the commands in effect. From SETTLED_S on: RMS of y and of w. Of the
+followed point: its peak, in the whole run and from ``settled_s`` of the verdict on.
 
 At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
 follows.
@@ -26,12 +28,20 @@ from ...plant_emulator.evaluation.error_windows import (
     WindowFigures,
     window_figures,
 )
-from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
+from ...plant_emulator.evaluation.followed_point import behind_preview_m
+from ...plant_emulator.evaluation.run_verdict import (
+    RUN_ENDS,
+    Peaks,
+    RunEnd,
+    Verdict,
+    VerdictRules,
+)
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from ..compiled.compilation import compiled
 from ..compiled.steps import register
+from ..followed_point import followed_point
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
@@ -80,6 +90,9 @@ class Figures(NamedTuple):
     settled_rms_m: float
     """From SETTLED_S on."""
     settled_cg_rms_m: float
+    followed_peak_m: float
+    """Of the followed point, as the next."""
+    settled_peak_m: float
     estimate_share: float
     """Of the reports of the delay, those with an estimate; this and the next three only of runs of
     the nodes (``delay_error``)."""
@@ -97,7 +110,7 @@ def _place(name: str) -> int:
 _END = _place("mean_m")
 """Where ``WindowFigures`` begin."""
 _EFFORT, _CG, _LATENCY = _place("steer_rms_rad"), _place("cg_rms_m"), _place("latency_mean_s")
-_SETTLED = _place("settled_rms_m")
+_SETTLED, _PEAKS = _place("settled_rms_m"), _place("followed_peak_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -120,12 +133,16 @@ class FigureRules(NamedTuple):
     step_rad_max: float
     window_s: float
     settling_band_m: float
+    settled_s: float = VerdictRules().settled_s
+    behind_preview_m: float = 0.0
+    """Of the followed point."""
 
 
 def take_figures(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
+    followed_m: RealArray,
     wheel_rad: RealArray,
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
@@ -134,7 +151,7 @@ def take_figures(
 ) -> None:
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
-    ``time_s``, ``lateral_error_m``, ``wheel_rad``  one per sensor period
+    ``time_s``, ``lateral_error_m``, ``followed_m``, ``wheel_rad``  one per sensor period
     ``cg_deviation_m``  one per CG_STRIDE of them
     ``sent_rad``        one command per control period
     """
@@ -143,7 +160,7 @@ def take_figures(
     if len(time_s):
         row[_CG] = _rms(cg_deviation_m)
         row[_CG + 1] = np.max(np.abs(cg_deviation_m))
-        _figures(rules, time_s, lateral_error_m, wheel_rad, sent_rad, row)
+        _figures(rules, time_s, lateral_error_m, followed_m, wheel_rad, sent_rad, row)
         first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
         row[_SETTLED + 1] = _rms(cg_deviation_m[first:])
 
@@ -171,6 +188,7 @@ def figures_of(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
+    followed_m: RealArray,
     wheel_rad: RealArray,
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
@@ -179,7 +197,8 @@ def figures_of(
     """Return the figures of one run."""
     row = np.empty(len(Figures._fields))
     latency = latency_figures(latency_s)
-    take_figures(rules, time_s, lateral_error_m, wheel_rad, cg_deviation_m, sent_rad, latency, row)
+    moved = time_s, lateral_error_m, followed_m, wheel_rad
+    take_figures(rules, *moved, cg_deviation_m, sent_rad, latency, row)
     return Figures(*row.tolist())
 
 
@@ -188,7 +207,13 @@ register(window_figures)
 
 @compiled
 def _figures(
-    rules: Any, time_s: Any, error_m: Any, wheel_rad: Any, sent_rad: Any, row: Any
+    rules: Any,
+    time_s: Any,
+    error_m: Any,
+    followed_m: Any,
+    wheel_rad: Any,
+    sent_rad: Any,
+    row: Any,
 ) -> None:
     samples = len(time_s)
     row[0] = time_s[samples - 1]
@@ -214,11 +239,25 @@ def _figures(
         row[4] = 0.0
     elif outside + 1 < samples:
         row[4] = time_s[outside + 1]
+    _peaks(rules, time_s, followed_m, row)
     window = round(rules.window_s / rules.sensor_period_s)
-    end = window_figures(error_m, wheel_rad, window, rules.sensor_period_s)
+    end = window_figures(followed_m, wheel_rad, window, rules.sensor_period_s)
     for k in range(len(end)):
         row[_END + k] = end[k]
     _effort(rules, sent_rad, row)
+
+
+@compiled
+def _peaks(rules: Any, time_s: Any, followed_m: Any, row: Any) -> None:
+    first = np.searchsorted(time_s, rules.settled_s)
+    before_m, settled_m = 0.0, 0.0
+    for k in range(first):
+        before_m = max(before_m, abs(followed_m[k]))
+    for k in range(first, len(followed_m)):
+        settled_m = max(settled_m, abs(followed_m[k]))
+    row[_PEAKS] = max(before_m, settled_m)
+    if first < len(followed_m):
+        row[_PEAKS + 1] = settled_m
 
 
 @compiled
@@ -245,7 +284,6 @@ def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
     row[_EFFORT + 3] = limited / len(sent_rad)
 
 
-_PEAK = _place("peak_m")
 _WINDOWS = [_place(name) for name in WindowFigures._fields]
 
 
@@ -254,6 +292,7 @@ def rules_of(
 ) -> FigureRules:
     """Return the rules for the figures of a run of these settings."""
     limits = controller.steer_limits
+    point = followed_point(rules, controller)
     return FigureRules(
         plant.sensor_period_ns / NS_PER_S,
         controller.period_ns / NS_PER_S,
@@ -261,6 +300,8 @@ def rules_of(
         limits.step_rad_max,
         min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
         rules.settling_band_m,
+        rules.settled_s,
+        behind_preview_m(point, plant.vehicle),
     )
 
 
@@ -288,4 +329,5 @@ def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[V
     ``ends``     shape (runs,), places in ``RUN_ENDS``
     ``figures``  shape (runs, figures), in the order of ``Figures``
     """
-    return run_verdict.verdicts(rules, ends, figures[:, _PEAK], figures[:, _WINDOWS])
+    peaks_m = figures[:, _PEAKS : _PEAKS + len(Peaks._fields)]
+    return run_verdict.verdicts(rules, ends, peaks_m, figures[:, _WINDOWS])

@@ -5,11 +5,14 @@ people's traffic, errors and clocks, the nodes themselves run on it, some thousa
 """
 
 from contextlib import suppress
+from itertools import repeat
 
 import numpy as np
 
 from ...dbc.messages import LateralError, limits
 from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
+from ...plant_emulator.path.cg_deviation import cg_deviation_m
+from ...plant_emulator.path.path import Path
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
@@ -38,7 +41,8 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     has_left, samples = range_left(trace)
     sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
     run_rules = rules_of(rules, pair.plant, pair.controller)
-    figures = figures_of_trace(run_rules, trace, samples, sent_rad)
+    followed_m = followed_error_m(made.plant.path, trace, run_rules.behind_preview_m)
+    figures = figures_of_trace(run_rules, trace, followed_m, samples, sent_rad)
     row[: len(figures)] = figures._replace(**delay_errors._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
@@ -55,14 +59,25 @@ def range_left(trace: Trace) -> tuple[bool, int]:
     return has_left, int(np.argmax(outside)) + 1 if has_left else len(outside)
 
 
+def followed_error_m(path: Path, trace: Trace, behind_m: float) -> FloatArray:
+    """Return the error of a point behind the preview point, at every sample of a trace."""
+    if not behind_m:
+        return trace.lateral_error_m
+    columns = (trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m)
+    at_m, heading_rad, error_m = (column.tolist() for column in columns)
+    errors_m = map(cg_deviation_m, repeat(path), at_m, heading_rad, error_m, repeat(behind_m))
+    return np.fromiter(errors_m, np.float64, len(error_m))
+
+
 def figures_of_trace(
-    rules: FigureRules, trace: Trace, samples: int, sent_rad: FloatArray
+    rules: FigureRules, trace: Trace, followed_m: FloatArray, samples: int, sent_rad: FloatArray
 ) -> Figures:
     """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
     return figures_of(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
         np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        np.ascontiguousarray(followed_m[:samples]),
         np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
         trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,

@@ -18,6 +18,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
+from ..followed_point import judged_like
 from .base_settings import Tables
 from .factors import Label, replicate_seed
 from .study import Study
@@ -106,7 +107,8 @@ class Scenarios:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
         index, place = divmod(run, len(self.controllers))
         name = self.controllers[place]
-        return self.checked(self.with_controller(self.case(index), name), name)
+        pair = self.checked(self.with_controller(self.case(index), name), name)
+        return pair.model_copy(update={"plant": judged_like(pair.plant, pair.controller)})
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""

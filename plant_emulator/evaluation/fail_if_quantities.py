@@ -31,6 +31,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "peak_m": _driven("lateral_error_peak_m"),
         "cg_rms_m": _driven("cg_deviation_rms_m"),
         "cg_peak_m": _driven("cg_deviation_peak_m"),
+        "settled_peak_m": _driven("settled_peak_m"),
         "final_m": _driven("lateral_error_final_m"),
         "settling_s": _driven("settling_s"),
         "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),

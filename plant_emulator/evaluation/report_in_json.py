@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ...dbc.messages import LateralError, limits
 from ...dbc.reception import Reception
 from ...runtime.node.statistics import durations_report
 from ..network.latency_line import LatencyLine
 from .run_record import RunningFigures
-from .run_verdict import VerdictRules, judge
+from .run_verdict import RunEnd, VerdictRules, judge
 
 
 def motion_report(
@@ -17,13 +18,18 @@ def motion_report(
     """Return how well the path was held.
 
     ``settling_s``        time from which the error stays in its band; None if it ends outside
-    ``verdict``           on the run so far, and ``windows``, the figures that decide it
+    ``verdict``           on the run so far, of its ``followed_point``, by ``followed_peak_m``,
+                          ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
                           wheel, and ``limited_share_by`` limit
     """
     samples = figures.samples
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
-    judged = judge(rules, *newest, samples, figures.lateral_error_peak_m, period_s)
+    peaks_m = figures.peaks_m
+    end = RunEnd.COMPLETE if samples else RunEnd.NO_START
+    if figures.lateral_error_peak_m > limits(LateralError)["lateral_error_m"].maximum:
+        end = RunEnd.LEFT_RANGE
+    judged = judge(rules, *newest, end, peaks_m, period_s, samples)
     is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
     return {
         "motion_s": motion_ns * 1e-9,
@@ -36,6 +42,10 @@ def motion_report(
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
         "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
         **judged.report(),
+        "followed_point": rules.followed_point,
+        "followed_peak_m": peaks_m.followed_m,
+        "settled_s": rules.settled_s,
+        "settled_peak_m": None if math.isnan(peaks_m.settled_m) else peaks_m.settled_m,
         "limited_share": sum(figures.limited.values()) / max(samples, 1),
         "limited_share_by": {
             limit: count / samples for limit, count in figures.limited.most_common()

@@ -96,19 +96,33 @@ def _wheel(node: Report) -> str:
 def _drifts(node: Report) -> str:
     windows = node["windows"]
     return (
-        f"preview point {_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
+        f"{_point(node)} {_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
         f"{_millimetres(abs(windows['drift_m_s']))}/s"
     )
 
 
 def _at_the_end(node: Report) -> str:
-    windows, peak_m = node["windows"], node["lateral_error_peak_m"]
+    windows, peak_m = node["windows"], node["followed_peak_m"]
     return (
-        f"preview point at most {_millimetres(windows['end_peak_m'])} off in the last "
+        f"{_point(node)} at most {_millimetres(windows['end_peak_m'])} off in the last "
         f"{windows['window_s']:.3g} s, {_millimetres(peak_m)} in the whole run"
     )
 
 
+def _point(node: Report) -> str:
+    return _POINTS[node["followed_point"]]
+
+
+def _left(node: Report) -> str:
+    peak, settled_s = _millimetres(node["settled_peak_m"]), node["settled_s"]
+    return f"{_point(node)} up to {peak} off after {settled_s:g} s, though back at the end"
+
+
+_POINTS = {
+    "preview": "preview point",
+    "centre_of_gravity": "centre of gravity",
+    "rear_axle": "rear axle",
+}
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
     {
         Verdict.NO_START: lambda _node: "no command ever reached the plant",
@@ -120,10 +134,11 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
         Verdict.DRIFTS: _drifts,
         Verdict.LEFT_ROAD: lambda node: (
-            f"the error reached {_millimetres(node['lateral_error_peak_m'])}"
+            f"the error reached {_millimetres(node['followed_peak_m'])}"
         ),
         Verdict.DECAYS: lambda node: f"{_at_the_end(node)}, less than before: too late",
         Verdict.OFF_PATH: _at_the_end,
+        Verdict.LEFT_PATH: _left,
         Verdict.HOLDS: _at_the_end,
     }
 )

@@ -13,7 +13,9 @@ from ..path.cg_deviation import cg_deviation_m
 from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
-from .run_verdict import VerdictRules, samples_judged
+from ..vehicle.settings import VehicleSettings
+from .followed_point import behind_preview_m
+from .run_verdict import Peaks, VerdictRules, samples_judged
 
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
@@ -54,14 +56,19 @@ _Taken = tuple[int, LinearState, SteeringCommand | None, tuple[float, float], st
 class RunningFigures:
     """Figures of a run, taken up sample by sample.
 
-    ``band_m``  in which the error settles
-    ``newest``  how many of the newest errors and wheel angles are kept
+    ``band_m``        in which the error settles
+    ``newest``        how many of the newest errors and wheel angles are kept
+    ``settled_after`` number of samples after which the followed point is to have settled
 
+    ``newest_m``    of the followed point's error, as ``peaks_m``
     ``settled_at``  number of the sample from which the error has stayed in its band
     ``limited``     samples at which a limit decided about the wheel, by its name
     """
 
-    def __init__(self, band_m: float = math.inf, newest: int = 0) -> None:
+    def __init__(
+        self, band_m: float = math.inf, newest: int = 0, settled_after: float = math.inf
+    ) -> None:
+        self.settled_after = settled_after
         self.samples = 0
         self.lateral_error_peak_m = 0.0
         self.lateral_error_final_m = 0.0
@@ -71,14 +78,17 @@ class RunningFigures:
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
+        self._followed_peak_m = 0.0
+        self._settled_peak_m = 0.0
         self._error_squares_m2 = 0.0
         self._deviation_squares_m2 = 0.0
         self._band_m = band_m
 
-    def take(self, samples: Iterable[tuple[float, float, float, str]]) -> None:
-        """Add samples: lateral error, deviation of the centre of gravity and wheel angle of each.
+    def take(self, samples: Iterable[tuple[float, float, float, float, str]]) -> None:
+        """Add samples: lateral error, that of the centre of gravity and of the followed point.
 
-        The fourth value names what decides about the wheel, and is empty if nothing does.
+        The fourth value is the wheel angle. The last names what decides about the wheel, and is
+        empty if nothing does.
         """
         newest_m, newest_rad = self.newest_m, self.newest_wheel_rad
         band_m, limited = self._band_m, self.limited
@@ -86,12 +96,19 @@ class RunningFigures:
         squares_m2, cg_squares_m2 = self._error_squares_m2, self._deviation_squares_m2
         peak_m, cg_peak_m = self.lateral_error_peak_m, self.cg_deviation_peak_m
         peak_rad, error_m = self.wheel_angle_peak_rad, self.lateral_error_final_m
-        for error_m, cg_m, wheel_rad, limit in samples:
+        followed_peak_m, settled_peak_m = self._followed_peak_m, self._settled_peak_m
+        settled_after = self.settled_after
+        for error_m, cg_m, followed_m, wheel_rad, limit in samples:
             count += 1
             squares_m2 += error_m * error_m
             cg_squares_m2 += cg_m * cg_m
-            newest_m.append(error_m)
+            newest_m.append(followed_m)
             newest_rad.append(wheel_rad)
+            off_m = abs(followed_m)
+            if off_m > followed_peak_m:
+                followed_peak_m = off_m
+            if off_m > settled_peak_m and count > settled_after:
+                settled_peak_m = off_m
             distance_m = abs(error_m)
             if distance_m > peak_m:
                 peak_m = distance_m
@@ -104,9 +121,16 @@ class RunningFigures:
             if limit:
                 limited[limit] += 1
         self.samples, self.settled_at = count, settled_at
+        self._followed_peak_m, self._settled_peak_m = followed_peak_m, settled_peak_m
         self._error_squares_m2, self._deviation_squares_m2 = squares_m2, cg_squares_m2
         self.lateral_error_peak_m, self.cg_deviation_peak_m = peak_m, cg_peak_m
         self.wheel_angle_peak_rad, self.lateral_error_final_m = peak_rad, error_m
+
+    @property
+    def peaks_m(self) -> Peaks:
+        """Largest errors of the followed point."""
+        has_settled = self.samples > self.settled_after
+        return Peaks(self._followed_peak_m, self._settled_peak_m if has_settled else math.nan)
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -126,6 +150,7 @@ class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
     ``motion``       of the run, which lasts ``duration_s``
+    ``vehicle``      that moves
     ``rules``        of the verdict
     ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
@@ -134,6 +159,7 @@ class RunRecord:
     def __init__(
         self,
         motion: Motion,
+        vehicle: VehicleSettings,
         duration_s: float,
         rules: VerdictRules,
         period_s: float,
@@ -141,10 +167,12 @@ class RunRecord:
     ) -> None:
         self.rules, self.period_s = rules, period_s
         newest = samples_judged(rules, duration_s, period_s)
-        self._figures = RunningFigures(self.rules.settling_band_m, newest)
+        settled_after = math.ceil(rules.settled_s / period_s)
+        self._figures = RunningFigures(rules.settling_band_m, newest, settled_after)
         self._samples: list[PlantSample] = []
         self._samples_max = samples_max
         self._motion = motion
+        self._behind_m = behind_preview_m(rules.followed_point, vehicle)
         self._waiting: list[_Taken] = []
         """Samples that are not in figures and ``samples`` yet."""
 
@@ -176,13 +204,19 @@ class RunRecord:
         """Add the waiting samples to the figures, and keep those for which there is room."""
         room = self._samples_max - len(self._samples)
         speed_m_s, path = self._motion.speed_m_s, self._motion.path
-        preview_m = self._motion.preview_distance_m
+        preview_m, behind_m = self._motion.preview_distance_m, self._behind_m
         figures = []
         for time_ns, linear, command, (downlink_s, uplink_s), limit in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
             at_m = speed_m_s * (time_ns / NS_PER_S)  # ``Motion.arc_length_m`` at that time
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
-            figures.append((error_m, cg_m, wheel_rad, limit))
+            if behind_m == 0.0:
+                followed_m = error_m
+            elif behind_m == preview_m:
+                followed_m = cg_m
+            else:
+                followed_m = cg_deviation_m(path, at_m, heading_rad, error_m, behind_m)
+            figures.append((error_m, cg_m, followed_m, wheel_rad, limit))
             if len(figures) > room:
                 continue
             sample = PlantSample(

@@ -14,10 +14,12 @@ The first that applies:
     decays        not on the path in the last window, but the largest error there is less than
                   ``sustained`` times that in the window before: it comes back, too late
     off path      not on the path in the last window
-    holds         none of these: on the path from the last window's first sample to its last
+    left path     the error exceeded ``off_path_m`` after ``settled_s``, even if it has come back
+    holds         none of these: within ``off_path_m`` from ``settled_s`` to the end
 
 A window is on the path if the error stays within ``off_path_m`` and swings by less than
-``swing_m``. So ``holds`` guarantees both for every run, whatever its other figures.
+``swing_m``, and the wheel by less than ``wheel_swing_rad``. So ``holds`` guarantees all of this for
+every run, whatever its other figures.
 
 An oscillation of the lateral error is one of two things:
 
@@ -34,7 +36,7 @@ The wheel oscillates in the same two ways, by ``wheel_amplitude_rad`` and ``whee
 its fast motion alone. A loop of 160 rad/s slams the wheel from limit to limit while the vehicle,
 which cannot follow, stays within 5 mm.
 
-The lateral error here is the true one: noise and resolution do not make a
+The lateral error here is the true one, of ``followed_point``: noise and resolution do not make a
 vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
 commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
 """
@@ -47,10 +49,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, fast_half, window_figures
+from .followed_point import FollowedPoint
 
 CREST_MAX = 3.0
 """Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
@@ -73,6 +75,7 @@ class Verdict(StrEnum):
     LEFT_ROAD = "left road"
     DECAYS = "decays"
     OFF_PATH = "off path"
+    LEFT_PATH = "left path"
     HOLDS = "holds"
 
 
@@ -95,8 +98,12 @@ def end_of(end: RunEnd, duration_s: float) -> RunEnd:
 
 
 class VerdictRules(Settings):
-    """``[verdict]``: thresholds, with their defaults."""
+    """``[verdict]``: the point that is judged, and thresholds, with their defaults."""
 
+    followed_point: FollowedPoint = "preview"
+    """Where a controller's settings are known, it is that of the controller unless given here."""
+    settled_s: float = Field(5.0, ge=0.0, le=10_000.0)
+    """By then a run that begins in a bend has settled."""
     window_s: float = Field(15.0, gt=0.0, le=10_000.0)
     """Length of each of the two windows at the end of a run; at most a quarter of the run."""
     settling_band_m: float = Field(0.1, gt=0.0, le=100.0)
@@ -117,13 +124,23 @@ class VerdictRules(Settings):
     drift_m_s: float = Field(0.005, gt=0.0, le=100.0)
 
 
+class Peaks(NamedTuple):
+    """Largest magnitudes of the followed point's error [m].
+
+    ``settled_m``  from ``settled_s`` on; NaN for a shorter run
+    """
+
+    followed_m: float
+    settled_m: float
+
+
 def verdicts(
     rules: VerdictRules, ends: IntArray, peaks_m: FloatArray, windows: FloatArray
 ) -> list[Verdict]:
     """Return the verdict of each run.
 
     ``ends``     shape (runs,), places in ``RUN_ENDS``
-    ``peaks_m``  shape (runs,), largest magnitude of the error in the whole run
+    ``peaks_m``  shape (runs, 2), in the order of ``Peaks``
     ``windows``  shape (runs, figures), in the order of ``WindowFigures``
     """
 
@@ -147,12 +164,16 @@ def verdicts(
     is_wheel_regular = (wheel_rad >= rules.wheel_amplitude_rad) & (
         column("wheel_irregularity") <= rules.irregularity
     )
+    wheel_swings = wheel_rad >= rules.wheel_swing_rad
     wheel_oscillates = is_wheel_regular | (
-        (wheel_rad >= rules.wheel_swing_rad) & (wheel_before_rad >= rules.wheel_amplitude_rad)
+        wheel_swings & (wheel_before_rad >= rules.wheel_amplitude_rad)
     )
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
     drifts = (np.abs(mean_m) >= rules.off_path_m) & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
-    is_off = swings | ~(peak_m <= rules.off_path_m)
+    is_off = swings | wheel_swings | ~(peak_m <= rules.off_path_m)
+    comes_back = (peak_m < rules.sustained * peak_before_m) | (
+        wheel_swings & (wheel_rad < rules.sustained * wheel_before_rad)
+    )
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
@@ -163,9 +184,10 @@ def verdicts(
         Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))
         | (wheel_oscillates & (wheel_rad >= rules.sustained * wheel_before_rad)),
         Verdict.DRIFTS: drifts,
-        Verdict.LEFT_ROAD: peaks_m > rules.road_m,
-        Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
+        Verdict.LEFT_ROAD: peaks_m[:, 0] > rules.road_m,
+        Verdict.DECAYS: is_off & comes_back,
         Verdict.OFF_PATH: is_off,
+        Verdict.LEFT_PATH: peaks_m[:, 1] > rules.off_path_m,
     }
     names = list(conditions)
     chosen = np.select(list(conditions.values()), range(len(names)), default=len(names))
@@ -201,23 +223,21 @@ def judge(
     rules: VerdictRules,
     error_m: Sequence[float],
     wheel_rad: Sequence[float],
-    samples: int,
-    peak_m: float,
+    end: RunEnd,
+    peaks_m: Peaks,
     period_s: float,
+    samples: int,
 ) -> JudgedRun:
     """Return the verdict on one run.
 
-    ``error_m``    its last samples: all, or as many as ``samples_judged``
+    ``error_m``    of the followed point, its last samples: all, or as many as ``samples_judged``
     ``wheel_rad``  as many
-    ``samples``    how many it had in all; 0 for a run that has not started
-    ``peak_m``     largest magnitude of all errors
+    ``end``        how it ended, if it was long enough
     ``period_s``   between two samples
+    ``samples``    how many it had in all
     """
     window = min(round(rules.window_s / period_s), int(samples * WINDOW_SHARE_MAX))
     windows = window_figures(error_m, wheel_rad, window, period_s)
-    end = RunEnd.COMPLETE if samples else RunEnd.NO_START
-    if peak_m > limits(LateralError)["lateral_error_m"].maximum:
-        end = RunEnd.LEFT_RANGE
     ends = np.array([RUN_ENDS.index(end_of(end, samples * period_s))])
-    verdict = verdicts(rules, ends, np.array([peak_m]), np.array([windows]))[0]
+    verdict = verdicts(rules, ends, np.array([peaks_m]), np.array([windows]))[0]
     return JudgedRun(verdict, window * period_s, windows)

@@ -127,6 +127,7 @@ class PlantNode:
         )
         self._record = RunRecord(
             self._motion,
+            settings.vehicle,
             settings.duration_s,
             settings.verdict,
             settings.sensor_period_ns / NS_PER_S,

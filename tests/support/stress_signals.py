@@ -32,7 +32,7 @@ def figures(
     wheel_rad = np.zeros(len(error_m)) if wheel_rad is None else wheel_rad
     no_latency_s, cg_m = np.zeros(len(error_m)), np.zeros_like(error_m[::CG_STRIDE])
     return figures_of(
-        RULES, TIME_S[: len(error_m)], error_m, wheel_rad, cg_m, sent_rad, no_latency_s
+        RULES, TIME_S[: len(error_m)], error_m, error_m, wheel_rad, cg_m, sent_rad, no_latency_s
     )
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from ...closed_loop.followed_point import judged_like
 from ...closed_loop.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...plant_emulator.evaluation.run_verdict import Verdict, judge
+from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.program.thresholds import Quantity
@@ -38,6 +39,7 @@ class DemoLaw(NamedTuple):
         """Return what it drives: the demo's file, below ``overrides``; raises SettingsError."""
         file = read_preset("steer_by_wire.tools.demo", "demo_plant")
         settings = load_settings(PlantSettings, file, overrides=overrides)
+        settings = judged_like(settings, self.controller())
         return _stretched(settings, load_settings(PlantSettings, file).duration_s)
 
 
@@ -136,7 +138,9 @@ def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> Phase
     peak_m = float(np.max(np.abs(error_m)))
     period_s = 1e-3 * settings.sensor_period_ms
     moved = error_m.tolist(), trace.wheel_angle_rad[inside].tolist()
-    judged = judge(settings.verdict, *moved, len(error_m), peak_m, period_s)
+    settled_m = error_m[trace.time_s[inside] >= phase.from_s + settings.verdict.settled_s]
+    peaks_m = Peaks(peak_m, float(np.max(np.abs(settled_m), initial=0.0)))
+    judged = judge(settings.verdict, *moved, RunEnd.COMPLETE, peaks_m, period_s, len(error_m))
     return PhaseFigures(rms(error_m[is_settled]), peak_m, judged.verdict)
 
 

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from steer_by_wire.closed_loop.followed_point import judged_like
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from steer_by_wire.controller.node.summary import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
@@ -130,6 +131,8 @@ def _run(options: argparse.Namespace) -> int:
     plant_settings, controller = _plant_settings(options), _controller(options)
     period_s = plant_settings.sensor_period_ns / NS_PER_S
     ours = controller if isinstance(controller, ControllerSettings) else None
+    if ours is not None:
+        plant_settings = judged_like(plant_settings, ours)
     if ours is not None and (warning := sparse_measurements(ours, period_s)):
         say(NAME, warning, sys.stderr)
     bus = _bus_settings(options)

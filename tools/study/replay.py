@@ -26,11 +26,17 @@ from ...closed_loop.pair_result import PairFiles, Trace
 from ...closed_loop.processes import ProcessError
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
-from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, range_left
+from ...closed_loop.studies.node_runs import (
+    TICKS_MAX,
+    figures_of_trace,
+    followed_error_m,
+    range_left,
+)
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.run_verdict import RunEnd
+from ...plant_emulator.path.shapes import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.port.python_can import socketcan_obstacle
 from ...runtime.settings import SettingsError
@@ -117,9 +123,8 @@ def _virtual(
         *(made.edge, controller, None, None),
         lambda: not is_complete and len(plant.samples) > samples > 0,
     )
-    trace = Trace.of_node(plant)
     sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
-    found = _figures(computer, pair, trace, samples, sent_rad, end)
+    found = _figures(computer, pair, Trace.of_node(plant), samples, sent_rad, end)
     if is_complete:
         report = plant.report()
         found["samples"] = len(plant.samples)
@@ -130,12 +135,18 @@ def _virtual(
 
 
 def _figures(
-    computer: Computer, pair: Pair, trace: Trace, samples: int, sent_rad: FloatArray, end: RunEnd
+    computer: Computer,
+    pair: Pair,
+    trace: Trace,
+    samples: int,
+    sent_rad: FloatArray,
+    end: RunEnd,
 ) -> dict[str, Any]:
     """Return the figures of the first samples of a trace, and the verdict."""
     judged_by = computer.scenarios.study.settings.verdict
     rules = rules_of(judged_by, pair.plant, pair.controller)
-    figures = figures_of_trace(rules, trace, samples, sent_rad)
+    followed_m = followed_error_m(build_path(pair.plant.path), trace, rules.behind_preview_m)
+    figures = figures_of_trace(rules, trace, followed_m, samples, sent_rad)
     return {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
 
 

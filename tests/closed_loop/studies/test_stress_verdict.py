@@ -65,7 +65,8 @@ def test_what_holds() -> None:
     assert verdict(figures(noise(0.003))) is Verdict.HOLDS
     # Noise is no oscillation, as long as it does not swing the vehicle.
     assert verdict(figures(noise(0.05))) is Verdict.HOLDS
-    assert verdict(figures(sine(0.5, 2.0, -0.05))) is Verdict.HOLDS
+    assert verdict(figures(sine(0.3, 2.0, -0.05))) is Verdict.HOLDS
+    assert verdict(figures(sine(0.5, 2.0, -0.05))) is Verdict.LEFT_PATH
     # A steady error of PD under a lasting disturbance.
     assert verdict(figures(np.full(6001, 0.18))) is Verdict.HOLDS
     # A curve that the law follows with an error of 5 cm.
@@ -92,7 +93,9 @@ def test_a_drift_moves_away_and_is_far() -> None:
     assert verdict(figures(-0.01 * TIME_S)) is Verdict.DRIFTS
     assert verdict(figures(0.004 * TIME_S)) is Verdict.HOLDS
     assert verdict(figures(1.0 - 0.01 * TIME_S)) is Verdict.DECAYS
-    assert verdict(figures(-0.4 + 0.01 * TIME_S)) is Verdict.HOLDS
+    assert verdict(figures(-0.4 + 0.01 * TIME_S)) is Verdict.LEFT_PATH
+    assert verdict(figures(-0.29 + 0.01 * TIME_S)) is Verdict.OFF_PATH
+    assert verdict(figures(-0.29 + 0.008 * TIME_S)) is Verdict.HOLDS
 
 
 def test_a_disturbance_at_the_end_is_no_oscillation() -> None:
@@ -114,9 +117,8 @@ def test_how_a_run_ended_comes_first() -> None:
 
 def test_a_run_too_short_for_two_windows_has_no_figures_of_its_end() -> None:
     cg_m = np.array([3.0, -4.0])
-    found = figures_of(
-        RULES, TIME_S[:100], np.ones(100), np.zeros(100), cg_m, NO_COMMANDS, np.zeros(100)
-    )
+    moved = TIME_S[:100], np.ones(100), np.ones(100), np.zeros(100)
+    found = figures_of(RULES, *moved, cg_m, NO_COMMANDS, np.zeros(100))
     assert found.cg_rms_m == pytest.approx(math.sqrt(12.5))
     assert found.cg_peak_m == 4.0
     assert math.isnan(found.mean_m)
@@ -167,6 +169,7 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
         found = figures_of(
             rules_of(VerdictRules(), plant, law),
             run.time_s,
+            run.lateral_error_m,
             run.lateral_error_m,
             run.wheel_angle_rad,
             run.cg_deviation_m,
