@@ -30,6 +30,7 @@ from .comparison import comparison_section, comparisons
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
 from .level_by_level import level_sections
+from .over_seeds import seeds_section
 from .reported_delay import delay_sections
 from .worst_runs import draw_worst, worst_runs, worst_section
 
@@ -46,6 +47,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
     axes = study_axes(study, rows)
     sections = [
         study_section(study, rows),
+        *filter(None, (seeds_section(study, rows),)),
         *_laws(study, rows, axes),
         *delay_sections(study, rows),
         _maps(study, rows, axes),
