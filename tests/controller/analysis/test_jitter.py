@@ -194,20 +194,6 @@ def simulated(
     return errors
 
 
-@pytest.mark.parametrize(
-    ("chosen", "mean_ms", "spread_ms", "runs"),
-    [(PD, 80, 10, 1000), (PD, 80, 18, 1000), (PD_DDOB, 80, 15, 300)],
-)
-def test_the_second_moment_of_many_runs_grows_or_decays_at_the_rate(
-    chosen: ControllerSettings, mean_ms: int, spread_ms: int, runs: int
-) -> None:
-    errors_m = simulated(chosen, mean_ms, spread_ms, runs=runs, ticks=1200)
-    mean_square = np.mean(errors_m.reshape(12, 100, -1) ** 2, axis=(1, 2))
-    seconds = np.arange(12)
-    slope = np.polyfit(seconds[5:], np.log(mean_square[5:]), 1)[0]
-    assert -0.5 * slope == pytest.approx(decay_1_s(chosen, mean_ms, spread_ms), abs=0.03)
-
-
 def test_the_mean_square_can_grow_although_nearly_every_run_settles() -> None:
     """Rare runs of bad luck carry the mean of squares."""
     assert decay_1_s(PD_CDOB, 80, 30) < -0.1

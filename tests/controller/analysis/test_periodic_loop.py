@@ -14,7 +14,6 @@ from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import (
     PeriodicLoop,
     Responses,
-    stable_constant_delays,
 )
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
@@ -80,27 +79,6 @@ def test_the_slowest_pole_is_the_decay_or_growth_of_a_run(
     uplink = f"latency.uplink.mean_s={uplink_ns * 1e-9!r}"
     done = run(law, vehicle, lag_s, delay_ns, PUSH, uplink)
     assert decay_1_s(done, 15.0, 55.0) == pytest.approx(expected, rel=0.03, abs=3e-4)
-
-
-@pytest.mark.parametrize(
-    ("law", "corner", "lag_s"), [(PREDICTOR, "a", 0.27), (PREDICTOR, "c", 0.2)]
-)
-def test_runs_decay_within_the_stable_delays_and_grow_beyond(
-    law: tuple[str, ...], corner: str, lag_s: float
-) -> None:
-    """Nearer to the end than this a run of a minute does not show the difference.
-
-    Off the grid of the control period the delay measured by echoes is up to half a period wrong, in
-    either direction: beyond the margin the stable delays are a comb.
-    """
-    intervals = stable_constant_delays(loop_of(law, CORNERS[corner], lag_s))
-    margin_ns, last_ns = intervals[0].last_ns, intervals[-1].last_ns
-    assert 100 * MS < margin_ns <= last_ns < 600 * MS
-    inside = run(law, CORNERS[corner], lag_s, margin_ns - 30 * MS, PUSH)
-    outside = run(law, CORNERS[corner], lag_s, last_ns + 60 * MS, PUSH)
-    assert decay_1_s(inside, 25.0, 55.0) > 0.0
-    # Earlier, because the limits of the command soon bound what grows.
-    assert decay_1_s(outside, 10.0, 30.0) < 0.0
 
 
 @pytest.mark.parametrize("corner", "abcd")

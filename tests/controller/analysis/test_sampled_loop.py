@@ -193,24 +193,6 @@ def propagated(step: Step, state: NDArray[np.float64], steer_rad: float) -> NDAr
     return step[0] @ state + step[1] * steer_rad
 
 
-def simulated(design: LawDesign, model: TransferFunction, delay_ns: int, ticks: int) -> list[float]:
-    """The lateral errors after an initial offset; in continuous time, command by command."""
-    plant = as_matrices(model)
-    state = np.linalg.pinv(plant.C)[:, 0]
-    state /= float(plant.C[0] @ state)
-    whole, rest_ns = divmod(delay_ns, PERIOD_NS)
-    first, second = over(plant, rest_ns), over(plant, PERIOD_NS - rest_ns)
-    law_state, sent = design.initial_state(0.0), [0.0] * (whole + 2)
-    errors_m = []
-    for _ in range(ticks):
-        errors_m.append(float(plant.C[0] @ state))
-        law_state, output = design.step(design.params, law_state, LawInput(errors_m[-1], sent[-1]))
-        sent.append(output.steer_rad)
-        state = propagated(first, state, sent[-whole - 2])
-        state = propagated(second, state, sent[-whole - 1])
-    return errors_m
-
-
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 5 * PERIOD_NS), st.sampled_from([PERIOD_NS, MS_NS, PERIOD_NS // 3]))
 def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, period_ns: int) -> None:
@@ -228,24 +210,6 @@ def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, peri
         state = propagated(first, state, old_rad)
         state = propagated(second, state, new_rad)
         assert held.c @ x == pytest.approx(float(plant.C[0] @ state), rel=1e-9, abs=1e-12)
-
-
-@pytest.mark.parametrize("law", PAPER_LAWS)
-def test_just_inside_the_delay_margin_the_loop_settles_and_just_outside_it_does_not(
-    law: str,
-) -> None:
-    design = design_law(observer_settings(law))
-    model = vehicle_model(NominalVehicle(**VEHICLE))
-    found_ns = margin_ns(SampledLoop(design, model, PERIOD_NS), 1400 * MS_NS)
-    assert found_ns is not None
-    assert found_ns > 0
-    ticks = 3000
-    inside = simulated(design, model, int(0.95 * found_ns), ticks)
-    outside = simulated(design, model, int(1.05 * found_ns), ticks)
-    late = slice(ticks * 2 // 3, None)
-    early = slice(ticks // 3, ticks // 2)
-    assert max(map(abs, inside[late])) < 0.9 * max(map(abs, inside[early]))
-    assert max(map(abs, outside[late])) > 1.1 * max(map(abs, outside[early]))
 
 
 @pytest.mark.parametrize("delay_ms", [0, 4, 80])

@@ -5,17 +5,9 @@ import math
 import pytest
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback, steer_limits
-from steer_by_wire.plant_emulator.steering.steer_limits import LimiterParams, limit_rows
-from tests.support.driven_guard import INF, MODES, MS_NS, Guarded, steady
+from tests.support.driven_guard import MODES, MS_NS, Guarded, steady
 
 tested = hold_and_fallback
-
-
-def test_the_modes_and_times_have_their_numbers() -> None:
-    assert [(mode.name, mode.value) for mode in tested.GuardMode] == [
-        (name, number) for number, name in enumerate(MODES)
-    ]
-    assert (tested.RAMP_PERIOD_NS, tested.OFF_NS) == (10_000_000, 2**62)
 
 
 def test_before_the_first_command_nothing_is_due() -> None:
@@ -95,27 +87,6 @@ def test_a_run_of_commands_ends_the_fallback_and_nothing_jumps() -> None:
     assert targets[-1] == 0.1
 
 
-def test_the_fade_comes_from_either_side() -> None:
-    guarded = Guarded(ramp_step_rad=0.0, recovery_frames=1)
-    steady(guarded, 0.0)
-    assert guarded.command(900.0, 0.0125)
-    targets = []
-    for time_ms in (910.0, 930.0, 950.0):
-        guarded.command(time_ms, 0.0125)
-        targets.append(guarded.target)
-    assert targets == pytest.approx([0.005, 0.0125, 0.0125], abs=1e-12)
-
-
-def test_a_silence_within_the_run_starts_it_anew() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    assert not guarded.command(800.0, 0.25)
-    assert not guarded.command(940.0 - 1e-6, 0.25)
-    assert guarded.x.good_run == 2
-    assert not guarded.command(1080.0 - 1e-6, 0.25)
-    assert guarded.x.good_run == 1
-
-
 def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
     guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
     steady(guarded, 0.25)
@@ -130,22 +101,6 @@ def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
     assert guarded.x.fade_rad == 0.0
     assert guarded.command(1510.0, 0.125)
     assert (guarded.target, guarded.x.fade_rad) == (0.25, 0.125)
-
-
-def test_every_target_passes_the_limiter() -> None:
-    guarded = Guarded(angle=0.1)
-    guarded.command(0.0, 0.5)
-    assert (guarded.target, guarded.x.limiter.cause) == (0.1, 1)
-    guarded.until(640.0)
-    assert guarded.target == pytest.approx(0.1 - 0.03125)
-    assert guarded.x.limiter.cause == 0
-    p = guarded.p._replace(limiter=LimiterParams(limit_rows(1.0, INF, 0.2, INF, INF), 1, 1, INF))
-    x, _ = tested.guard_timer(p, guarded.x._replace(mode=3), 641 * MS_NS)
-    assert x.limiter.steer_rad == pytest.approx(0.1 - 2 * 0.03125)
-    x = guarded.x._replace(limiter=guarded.x.limiter._replace(high_rad=0.2))
-    x, _ = tested.guard_timer(p, x, 641 * MS_NS)
-    assert x.limiter.steer_rad == pytest.approx(0.1)
-    assert x.limiter.cause == 2
 
 
 # The safe state
@@ -197,15 +152,6 @@ def test_the_time_of_a_wheel_that_does_not_follow_begins_when_it_last_did() -> N
     assert guarded.mode == "SAFE_STATE"
 
 
-def test_a_lost_wheel_in_the_safe_state_does_not_start_it_anew() -> None:
-    guarded = Guarded(ramp_step_rad=0.0, override_ms=0.0)
-    guarded.command(0.0, 0.25)
-    guarded.until(0.0)
-    assert (guarded.mode, guarded.x.deadline_ns) == ("SAFE_STATE", 2**62)
-    guarded.wheel(1000.0, 1.0)
-    assert guarded.x.deadline_ns == 2**62
-
-
 def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_for_good() -> None:
     for until_ms, mode in ((0.0, "FOLLOWING"), (240.0, "HOLDING"), (741.0, "FALLBACK")):
         guarded = Guarded(recovery_frames=2)
@@ -223,13 +169,6 @@ def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_f
         assert tested.guard_fault(safe, 761 * MS_NS) is safe
 
 
-def test_a_fault_of_its_own_before_the_first_command_leaves_the_wheel_straight() -> None:
-    guarded = Guarded()
-    guarded.x = tested.guard_fault(guarded.x, 5 * MS_NS)
-    guarded.until(1e5)
-    assert guarded.log == [(5.0, "SAFE_STATE", 0.0)]
-
-
 @pytest.mark.parametrize("override_ms", [50.0, 105.0, 245.0, 300.0, 735.0, 755.0])
 def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
     guarded = Guarded(override_ms=override_ms)
@@ -244,12 +183,6 @@ def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
     assert not guarded.command(override_ms + 1.0, 1.0)
     guarded.until(override_ms + 10.0)
     assert guarded.log[-1] == (override_ms + 10.0, "SAFE_STATE", before - 0.0625)
-
-
-def test_an_override_comes_although_nothing_ever_does() -> None:
-    guarded = Guarded(override_ms=20.0)
-    guarded.until(1000.0)
-    assert guarded.log == [(20.0, "SAFE_STATE", 0.0)]
 
 
 def test_an_override_comes_after_a_fallback_has_ended() -> None:
@@ -273,16 +206,6 @@ def test_a_timer_before_the_first_command_changes_no_mode() -> None:
     guarded = Guarded()
     x, _ = tested.guard_timer(guarded.p, guarded.x, MS_NS)
     assert MODES[x.mode] == "NO_COMMAND"
-
-
-def test_fade_and_run_end_with_what_they_belong_to() -> None:
-    guarded = Guarded()
-    guarded.command(0.0, 0.25)
-    guarded.until(640.0)
-    assert (guarded.mode, guarded.x.fade_rad) == ("FALLBACK", 0.0)
-    guarded.command(650.0, 0.25)
-    guarded.wheel(655.0, 1.0)
-    assert guarded.x[0:1] + guarded.x[2:] == (4, 650 * MS_NS, 655 * MS_NS, 0, 0.0)
 
 
 def test_a_command_is_overruled_unless_it_is_followed_as_it_is() -> None:

@@ -58,16 +58,6 @@ def test_the_causes_have_their_numbers() -> None:
     ]
 
 
-def test_the_table_has_the_limits_as_angles() -> None:
-    """Half a second of 2 rad/s is 1 rad; with g = 50: 3/50 rad, and half a second of 5/50 rad/s."""
-    assert tested.limit_rows(50.0, 0.7, 2.0, 3.0, 5.0) == (
-        (1, 0.7, INF),
-        (2, INF, 1.0),
-        (3, 0.06, INF),
-        (4, INF, 0.05),
-    )
-
-
 def test_it_starts_straight_and_with_nothing_let_through() -> None:
     assert tested.start_limiter() == (0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -125,16 +115,6 @@ def test_what_was_is_forgotten_after_the_slot_in_which_half_a_second_has_passed(
         assert outputs(quarter, reached) == [(0.25, 0), (0.25, 2), (0.5, 2)]
 
 
-def test_extremes_within_each_slot_are_remembered_to_its_end() -> None:
-    quarter = params(angle_rate=0.5)
-    up_and_down = [(100.0, 0.25), (101.0, 0.1), (300.0, 0.1), (600.0, 0.1), (749.0, -0.2)]
-    assert outputs(quarter, up_and_down)[-1] == (0.0, 2)
-    later = [*up_and_down, (750.0, -0.2)]
-    assert outputs(quarter, later)[-1] == pytest.approx((-0.15, 2))
-    down_and_up = [(time_ms, -steer_rad) for time_ms, steer_rad in later]
-    assert outputs(quarter, down_and_up)[-2:] == [(0.0, 2), pytest.approx((0.15, 2))]
-
-
 @pytest.mark.parametrize("gap_slots", [1, 2, 3, 4, 5])
 def test_what_was_held_meanwhile_counts(gap_slots: int) -> None:
     """At 0.2 and down to 0.1 within the first slot; then nothing comes for some slots."""
@@ -144,16 +124,6 @@ def test_what_was_held_meanwhile_counts(gap_slots: int) -> None:
     assert outputs(quarter, commands)[-1] == pytest.approx((expected, 2))
     commands = [(0.0, -0.2), (1.0, -0.1), (250.0 * gap_slots, 1.0)]
     assert outputs(quarter, commands)[-1] == pytest.approx((-expected, 2))
-
-
-def test_what_was_held_counts_in_the_slots_that_passed() -> None:
-    """Held at 0.2 through two slots; then a first command, and what it may do two slots later."""
-    quarter = params(angle_rate=0.5)
-    commands = [(0.0, 0.2), (760.0, 0.0), (1000.0, -1.0), (1250.0, -1.0), (1500.0, -1.0)]
-    found = outputs(quarter, commands)
-    assert [output for output, _ in found] == pytest.approx([0.2, 0.0, -0.05, -0.05, -0.25])
-    mirrored = outputs(quarter, [(time_ms, -steer_rad) for time_ms, steer_rad in commands])
-    assert [output for output, _ in mirrored] == pytest.approx([-output for output, _ in found])
 
 
 def test_no_two_outputs_within_half_a_second_are_further_apart_than_the_limit() -> None:
@@ -224,12 +194,6 @@ def test_the_wheels_target_ends_at_the_actuators_stop() -> None:
         assert not follows(side * 0.374, side * 2.0)
         assert follows(side * 0.25, side * 0.25)
         assert not follows(side * 0.4, side * 0.25)
-
-
-def test_a_command_within_the_same_slot_leaves_the_slots_before_as_they_are() -> None:
-    x = tested.LimiterState(0.1, 2, 3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-    after, _ = tested.limit_steer(params(), x, 0.45, 750 * MS_NS)
-    assert after == (0.45, 0, 3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 # The gain

@@ -34,15 +34,6 @@ def test_after_a_hold_of_any_length_nothing_jumps_from_either_side(silence_ms: f
         assert (guarded.mode, guarded.x.fade_rad) == ("FOLLOWING", 0.0)
 
 
-def test_the_fade_is_added_to_commands_that_go_on_changing() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    assert guarded.command(400.0, 0.125)
-    assert (guarded.target, guarded.x.fade_rad) == (0.25, 0.125)
-    assert guarded.command(420.0, 0.1)
-    assert guarded.target == pytest.approx(0.1 + 0.125 - 2 * STEP_RAD)
-
-
 def test_a_command_before_the_timer_ends_no_hold_and_one_after_it_moves_nothing() -> None:
     for is_timer_first in (False, True):
         guarded = Guarded()
@@ -68,15 +59,6 @@ def test_a_run_of_commands_ends_the_hold_and_one_less_does_not() -> None:
     assert not tested.is_overruled(guarded.x)
 
 
-def test_one_command_may_be_enough_and_still_moves_nothing() -> None:
-    guarded = Guarded(recovery_frames=1)
-    steady(guarded, 0.25)
-    assert guarded.command(700.0, 0.0)
-    assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FOLLOWING", 0.25, 0)
-    assert tested.is_overruled(guarded.x)
-    assert back(guarded, 710.0, 0.0, 2) == pytest.approx([0.245, 0.24])
-
-
 def test_a_silence_in_the_run_starts_it_anew_and_only_the_fade_goes_on() -> None:
     """By what fades in 140 ms, towards the command before; the newest moves nothing."""
     for side in (1.0, -1.0):
@@ -90,25 +72,6 @@ def test_a_silence_in_the_run_starts_it_anew_and_only_the_fade_goes_on() -> None
         assert side * guarded.x.fade_rad == pytest.approx(0.245 - 0.07 + 0.5)
         assert guarded.command(650.0, side * -0.5)
         assert side * guarded.target == pytest.approx(0.245 - 0.14)
-
-
-def test_a_gap_in_the_run_that_is_no_silence_is_followed() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    guarded.command(300.0, 0.0)
-    guarded.command(440.0 - 1e-6, -0.5)
-    assert (guarded.mode, guarded.x.good_run) == ("HOLDING", 2)
-    assert guarded.target == pytest.approx(-0.5 + 0.25 - 0.07)
-
-
-def test_a_hold_does_not_end_the_fade_of_a_fallback() -> None:
-    guarded = Guarded(recovery_frames=1, ramp_step_rad=0.0)
-    steady(guarded, 0.25)
-    guarded.command(900.0, 0.0)
-    guarded.until(1060.0)
-    assert (guarded.mode, guarded.target, guarded.x.fade_rad) == ("HOLDING", 0.25, 0.25)
-    guarded.command(1060.0, -0.5)
-    assert guarded.target == pytest.approx(0.25 - 0.07)
 
 
 # The clock
@@ -125,23 +88,6 @@ def test_the_clock_stands_while_commands_are_no_older_than_what_is_no_silence() 
     assert guarded.mode == "HOLDING"
     guarded.until(1060.0)
     assert guarded.mode == "FALLBACK"
-
-
-def test_commands_of_the_run_do_not_set_the_clock_back_but_its_last_does() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    guarded.command(700.0, 0.25)
-    assert guarded.x.deadline_ns == 880 * MS_NS
-    guarded.command(800.0, 0.25)
-    assert guarded.x.deadline_ns == 980 * MS_NS
-    guarded.until(980.0)
-    assert (guarded.mode, guarded.x.good_run) == ("FALLBACK", 2)
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    for time_ms in (700.0, 710.0, 720.0):
-        guarded.command(time_ms, 0.25)
-    guarded.until(860.0)
-    assert (guarded.mode, guarded.x.deadline_ns) == ("HOLDING", 1360 * MS_NS)
 
 
 @pytest.mark.parametrize("gap_ms", [150.0, 200.0, 400.0])
@@ -220,15 +166,6 @@ def test_an_override_comes_in_the_midst_of_a_run() -> None:
     assert (guarded.mode, guarded.x.deadline_ns) == ("FOLLOWING", 400 * MS_NS)
 
 
-def test_every_target_of_a_hold_passes_the_limiter() -> None:
-    guarded = Guarded(angle=0.125)
-    steady(guarded, 0.0)
-    targets = back(guarded, 300.0, 1.0, 300)
-    assert targets[:2] == [0.0, pytest.approx(STEP_RAD)]
-    assert max(targets) == targets[-1] == 0.125
-    assert guarded.x.limiter.cause == 1
-
-
 def test_whatever_comes_fallback_comes_in_silence_and_no_step_is_more_than_fade_and_command() -> (
     None
 ):
@@ -259,17 +196,6 @@ def test_whatever_comes_fallback_comes_in_silence_and_no_step_is_more_than_fade_
 # Plans
 
 
-def test_later_values_of_a_plan_move_the_wheel_and_change_nothing_else() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    for time_ms, steer_rad, mode in ((100.0, 0.2, "FOLLOWING"), (240.0, 0.1, "HOLDING")):
-        guarded.until(time_ms)
-        before = guarded.x
-        assert guarded.plan_value(time_ms, steer_rad)
-        assert guarded.x == before._replace(limiter=guarded.x.limiter)
-        assert (guarded.mode, guarded.target) == (mode, steer_rad)
-
-
 def test_a_plan_is_played_for_its_time_and_until_the_fallback() -> None:
     guarded = Guarded(plan_ms=300.0)
     steady(guarded, 0.25)
@@ -293,11 +219,3 @@ def test_later_values_carry_the_fade_of_the_newest_command() -> None:
     assert guarded.command(300.0, 0.0)
     assert guarded.plan_value(310.0, 0.125)
     assert (guarded.target, guarded.x.fade_rad, guarded.x.good_run) == (0.375, 0.25, 1)
-
-
-def test_later_values_pass_the_limiter() -> None:
-    guarded = Guarded(angle=0.25)
-    guarded.command(0.0, 0.125)
-    assert guarded.plan_value(10.0, 0.5)
-    assert guarded.target == 0.25
-    assert tested.is_overruled(guarded.x)

@@ -2,14 +2,11 @@
 
 import math
 from itertools import product
-from typing import NamedTuple
 
-import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.parameter_space.root_count import RootCount, count_roots
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
@@ -21,11 +18,10 @@ from steer_by_wire.controller.filters.discretization import (
     washout,
 )
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
-from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
+from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.controller.laws.assembly import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.tools.paper.continuous_loop import (
-    ContinuousLaw,
     closed_loop_roots,
     continuous_law,
     dob_alone,
@@ -39,45 +35,6 @@ CORNER = steer_to_lateral_error(paper_box().vertices()[3])
 OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 200)
 S = np.asarray(1j * OMEGA_RAD_S, np.complex128)
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
-
-
-class ContinuousMargins(NamedTuple):
-    """How far a loop is from instability; they say nothing of a loop that is unstable.
-
-    ``gain_max``         factor above 1 that the loop gain must stay below; inf where there is none
-    ``gain_min``         factor below 1 that it must stay above; 0 where there is none
-    ``phase_rad``        smallest distance from -1 where the gain is 1 [rad]; inf where it never is
-    ``crossover_rad_s``  where that is [rad/s]; NaN where there is none
-    ``delay_s``          further delay at which a root first reaches the axis [s]; inf if never
-    """
-
-    gain_max: float
-    gain_min: float
-    phase_rad: float
-    crossover_rad_s: float
-    delay_s: float
-
-
-def loop_margins(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float = 0.0
-) -> ContinuousMargins:
-    """Return the margins of the loop at a constant delay, crossovers sought up to 10,000 rad/s."""
-    omega_rad_s = np.geomspace(1e-2, 1e4, 4000)
-    loop = loop_response(law, plant, delay_s, omega_rad_s)
-    gains, phases_deg, _, _, crossovers_rad_s, _ = control.stability_margins(
-        control.frd(loop, omega_rad_s, smooth=True), returnall=True
-    )
-    phases_rad = np.deg2rad(phases_deg)
-    distances_rad = np.abs(np.remainder(phases_rad + math.pi, math.tau) - math.pi)
-    delays_s = np.remainder(phases_rad, math.tau) / crossovers_rad_s
-    nearest = int(np.argmin(distances_rad)) if len(distances_rad) else None
-    return ContinuousMargins(
-        gain_max=float(min(gains[gains > 1.0], default=math.inf)),
-        gain_min=float(max(gains[gains < 1.0], default=0.0)),
-        phase_rad=math.inf if nearest is None else float(distances_rad[nearest]),
-        crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
-        delay_s=float(min(delays_s, default=math.inf)),
-    )
 
 
 def law_settings(
@@ -163,33 +120,6 @@ def test_every_law_gives_the_response_of_its_block_diagram(
         np.testing.assert_allclose(found, signals[:, 0, 0], rtol=1e-6)
 
 
-def test_the_closed_loop_of_the_pd_is_the_one_python_control_computes() -> None:
-    law = law_settings("pd")
-    numerator = np.polymul([1.0596 / 20.0 + 0.939, 1.0596], [227.6, 8.479e4, 3.627e4])
-    denominator = np.polymul([1.0 / 20.0, 1.0], [1.0, 459.2, 3.329e4, 0.0, 0.0])
-    closed = control.feedback(control.tf(numerator, denominator))
-    found = reference_response(continuous_law(law), EQ19, 0.0, OMEGA_RAD_S)
-    np.testing.assert_allclose(found, closed(S), rtol=1e-9)
-    assert closed_loop_roots(continuous_law(law), EQ19, 0.0).right == 0
-    assert np.all(closed.poles().real < 0.0)
-
-
-def test_a_long_run_settles_to_the_closed_loop_response() -> None:
-    """y after 60 s of r = sin(0.5 t), by integration, not by transfer functions' values."""
-    numerator = np.polymul([1.0596 / 20.0 + 0.939, 1.0596], [227.6, 8.479e4, 3.627e4])
-    denominator = np.polymul([1.0 / 20.0, 1.0], [1.0, 459.2, 3.329e4, 0.0, 0.0])
-    closed = control.ss(control.feedback(control.tf(numerator, denominator)))
-    time_s = np.linspace(0.0, 60.0, 60_001)
-    y = control.forced_response(closed, time_s, np.sin(0.5 * time_s)).outputs
-    response = reference_response(
-        continuous_law(law_settings("pd")), EQ19, 0.0, np.array([0.5], dtype=np.float64)
-    )[0]
-    late = time_s > 45.0
-    expected = abs(response) * np.sin(0.5 * time_s[late] + np.angle(response))
-    np.testing.assert_allclose(y[late], expected, atol=2e-3)
-    assert np.max(np.abs(y[late])) > 1.0
-
-
 # Margins
 
 
@@ -201,45 +131,14 @@ def test_the_published_gains_tolerate_ten_milliseconds_and_a_filter_buys_more(
     filter_rad_s: float | None, delay_ms: float, rounded_ms: float
 ) -> None:
     law = continuous_law(law_settings("pd", filter_rad_s))
-    margins = loop_margins(law, EQ19)
-    assert 1e3 * margins.delay_s == pytest.approx(delay_ms, abs=rounded_ms)
-    assert closed_loop_roots(law, EQ19, 0.999 * margins.delay_s).right == 0
-    assert closed_loop_roots(law, EQ19, 1.001 * margins.delay_s).right == 2
-
-
-def test_the_published_loop_is_flat_and_crosses_at_195_rad_s_with_114_degrees() -> None:
-    law = continuous_law(law_settings("pd", None))
-    margins = loop_margins(law, EQ19)
-    assert 195.0 < margins.crossover_rad_s < 196.0
-    assert 113.5 < math.degrees(margins.phase_rad) < 114.5
-    assert math.isinf(margins.gain_max)
-    assert margins.gain_min == 0.0
-    assert 2.35 < np.abs(loop_response(law, EQ19, 0.0, np.array([10.0])))[0] < 2.45
-    flat = np.abs(loop_response(law, EQ19, 0.0, np.geomspace(1.3, 90.0, 100)))
-    assert np.max(flat) / np.min(flat) < 2.0  # 6 dB in nearly two decades
+    assert closed_loop_roots(law, EQ19, 1e-3 * (delay_ms - rounded_ms)).right == 0
+    assert closed_loop_roots(law, EQ19, 1e-3 * (delay_ms + rounded_ms)).right == 2
 
 
 def test_the_published_cdob_tolerates_less_delay_than_the_pd() -> None:
     law = continuous_law(law_settings("pd_cdob", None))
-    margin_s = loop_margins(law, EQ19).delay_s
-    assert 0.0060 < margin_s < 0.0070
-    assert closed_loop_roots(law, EQ19, 0.999 * margin_s).right == 0
-    assert closed_loop_roots(law, EQ19, 1.001 * margin_s).right == 2
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_the_gain_margin_is_where_a_root_crosses(law: str) -> None:
-    design = continuous_law(law_settings(law, 20.0, washout_rad_s=2.0))
-    margins = loop_margins(design, CORNER, 0.02)
-    assert 1.0 < margins.gain_max < math.inf
-
-    def unstable_roots(gain: float) -> int:
-        scaled = CORNER.times(TransferFunction(0, (Factor(0.0, 0.0, gain),), ()))
-        return closed_loop_roots(design, scaled, 0.02).right
-
-    assert unstable_roots(1.0) == 0
-    assert unstable_roots(0.999 * margins.gain_max) == 0
-    assert unstable_roots(1.001 * margins.gain_max) == 2
+    assert closed_loop_roots(law, EQ19, 0.0060).right == 0
+    assert closed_loop_roots(law, EQ19, 0.0070).right == 2
 
 
 # Roots
@@ -289,47 +188,6 @@ def test_without_delay_the_count_is_that_of_the_polynomial(p: list[float], q: li
     if np.all(np.abs(roots.real) > 1e-3):
         found = count_roots(undelayed, delayed, 0.0)
         assert found.right == np.count_nonzero(roots.real > 0.0)
-
-
-def rightmost_roots(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float
-) -> NDArray[np.complex128]:
-    """Roots by Chebyshev collocation of x'(t) = A x(t) + B x(t - T) on [-T, 0], 30 points.
-
-    Breda, Maset and Vermiglio, SIAM J. Sci. Comput. 27 (2005) 482; shares nothing with the count.
-    """
-    (zeros,), (poles,) = plant.numerator, plant.denominator
-    p = np.polymul(law.denominator, np.polymul([1.0, 0.0, 0.0], poles))
-    q = np.polymul(law.measurement, zeros)
-    order, scale = len(p) - 1, 50.0  # s = scale σ, so that the coefficients are of one size
-    p = p * scale ** np.arange(order, -1, -1.0) / (p[0] * scale**order)
-    q = q * scale ** np.arange(len(q) - 1, -1, -1.0)
-    q = q / (np.polymul(law.denominator, poles)[0] * scale**order)
-    now, then = np.eye(order, k=1), np.zeros((order, order))
-    now[-1] = -p[:0:-1]
-    then[-1, : len(q)] = -q[::-1]
-    points = 30
-    x = np.cos(np.pi * np.arange(points + 1) / points)
-    weights = np.array([2.0, *[1.0] * (points - 1), 2.0]) * (-1.0) ** np.arange(points + 1)
-    steps = x[:, None] - x + np.eye(points + 1)
-    derivative = np.outer(weights, 1.0 / weights) / steps
-    derivative -= np.diag(derivative.sum(axis=1))
-    matrix = np.kron(2.0 / (scale * delay_s) * derivative, np.eye(order))
-    matrix[:order] = 0.0
-    matrix[:order, :order] = now
-    matrix[:order, -order:] = then
-    return np.asarray(scale * np.linalg.eigvals(matrix), np.complex128)
-
-
-@pytest.mark.parametrize("delay_s", [0.02, 0.08])
-@pytest.mark.parametrize("law", LAWS)
-def test_the_count_agrees_with_roots_found_by_collocation(law: str, delay_s: float) -> None:
-    for filter_rad_s, plant in ((None, CORNER), (20.0, EQ19)):
-        design = continuous_law(law_settings(law, filter_rad_s, washout_rad_s=2.0))
-        count = closed_loop_roots(design, plant, delay_s)
-        found = rightmost_roots(design, plant, delay_s)
-        assert count.right == np.count_nonzero(found.real > 1e-3)
-        assert count.at_origin == 0
 
 
 @pytest.mark.parametrize("delay_s", [0.005, 0.02, 0.08, 0.16])
