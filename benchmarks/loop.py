@@ -12,7 +12,7 @@ from benchmarks.measurement import Line, Measured, Target, calibration, line_rec
 from benchmarks.starts import heavy_modules, startup_lines
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.node.node import ControllerNode

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.history.plan import VALUES
-from steer_by_wire.controller.interface.law import Schedule
+from steer_by_wire.controller.law_interface import Schedule
 from steer_by_wire.controller.laws.assembly import vehicle_of
 from steer_by_wire.controller.laws.packet import plan_times
 from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.interface.law import (
+from steer_by_wire.controller.law_interface import (
     NO_HISTORY,
     NO_LOOP_DELAY,
     History,

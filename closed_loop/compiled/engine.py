@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...controller.interface.designed_ranges import share_of_demand
+from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
 from ...plant_emulator.path.cg_deviation import deviation_behind_m
@@ -35,7 +35,7 @@ from .compilation import compiled, compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import Inbox, Uplink, quantised
 from .loop import COMPLETE, LAW_FAILED, run_segment
-from .loop_records import Constants, Records, Schedule, Segment, empty_records
+from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import RunSchedule, arrivals_of, inbox_of, quantised_speed_m_s, schedule_run
 
@@ -183,7 +183,7 @@ def run_batch(
     motion = compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
     records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
-    instants = Schedule(*schedule[:6])
+    instants = Instants(*schedule[:6])
     world = (motion, _constants(plant, controller, schedule), instants, records, inbox)
     run = _FASTMATH if fastmath else run_segment
     samples, ticks, code = _run(
@@ -196,7 +196,7 @@ def run_batch(
 def _run(
     run: Any,
     law: CompiledLaw,
-    world: tuple[MotionParams, Constants, Schedule, Records, Inbox | None],
+    world: tuple[MotionParams, Constants, Instants, Records, Inbox | None],
     schedule: RunSchedule,
     plant: PlantSettings,
     *,

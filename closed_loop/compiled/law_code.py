@@ -9,7 +9,7 @@ import numpy as np
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from ...controller.history.history import history_of
-from ...controller.interface.law import NO_HISTORY, LawInput, LawOutput, LawStep
+from ...controller.law_interface import NO_HISTORY, LawInput, LawOutput, LawStep
 from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber

@@ -32,8 +32,8 @@ from ...controller.history.history import (
     path_step,
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
-from ...controller.interface.law import NO_HISTORY, LoopDelay, VehicleReading
-from ...controller.interface.steer_limits import SteerLimits
+from ...controller.law_interface import NO_HISTORY, LoopDelay, VehicleReading
+from ...controller.limits.steer_limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import COMMAND_COUNTERS
 from ...plant_emulator.steering.control_unit import status_of

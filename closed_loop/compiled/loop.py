@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ...controller.interface.fading import difference_step, ramp_step
-from ...controller.interface.steer_limits import limit_step
+from ...controller.limits.fading import difference_step, ramp_step
+from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
     guard_command,
@@ -47,7 +47,7 @@ from .law_input import (
     take_command,
     write_plan,
 )
-from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
+from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, borrowed, called, placed, read, write
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
@@ -61,7 +61,7 @@ _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 def _plant_until(
     p: Any,
     c: Constants,
-    s: Schedule,
+    s: Instants,
     r: Records,
     inbox: Any,
     x: Progress,
@@ -146,7 +146,7 @@ def run_segment(
     law: LawCode,
     p: Any,
     c: Constants,
-    s: Schedule,
+    s: Instants,
     r: Records,
     inbox: Any,
     segment: Segment,
@@ -176,7 +176,7 @@ def _run_ticks(
     law: LawCode,
     p: Any,
     c: Constants,
-    s: Schedule,
+    s: Instants,
     r: Records,
     inbox: Any,
     segment: Segment,

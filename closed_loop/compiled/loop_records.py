@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.interface.steer_limits import SteerLimits
+from ...controller.limits.steer_limits import SteerLimits
 from ...plant_emulator.steering.hold_and_fallback import GuardParams, GuardState
 from ...plant_emulator.vehicle.motion_events import MotionState
 from ...runtime.array_types import FloatArray, IntArray
@@ -32,7 +32,7 @@ class Constants(NamedTuple):
     share_from_ns: int
 
 
-class Schedule(NamedTuple):
+class Instants(NamedTuple):
     """When everything happens, in ns; independent of how the vehicle moves.
 
     ``tick_ns``         control ticks from the first command on

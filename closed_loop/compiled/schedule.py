@@ -55,7 +55,7 @@ _UPLINKS_KEPT = 8
 
 
 class RunSchedule(NamedTuple):
-    """The instants of a run; ``loop_records.Schedule`` describes the first arrays.
+    """The instants of a run; ``loop_records.Instants`` describes the first arrays.
 
     ``motion_ns``  time of motion at each sample, 0 before it
     ``time_s``     the same since the motion's start, shape (samples since then,)

@@ -24,9 +24,7 @@ from ...controller.history.history import (
     path_step,
 )
 from ...controller.history.plan import limit_plan
-from ...controller.interface.fading import difference_step, ramp_step
-from ...controller.interface.law import Law, LawInput
-from ...controller.interface.steer_limits import limit_step
+from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
 from ...controller.laws.followed_point import (
@@ -36,6 +34,8 @@ from ...controller.laws.followed_point import (
 )
 from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
 from ...controller.laws.plugin import numbers_or_none
+from ...controller.limits.fading import difference_step, ramp_step
+from ...controller.limits.steer_limits import limit_step
 from ...controller.prediction.vehicle_estimator import VehicleGains, row_of
 from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step

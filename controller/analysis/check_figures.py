@@ -30,7 +30,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..filters.transfer_function import TransferFunction
-from ..interface.law import LookingBack
+from ..law_interface import LookingBack
 from ..laws.assembly import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words

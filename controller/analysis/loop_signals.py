@@ -20,7 +20,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
 from ..filters.transfer_function import TransferFunction
-from ..history.loop_delay import LoopDelayParams
+from ..history.echo_delay import LoopDelayParams
 from ..prediction.matrices import zero_order_hold
 from .linear_system import companion_form
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from ..interface.law import History, LawInput, LoopDelay, VehicleReading
+from ..law_interface import History, LawInput, LoopDelay, VehicleReading
 from ..laws.assembly import LawDesign
 from .linear_system import filled, floats_of
 from .loop_signals import Timing

@@ -37,7 +37,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 from ..filters.nominal_model import NominalVehicle
 from ..filters.settings import NominalModelSettings, VehicleModelSettings
-from ..interface.law import VehicleReading
+from ..law_interface import VehicleReading
 from .comparison_filters import (
     ERROR_WASHOUT_RAD_S,
     DelayFilters,

@@ -11,7 +11,7 @@ from collections.abc import MutableSequence, Sequence
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import Mode, SteeringPlan
-from ..interface.steer_limits import SteerLimits, limit_step
+from ..limits.steer_limits import SteerLimits, limit_step
 
 VALUES = 18
 SPACING_MAX = 15

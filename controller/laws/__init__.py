@@ -10,7 +10,7 @@ from importlib import import_module
 from types import MappingProxyType
 
 from ...dbc.messages import LawNumber
-from ..interface.law import Law, LawInput, LawOutput, last_command
+from ..law_interface import Law, LawInput, LawOutput, last_command
 
 __all__ = ["LAWS", "PAPER_LAWS", "Law", "LawInput", "LawOutput", "last_command"]
 

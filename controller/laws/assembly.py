@@ -8,8 +8,8 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
-from ..interface.fading import FADE_M_S, FADE_RAD_S
-from ..interface.law import Law, LawPlan, LawStep, LookingBack, Schedule
+from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule
+from ..limits.fading import FADE_M_S, FADE_RAD_S
 from ..prediction.gains import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .followed_point import (

@@ -25,8 +25,8 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import Field
 
 from ...runtime.settings import Settings
-from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, LawStep, VehicleReading
+from ..law_interface import LawInput, LawOutput, LawStep, VehicleReading
+from ..limits.fading import NOTHING, Fading, fading_step
 
 
 class FeedForwardSettings(Settings):

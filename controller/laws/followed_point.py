@@ -27,8 +27,8 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 from ..filters.settings import VehicleModelSettings
-from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
+from ..law_interface import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
+from ..limits.fading import NOTHING, Fading, fading_step
 
 FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
 """The point of the vehicle that a law holds on the path."""

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..history.loop_delay import LoopDelayParams
-from ..interface.fading import NOTHING, Fading, fading_step
-from ..interface.law import LawInput, LawOutput, LawStep
+from ..history.echo_delay import LoopDelayParams
+from ..law_interface import LawInput, LawOutput, LawStep
+from ..limits.fading import NOTHING, Fading, fading_step
 from ..prediction.vehicle_estimator import (
     EstimatorState,
     VehicleGains,

@@ -25,9 +25,9 @@ from pydantic import Field
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
-from ..history.loop_delay import LoopDelayParams
+from ..history.echo_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
-from ..interface.law import Law, LawInput, LawOutput, LookingBack, LoopDelay, Schedule
+from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay, Schedule
 from ..prediction.measured_vehicle import measured_gains
 from ..prediction.prediction import horizon_samples, steer_for
 from ..prediction.vehicle_estimator import command_from, estimate_to, step_on_path

@@ -6,7 +6,7 @@ from ...dbc.messages import LawNumber
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..interface.law import Law, LawInput, LawOutput, last_command
+from ..law_interface import Law, LawInput, LawOutput, last_command
 
 if TYPE_CHECKING:
     from .settings import LawSettings

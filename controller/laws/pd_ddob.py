@@ -15,7 +15,7 @@ from ..filters.discretization import design_cdob, design_dob, design_pd
 from ..filters.dob import DobParams, DobState, dob_at_rest, dob_step
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..interface.law import Law, LawInput, LawOutput, last_command
+from ..law_interface import Law, LawInput, LawOutput, last_command
 from .assembly import required
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..interface.law import Law, LawInput, LawOutput, last_command
+from ..law_interface import Law, LawInput, LawOutput, last_command
 from .assembly import required
 
 if TYPE_CHECKING:

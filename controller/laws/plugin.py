@@ -12,7 +12,7 @@ from typing import Any
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings.plugin import cause, find_part
-from ..interface.law import Law, LawInput, LawOutput
+from ..law_interface import Law, LawInput, LawOutput
 
 GROUP = "steer_by_wire.laws"
 """Entry points of this group name laws."""

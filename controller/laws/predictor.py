@@ -1,6 +1,6 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
-The echo of the command counter measures the delay (``controller.history.loop_delay``); the Kalman
+The echo of the command counter measures the delay (``controller.history.echo_delay``); the Kalman
 filter (``controller.prediction.vehicle_estimator``) gives the state at the newest sample; the model
 extrapolates it with the commands in transit, up to the time at which this period's command is
 expected to act; and
@@ -21,9 +21,9 @@ from pydantic import Field
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
-from ..history.loop_delay import LoopDelayParams
-from ..interface.fading import FADE_RAD_S, difference_step
-from ..interface.law import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
+from ..history.echo_delay import LoopDelayParams
+from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
+from ..limits.fading import FADE_RAD_S, difference_step
 from ..prediction.gains import Feedback, design_schedule, together
 from ..prediction.measured_vehicle import (
     SET,

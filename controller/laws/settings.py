@@ -30,9 +30,9 @@ from ..filters.settings import (
     VehicleModelSettings,
 )
 from ..filters.transfer_function import TransferFunction
-from ..history.loop_delay import LinkSettings, LoopDelayParams, loop_delay_params
-from ..interface.designed_ranges import ValiditySettings
-from ..interface.law import Law
+from ..history.echo_delay import LinkSettings, LoopDelayParams, loop_delay_params
+from ..law_interface import Law
+from ..limits.designed_ranges import ValiditySettings
 from ..prediction.gains import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings

@@ -33,7 +33,7 @@ from ..filters.sections import (
     cascade_2_step,
 )
 from ..filters.settings import CutoffRadS
-from ..interface.law import History, Law, LawInput, LawOutput
+from ..law_interface import History, Law, LawInput, LawOutput
 from .assembly import required
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ that was lost or overtaken by a newer one is never applied and has no echo.
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from ..history.plan import limit_plan, plan_message
-from ..interface.steer_limits import SteerLimits
+from ..limits.steer_limits import SteerLimits
 
 IN_FLIGHT_MAX = 4096
 """Commands whose sending time is stored: 4 s at 1 kHz, and far fewer than the counter's values, so

@@ -10,10 +10,10 @@ from typing import Any
 
 from ...dbc.messages import Mode
 from ..history.history import BusHistory
-from ..interface.designed_ranges import share_of_demand
-from ..interface.fading import difference_step
-from ..interface.law import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
+from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
 from ..laws.assembly import design_law
+from ..limits.designed_ranges import share_of_demand
+from ..limits.fading import difference_step
 from ..settings import ControllerSettings
 from .newest_messages import Received
 

@@ -14,7 +14,7 @@ from ...dbc.messages import (
     sent_by,
 )
 from ...dbc.reception import Reception
-from ..interface.law import NO_VEHICLE, VehicleReading
+from ..law_interface import NO_VEHICLE, VehicleReading
 from ..settings import ControllerSettings
 from ..supervision import freshness
 

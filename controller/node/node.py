@@ -31,10 +31,10 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
-from ..interface.designed_ranges import NOT_FORWARD_M_S
-from ..interface.fading import ramp_step
-from ..interface.law import VehicleReading
-from ..interface.steer_limits import limit_name, limit_step
+from ..law_interface import VehicleReading
+from ..limits.designed_ranges import NOT_FORWARD_M_S
+from ..limits.fading import ramp_step
+from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .law_runner import LawRunner

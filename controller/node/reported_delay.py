@@ -10,7 +10,7 @@ Half a period is subtracted because a command is in effect for a whole period, a
 taken at any time in it. If the plant samples at the controller's rate, the echo is always taken at
 the same point of the period, so that the result is wrong by half a period at most.
 
-``controller.history.loop_delay`` measures a different delay with the same echoes, for laws that
+``controller.history.echo_delay`` measures a different delay with the same echoes, for laws that
 predict: the downlink only, between counters. It does not contain the uplink or the difference of
 the clocks.
 """

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
-from ..interface.law import LawOutput
+from ..law_interface import LawOutput
 
 
 class ControlVerdict(StrEnum):

@@ -30,7 +30,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
-from ..interface.designed_ranges import ValiditySettings, request_of, validity_of
+from ..limits.designed_ranges import ValiditySettings, request_of, validity_of
 from .newest_messages import SUPERVISED, Received
 
 INTERVAL_NS = 20_000_000

@@ -13,7 +13,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
-from ..interface.law import LawOutput
+from ..law_interface import LawOutput
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""

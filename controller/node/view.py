@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from ...dbc.messages import Freshness, Mode, MotionRequest
 from ...dbc.reception import second_sender_line
 from ...runtime.node import View
-from ..interface.designed_ranges import in_words
+from ..limits.designed_ranges import in_words
 from .newest_messages import Received
 from .safety_report import SafetyFacts
 

@@ -19,8 +19,8 @@ arithmetic; filterpy's filter is the reference (``tests/controller/prediction/te
 from math import log, sqrt
 from typing import NamedTuple
 
-from ..history.loop_delay import LoopDelayParams
-from ..interface.law import History, LoopDelay
+from ..history.echo_delay import LoopDelayParams
+from ..law_interface import History, LoopDelay
 from .regression import regressed
 from .vehicle_estimator import sent_for
 

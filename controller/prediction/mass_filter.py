@@ -21,7 +21,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
-from ..interface.law import History, LoopDelay
+from ..law_interface import History, LoopDelay
 from .regression import regressed
 from .vehicle_estimator import VehicleGains
 

@@ -9,8 +9,8 @@ angle. Neither sees what the other finds. What is not measured is that of the se
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..history.loop_delay import LoopDelayParams
-from ..interface.law import History, LoopDelay
+from ..history.echo_delay import LoopDelayParams
+from ..law_interface import History, LoopDelay
 from .lag_filter import AS_SET, LAGS_S, NO_LAG, LagState, lag_to
 from .mass_filter import AS_SET as MASS_AS_SET
 from .mass_filter import (

@@ -1,7 +1,7 @@
 """Prediction to the time at which a command acts, and the feedback of the state there."""
 
-from ..history.loop_delay import LoopDelayParams
-from ..interface.law import History, LoopDelay
+from ..history.echo_delay import LoopDelayParams
+from ..law_interface import History, LoopDelay
 from .vehicle_estimator import EstimatorState, VehicleGains, command_from, step_on_path
 
 

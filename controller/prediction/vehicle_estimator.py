@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...runtime.record import new_record
-from ..history.loop_delay import LoopDelayParams
+from ..history.echo_delay import LoopDelayParams
 from ..history.plan import value_at
-from ..interface.law import History, LoopDelay
+from ..law_interface import History, LoopDelay
 
 STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from ..frame.length import INTERMISSION_BITS
 from .bit_ticks import BitTicks
-from .errors import BusErrors
+from .bus_errors import BusErrors
 from .transmit_queue import Waiting
 
 _SUSPEND_BITS = 8

@@ -26,10 +26,10 @@ from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
 from ..frame.length import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
+from .bit_error_at_all_nodes import Disturbed
 from .bit_ticks import bit_ticks
 from .bus_access import BusAccess, is_awaited
-from .disturbed_frame import Disturbed
-from .errors import BusErrors
+from .bus_errors import BusErrors
 from .rest_bus import RestBus
 from .transmit_queue import TransmitQueue, Waiting
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ..node import NS_PER_S
 from ..settings import Settings, SettingsError
-from .errors import BusErrors
+from .bus_errors import BusErrors
 from .noise import BusNoise, NoiseRates, StuckLine
 
 LEVELS = ("dominant", "recessive")

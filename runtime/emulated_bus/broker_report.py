@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..bus_model.errors import BusErrors
+from ..bus_model.bus_errors import BusErrors
 from ..node import NS_PER_S
 from ..node.statistics import durations_report
 from .broker import Broker

@@ -15,10 +15,10 @@ from struct import Struct
 from typing import NamedTuple
 
 from ..bus_model.bus_model import BusLoad, BusModel, Delivery
-from ..bus_model.error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..bus_model.settings import BusSettings, errors_of
+from ..bus_model.socketcan_error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
 from ..frame import ERROR, EXTENDED, Frame
 from ..node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays

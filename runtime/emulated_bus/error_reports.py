@@ -6,10 +6,10 @@ error frames also gets each error on the bus, with its own counters.
 
 from collections.abc import Mapping
 
+from ..bus_model.bus_errors import BusErrors, ErrorEvent
 from ..bus_model.bus_model import Delivery
-from ..bus_model.error_frames import error_frame, receiver_error_frame, state_frame
-from ..bus_model.errors import BusErrors, ErrorEvent
 from ..bus_model.fault_confinement import ControllerState
+from ..bus_model.socketcan_error_frames import error_frame, receiver_error_frame, state_frame
 from .broker_connection import Connection
 
 

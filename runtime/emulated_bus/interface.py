@@ -16,8 +16,8 @@ import can
 from can.bus import BusState, CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
-from ..bus_model.error_frames import state_of
 from ..bus_model.fault_confinement import ControllerState
+from ..bus_model.socketcan_error_frames import state_of
 from ..frame import ERROR, Frame
 from ..frame.message import frame_of, message_of
 from ..node import NS_PER_S

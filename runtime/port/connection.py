@@ -23,7 +23,13 @@ from typing import NamedTuple
 
 import can
 
-from ..bus_model.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
+from ..bus_model.socketcan_error_frames import (
+    BUS_OFF,
+    FORGED_BUS_OFF,
+    RESTARTED,
+    UNSPECIFIED,
+    error_causes,
+)
 from ..frame import ERROR, Frame
 from ..node import NEVER_NS, NS_PER_S
 from ..node.real_time import Received

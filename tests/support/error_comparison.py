@@ -12,8 +12,13 @@ import random
 import sys
 from collections import Counter
 
-from steer_by_wire.runtime.bus_model.disturbed_frame import ARBITRATION, Counted, Disturbed, disturb
-from steer_by_wire.runtime.bus_model.local_error import disturb_receiver, disturb_sender
+from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import (
+    ARBITRATION,
+    Counted,
+    Disturbed,
+    disturb,
+)
+from steer_by_wire.runtime.bus_model.bit_error_at_one_node import disturb_receiver, disturb_sender
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import WireBit, frame_on_wire
 from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE

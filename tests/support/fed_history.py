@@ -1,8 +1,8 @@
 """The history of the controller, fed with echoes and measurements as its node does."""
 
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.history.history import BusHistory
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
-from steer_by_wire.controller.interface.law import LoopDelay
+from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.controller.supervision import AgeLimits
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
 

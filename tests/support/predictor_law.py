@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from steer_by_wire.controller.interface.law import History
+from steer_by_wire.controller.law_interface import History
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 
 SENT = [0.1 * tick for tick in range(64)]

@@ -1,4 +1,4 @@
-"""A stress study small enough to be run to its end in a test, and its store."""
+"""A study small enough to be run to its end in a test, and its store."""
 
 from pathlib import Path
 

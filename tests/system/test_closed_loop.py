@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset

@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.virtual_bus import SharedBus
-from steer_by_wire.runtime.bus_model.error_frames import (
+from steer_by_wire.runtime.bus_model.bus_errors import ErrorEvent
+from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
+from steer_by_wire.runtime.bus_model.settings import BusSettings, StuckSettings, errors_of
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
     BUS_OFF_FRAME,
     RESTARTED_FRAME,
     error_frame,
     receiver_error_frame,
     state_frame,
 )
-from steer_by_wire.runtime.bus_model.errors import ErrorEvent
-from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
-from steer_by_wire.runtime.bus_model.settings import BusSettings, StuckSettings, errors_of
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.port.socketcan import SocketCanPort

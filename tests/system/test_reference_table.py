@@ -22,9 +22,9 @@ from steer_by_wire.controller.filters.settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from steer_by_wire.controller.interface.law import LawInput
-from steer_by_wire.controller.interface.steer_limits import LimitSettings, limit_step
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.limits.steer_limits import LimitSettings, limit_step
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine

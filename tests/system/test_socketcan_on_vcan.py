@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.runtime.bus_model.error_frames import error_causes
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import error_causes
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle

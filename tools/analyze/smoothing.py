@@ -30,7 +30,7 @@ from filterpy.kalman import KalmanFilter
 from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
 from ...closed_loop.recordings.log_file import LogError
 from ...controller.filters.settings import VehicleModelSettings
-from ...controller.history.loop_delay import unwrapped
+from ...controller.history.echo_delay import unwrapped
 from ...controller.prediction.gains import (
     PSI,
     EstimatorSettings,

@@ -24,10 +24,10 @@ from ...controller.filters.settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from ...controller.history.loop_delay import LinkSettings
-from ...controller.interface.designed_ranges import ValiditySettings
+from ...controller.history.echo_delay import LinkSettings
 from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.laws.pid import PidSettings
+from ...controller.limits.designed_ranges import ValiditySettings
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS

@@ -23,7 +23,7 @@ from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
-from ...controller.history.loop_delay import LinkSettings
+from ...controller.history.echo_delay import LinkSettings
 from ...controller.laws.assembly import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains import EstimatorSettings

@@ -11,10 +11,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from ...closed_loop.parameter_space.d_stability import DStability, d_stability
-from ...controller.interface.steer_limits import LimitSettings
 from ...controller.laws import PAPER_LAWS
 from ...controller.laws.predictor import FALLBACK
 from ...controller.laws.settings import LawName
+from ...controller.limits.steer_limits import LimitSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S

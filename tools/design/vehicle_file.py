@@ -15,7 +15,7 @@ from ...closed_loop.parameter_space.uncertainty import ParameterRange, Uncertain
 from ...controller.filters.nominal_model import steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.interface.designed_ranges import VehicleRanges
+from ...controller.limits.designed_ranges import VehicleRanges
 from ...runtime.settings import Settings
 
 _RANGES_MAX = 6

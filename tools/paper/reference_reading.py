@@ -31,7 +31,7 @@ from ...controller.filters.dob import dob_at_rest, dob_step
 from ...controller.filters.nominal_model import paper_eq19
 from ...controller.filters.pd import pd_at_rest, pd_step
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.interface.steer_limits import limit_step
+from ...controller.limits.steer_limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from steer_by_wire.closed_loop.compiled.law_input import Inbox, Uplink
 from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, inbox_of, schedule_run
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.interface.fading import FADE_RAD_S
-from steer_by_wire.controller.interface.law import LawInput, VehicleReading
+from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.limits.fading import FADE_RAD_S
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.run_figures import ControlSample
 from steer_by_wire.controller.settings import ControllerSettings

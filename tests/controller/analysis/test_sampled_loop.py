@@ -24,7 +24,7 @@ from steer_by_wire.controller.filters.discretization import design_pd
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings

@@ -16,7 +16,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset

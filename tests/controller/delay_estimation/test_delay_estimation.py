@@ -16,7 +16,7 @@ from steer_by_wire.controller.delay_estimation.delay_estimator import (
 )
 from steer_by_wire.controller.delay_estimation.lag_fit import LagFit, LagGrid, Peak
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
-from steer_by_wire.controller.interface.law import VehicleReading
+from steer_by_wire.controller.law_interface import VehicleReading
 from steer_by_wire.controller.node.reported_delay import EchoDelay
 from steer_by_wire.runtime.node import NS_PER_S
 

@@ -10,7 +10,7 @@ import pytest
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
-from steer_by_wire.controller.interface.law import LoopDelay
+from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.interface.law import (
+from steer_by_wire.controller.law_interface import (
     NO_LOOP_DELAY,
     LawInput,
     LoopDelay,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings

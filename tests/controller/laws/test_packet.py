@@ -14,7 +14,7 @@ from steer_by_wire.controller.history.plan import (
     limit_plan,
     value_at,
 )
-from steer_by_wire.controller.interface.steer_limits import SteerLimits
+from steer_by_wire.controller.limits.steer_limits import SteerLimits
 from steer_by_wire.controller.settings import ControllerSettings, on_bus
 from steer_by_wire.dbc.messages import (
     Decoded,

@@ -5,7 +5,7 @@ import pytest
 
 from steer_by_wire import simulate
 from steer_by_wire.controller.filters.settings import PdSettings
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings

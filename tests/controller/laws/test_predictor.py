@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
-from steer_by_wire.controller.interface.law import LoopDelay
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
+from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
 from steer_by_wire.controller.prediction.gains import (
     EstimatorSettings,

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
-from steer_by_wire.controller.interface.law import LawInput, LoopDelay
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
+from steer_by_wire.controller.law_interface import LawInput, LoopDelay
 from steer_by_wire.controller.laws import predictor as predictor_module
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode

@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.interface.law import NO_HISTORY, NO_LOOP_DELAY, LawInput
+from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.interface.law import LawOutput
+from steer_by_wire.controller.law_interface import LawOutput
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.safety_report import INTERVAL_NS
 from steer_by_wire.controller.settings import ControllerSettings

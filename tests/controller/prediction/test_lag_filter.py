@@ -8,8 +8,8 @@ from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.history.loop_delay import LoopDelayParams
-from steer_by_wire.controller.interface.law import NO_LOOP_DELAY, History
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
+from steer_by_wire.controller.law_interface import NO_LOOP_DELAY, History
 from steer_by_wire.controller.prediction.lag_filter import (
     AS_SET,
     LAGS_S,

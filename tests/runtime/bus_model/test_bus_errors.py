@@ -4,9 +4,9 @@ import random
 
 import pytest
 
+from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import disturb, disturb_bit_by_bit
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.disturbed_frame import disturb, disturb_bit_by_bit
-from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame

@@ -5,7 +5,7 @@ A slice of what ``python -m tests.support.error_comparison 10000`` compares.
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.disturbed_frame import Disturbed, disturb
+from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import Disturbed, disturb
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.bits import frame_on_wire
 from tests.support import error_comparison

@@ -14,13 +14,13 @@ from can.bus import BusState
 
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
 from steer_by_wire.closed_loop.virtual_bus import SharedBus
-from steer_by_wire.runtime.bus_model.error_frames import error_causes
 from steer_by_wire.runtime.bus_model.settings import (
     BurstSettings,
     BusSettings,
     StuckSettings,
     errors_of,
 )
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import error_causes
 from steer_by_wire.runtime.emulated_bus import interface
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
 from steer_by_wire.runtime.emulated_bus.channel import Channel, ChannelConditions, client_number

@@ -14,7 +14,7 @@ import pytest
 
 from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.bus_model.bus_model import BusLoad
-from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, RESTARTED, error_causes
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import BUS_OFF, RESTARTED, error_causes
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line

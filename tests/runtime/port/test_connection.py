@@ -4,7 +4,11 @@ from collections import deque
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
+    BUS_OFF,
+    FORGED_BUS_OFF,
+    RESTARTED,
+)
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.real_time import Received

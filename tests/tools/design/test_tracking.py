@@ -15,7 +15,7 @@ from steer_by_wire.controller.analysis.linear_system import held_plant, law_syst
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
-from steer_by_wire.controller.interface.law import LawInput
+from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings

@@ -12,7 +12,7 @@ from ..frame import ERROR, Frame
 from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
 
 if TYPE_CHECKING:  # the model of a bus, which no live program needs
-    from .errors import ErrorEvent
+    from .bus_errors import ErrorEvent
 
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
-from steer_by_wire.controller.history.loop_delay import (
+from steer_by_wire.controller.history.echo_delay import (
     NO_DELAY,
     DelayState,
     LoopDelayParams,
@@ -15,7 +14,8 @@ from steer_by_wire.controller.history.loop_delay import (
     delay_step,
     unwrapped,
 )
-from steer_by_wire.controller.interface.law import LoopDelay
+from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
+from steer_by_wire.controller.law_interface import LoopDelay
 from tests.support.fed_history import (
     LIMITS,
     MS,

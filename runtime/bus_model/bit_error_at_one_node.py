@@ -18,7 +18,7 @@ from ..frame import Frame
 from ..frame.bits import DOMINANT, RECESSIVE, WireBit, frame_on_wire
 from ..frame.length import FrameBits
 from ..frame.reception import WireError, receive
-from .disturbed_frame import (
+from .bit_error_at_all_nodes import (
     ARBITRATION,
     DELIMITER_BITS,
     FIRST,

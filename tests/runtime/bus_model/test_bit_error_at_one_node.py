@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
 from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates, StuckLine
 from steer_by_wire.runtime.frame import Frame

@@ -1,4 +1,4 @@
-"""Damaged files of a stress study are reported in one line that names the file, by every reader.
+"""Damaged files of a study are reported in one line that names the file, by every reader.
 
 The rows come from no real runs and only have the right form: nothing is computed here.
 """

@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.analysis.check_figures import check_figures
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
-from steer_by_wire.controller.interface.designed_ranges import (
+from steer_by_wire.controller.limits.designed_ranges import (
     ValiditySettings,
     request_of,
     share_of_demand,

@@ -1,7 +1,8 @@
 """Errors on the bus: noise destroys frames, their senders repeat them, and controllers count.
 
     noise        when a bit is wrong (``noise``)
-    consequence  which frame that destroys and how long it takes (``disturbed_frame``)
+    consequence  which frame that destroys and how long it takes (``bit_error_at_all_nodes``,
+                 ``bit_error_at_one_node``)
     counters     of every node that has been on the bus (``fault_confinement``)
 
 Everyone but the sender receives: each other node has a receive counter.
@@ -16,10 +17,10 @@ from typing import NamedTuple
 from ..frame import BITRATE_SWITCH, Frame
 from ..frame.bits import frame_on_wire
 from ..node import NEVER_NS
+from .bit_error_at_all_nodes import FIRST, Disturbed, disturb, disturb_stuck
+from .bit_error_at_one_node import disturb_receiver, disturb_sender, unacknowledged
 from .bit_ticks import BitTicks
-from .disturbed_frame import FIRST, Disturbed, disturb, disturb_stuck
 from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters
-from .local_error import disturb_receiver, disturb_sender, unacknowledged
 from .noise import Noise, StuckLine
 
 _GONE = -1 << 31

@@ -382,7 +382,7 @@ def test_factors_keep_their_labels_and_keys() -> None:
 
 
 def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
-    docs = SHIPPED.parent.parent / "docs" / "stress_studies.md"
+    docs = SHIPPED.parent.parent / "docs" / "studies.md"
     blocks = blocks_of(docs.read_text(encoding="utf-8"))
     study, factor, bus = (block.text for block in blocks if block.language == "toml")
     text = read_preset("steer_by_wire.controller.presets", "practical_pd").text
@@ -396,6 +396,6 @@ def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
 
 
 def test_the_documentation_names_every_figure_and_verdict() -> None:
-    text = (SHIPPED.parent.parent / "docs" / "stress_studies.md").read_text(encoding="utf-8")
+    text = (SHIPPED.parent.parent / "docs" / "studies.md").read_text(encoding="utf-8")
     words = {*COLUMNS, *map(str, Verdict), *VerdictRules.model_fields}
     assert sorted(word for word in words if f"`{word}`" not in text) == []

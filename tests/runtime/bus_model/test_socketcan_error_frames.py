@@ -2,7 +2,7 @@
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.error_frames import UNSPECIFIED, error_causes
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import UNSPECIFIED, error_causes
 from steer_by_wire.runtime.frame import ERROR, Frame
 
 

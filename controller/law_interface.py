@@ -15,8 +15,8 @@ Most laws use only the first two fields of ``LawInput``.
 from collections.abc import Callable, MutableSequence, Sequence
 from typing import Any, NamedTuple
 
-from ...dbc.messages import LawNumber
-from ...runtime.settings import Settings
+from ..dbc.messages import LawNumber
+from ..runtime.settings import Settings
 
 
 class VehicleReading(NamedTuple):

@@ -1,4 +1,4 @@
-"""The report of a stress study: what it aggregates by hand, its bounds, and the page as a whole."""
+"""The report of a study: what it aggregates by hand, its bounds, and the page as a whole."""
 
 import math
 import shlex

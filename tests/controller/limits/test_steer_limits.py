@@ -5,8 +5,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.interface.fading import ramp_step
-from steer_by_wire.controller.interface.steer_limits import SteerLimits, limit_step
+from steer_by_wire.controller.limits.fading import ramp_step
+from steer_by_wire.controller.limits.steer_limits import SteerLimits, limit_step
 
 LIMITS = st.builds(SteerLimits, st.floats(0.01, 1.3), st.floats(1e-4, 10.0))
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True)
