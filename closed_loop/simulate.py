@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
 
+from ..controller.law_interface import Law
 from ..controller.settings import PRESETS as CONTROLLER_PRESETS
 from ..controller.settings import ControllerSettings
 from ..controller.settings import shared_vehicle as nominal_vehicle
@@ -31,6 +32,7 @@ from ..runtime.settings import (
     read_preset,
     with_values,
 )
+from ..runtime.settings.plugin import by_place
 from .followed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
@@ -76,7 +78,10 @@ def simulate(
     vehicle: str | Path | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
-    law: str | None = None,
+    law: str | Law | None = None,
+    latency_s: float | None = None,
+    jitter_s: float | None = None,
+    loss: float | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
     engine: Engine = "virtual",
     bus: str | Path | Mapping[str, Any] | BusSettings | None = None,
@@ -88,7 +93,10 @@ def simulate(
     ``vehicle``       file whose [vehicle] both take instead of their own, as ``design`` reads it
     ``seed``, ``duration_s``   of the plant; None keeps what its settings say
     ``law``           of the controller; None keeps what its settings say
-    ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``
+    ``latency_s``, ``jitter_s``, ``loss``   of the commands: mean latency, standard deviation of a
+                      gamma distribution, share of lost frames, 0 to 1; None keeps them
+    ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``; a part of
+                      your own, as a ``LatencyModel``, stands for its place ``module:ATTRIBUTE``
     ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
                       as fast after a first run that compiles, in fewer columns (``Run``)
     ``bus``           between the nodes of a virtual run: settings, a file of them as ``run
@@ -103,8 +111,20 @@ def simulate(
     steer_by_wire.runtime.settings.settings.SettingsError: overrides of plant: \
 actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     """
-    own = {"plant.seed": seed, "plant.duration_s": duration_s, "controller.law": law}
-    given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
+    downlink = "plant.latency.downlink"
+    own = {
+        "plant.seed": seed,
+        "plant.duration_s": duration_s,
+        "controller.law": law,
+        f"{downlink}.mean_s": latency_s,
+        f"{downlink}.model": "gamma" if jitter_s else None,
+        f"{downlink}.spread_s": jitter_s,
+        f"{downlink}.loss": loss,
+    }
+    try:
+        given = by_place({**overrides, **{key: it for key, it in own.items() if it is not None}})
+    except ValueError as error:
+        raise SettingsError(f"overrides: {error}") from error
     values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
     for key, value in given.items():
         side, _, name = key.partition(".")

@@ -125,10 +125,10 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     }
     figure, runs = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110), {}
     axes = figure.subplots()
-    for law in ("predictor", "networked_prediction:LAW"):
+    for label, law in {"predictor": "predictor", "as published": LAW}.items():
         run = simulate("highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=case)
-        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=law)
-        runs[law] = run
+        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
+        runs[label] = run
     axes.set(xlabel="time [s]", ylabel="lateral error [m]")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ GUSTS = DisturbanceModel(gusts, settings=Wind)
 
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
-    wind = {"plant.disturbance.model": "own_disturbance:GUSTS", "plant.path.kind": "straight"}
+    wind = {"plant.disturbance.model": GUSTS, "plant.path.kind": "straight"}
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
     runs = {}

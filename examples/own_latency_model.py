@@ -35,12 +35,11 @@ TWO_ROUTES = LatencyModel(two_routes, settings=Routes)
 
 
 def main(folder: Path = Path("out/examples")) -> list[Run]:
-    name = "own_latency_model:TWO_ROUTES"
     figure = Figure(figsize=(9.0, 4.0), layout="constrained", dpi=110)
     error, latency = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
     runs = []
     for order in ("newest_wins", "in_order"):
-        network = {"model": name, "mean_s": 0.02, "spread_s": 0.01, "order": order}
+        network = {"model": TWO_ROUTES, "mean_s": 0.02, "spread_s": 0.01, "order": order}
         run = simulate(duration_s=30.0, overrides={"plant.latency.downlink": network})
         label = f"{order}, RMS {1e3 * run.lateral_error_rms_m:.1f} mm"
         error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)

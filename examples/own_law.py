@@ -73,10 +73,10 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
     runs = {}
-    for law in ("pd", "own_law:LAW"):
+    for label, law in {"pd": "pd", "with an integral": LAW}.items():
         run = simulate(controller="practical_pd", law=law, overrides=network)
-        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=law)
-        runs[law] = run
+        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
+        runs[label] = run
     axes.set(xlabel="time [s]", ylabel="lateral error [mm]")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ SLALOM = PathModel(slalom, settings=Slalom)
 
 
 def main(folder: Path = Path("out/examples")) -> Run:
-    path = {"kind": "own", "model": "own_path:SLALOM", "own": {"bends": 7}}
+    path = {"kind": "own", "model": SLALOM, "own": {"bends": 7}}
     run = simulate(
         duration_s=40.0, overrides={"plant.path": path, "plant.latency.downlink.mean_s": 0.15}
     )

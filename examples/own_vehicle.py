@@ -59,7 +59,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         "plant.safety.lateral_jerk_m_s3_max": "off",
         "plant.path": {"kind": "single_lane_change", "start_m": 20.0, "length_m": 30.0},
     }
-    own: dict[str, Any] = {"plant.vehicle.model": "own_vehicle:SATURATING"}
+    own: dict[str, Any] = {"plant.vehicle.model": SATURATING}
     kinds = {
         "linear": {},
         "saturating at 5 kN": own,

@@ -163,12 +163,12 @@ SLOW_WHEEL = {
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure, runs = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110), {}
     axes = figure.subplots()
-    for law in ("packet", "packetised_mpc:LAW"):
+    for label, law in {"packet": "packet", "packetised MPC": LAW}.items():
         run = simulate(
             "highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=SLOW_WHEEL
         )
-        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=law)
-        runs[law] = run
+        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
+        runs[label] = run
     axes.set(xlabel="time [s]", ylabel="lateral error [m]", ylim=(-1.0, 1.0))
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)

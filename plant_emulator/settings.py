@@ -16,13 +16,19 @@ from ..runtime.settings import (
     read_preset,
     read_table,
 )
+from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, FaultSettings
-from .network.settings import BothLatencySettings
-from .path.settings import EllipseSettings, PathSettings
+from .network.settings import BothLatencySettings, find_latency_model
+from .path.settings import EllipseSettings, PathSettings, find_path_model
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings
 from .steering.settings import SafetySettings, resync_ns_of
-from .vehicle.settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
+from .vehicle.settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    VehicleSettings,
+    find_disturbance_model,
+)
 
 PRESETS = "steer_by_wire.plant_emulator.presets"
 """The package with the presets that are shipped."""
@@ -76,6 +82,20 @@ class PlantSettings(Settings):
     def duration_ns(self) -> int:
         """Length of the motion [ns]."""
         return round(self.duration_s * NS_PER_S)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts of your own in network, path and disturbance, as their places are now.
+
+        What is kept for equal settings depends on them too: a notebook may define one anew.
+        """
+        places = (
+            (find_latency_model, self.latency.downlink.model),
+            (find_latency_model, self.latency.uplink.model),
+            (find_path_model, getattr(self.path, "model", None)),
+            (find_disturbance_model, self.disturbance.model),
+        )
+        return tuple(find(place) for find, place in places if place is not None and ":" in place)
 
     @property
     def counters(self) -> SequenceRule:

@@ -31,6 +31,7 @@ from ...plant_emulator.vehicle.settings import (
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError
+from ...runtime.settings.plugin import Part
 from .compilation import compiled, compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import Inbox, Uplink, quantised
@@ -303,7 +304,7 @@ def _collected(
 
 def compiled_motion(plant: PlantSettings) -> MotionParams:
     """Return the parameters of ``motion_params``; equal plants share one."""
-    return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
+    return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance, plant.parts)
 
 
 @lru_cache(maxsize=_MOTIONS_KEPT)
@@ -312,15 +313,16 @@ def _designed(
     actuator: ActuatorSettings,
     path: PathSettings,
     disturbance: DisturbanceSettings,
+    parts: tuple[Part, ...],
 ) -> MotionParams:
-    params = design_motion_arrays(vehicle, actuator, _road(path), disturbance)
+    params = design_motion_arrays(vehicle, actuator, _road(path, parts), disturbance)
     intervals = np.array([tuple(interval) for interval in params.intervals], dtype=_INTERVAL)
     arrays: dict[str, Any] = {"intervals": intervals}
     return params._replace(**arrays)
 
 
 @lru_cache(maxsize=_MOTIONS_KEPT)
-def _road(settings: PathSettings) -> Path:
+def _road(settings: PathSettings, _parts: tuple[Part, ...]) -> Path:
     path = build_path(settings)
     arrays: dict[str, Any] = {
         name: np.array(getattr(path, name))

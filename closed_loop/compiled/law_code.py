@@ -9,7 +9,7 @@ import numpy as np
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from ...controller.history.history import history_of
-from ...controller.law_interface import NO_HISTORY, LawInput, LawOutput, LawStep
+from ...controller.law_interface import NO_HISTORY, Law, LawInput, LawOutput, LawStep
 from ...controller.laws.assembly import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
@@ -94,15 +94,19 @@ def plan_at(
     return law_plan(read(params), read(state), observed)
 
 
-@lru_cache(maxsize=_LAWS_KEPT)
 def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledLaw:
     """Return the law of the settings, compiled. Raises LawNotCompiledError.
 
     A law of another package is compiled anew in every process, because it is unknown what its file
     depends on.
     """
+    return _compiled(controller, controller.law_record, fastmath)
+
+
+@lru_cache(maxsize=_LAWS_KEPT)
+def _compiled(controller: ControllerSettings, record: Law, fastmath: bool) -> CompiledLaw:
     register_steps()
-    design, record = design_law(controller), controller.law_record
+    design = design_law(controller)
     register_law(controller.law, record, design.params)
     start = design.initial_state(0.0)
     own = record.step if record.number is LawNumber.CUSTOM else None

@@ -36,6 +36,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import MotionParams
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.settings.plugin import Part
 from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
 from .network import Frames, normal_scores, passages
@@ -231,7 +232,9 @@ def inbox_of(
     """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
     samples = len(schedule.sample_ns)
     network = plant_network(plant)
-    received = _received(network, controller.counters, samples, schedule.motion_start_ns)
+    received = _received(
+        network, network.parts, controller.counters, samples, schedule.motion_start_ns
+    )
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     return Inbox(
@@ -317,7 +320,11 @@ def empty_rings(*, keeps_plans: bool) -> Rings:
 
 @lru_cache(maxsize=_UPLINKS_KEPT)
 def _received(
-    plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
+    plant: PlantSettings,
+    _parts: tuple[Part, ...],
+    rule: SequenceRule,
+    samples: int,
+    motion_start_ns: int,
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Return the first arrays of ``Inbox``, from ``arrival_ns`` on; runs share them."""
     each = [arrivals_of(message, plant, rule, samples, motion_start_ns) for message in Uplink]

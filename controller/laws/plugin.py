@@ -24,6 +24,7 @@ class NoLawError(ValueError):
     """There is no law with this name; the text is one line."""
 
 
+@cache
 def place_of(name: str) -> str | None:
     """Return ``package.module:ATTRIBUTE`` if the name may be that of a law, else None."""
     if ":" in name:
@@ -34,9 +35,8 @@ def place_of(name: str) -> str | None:
     return next((found.value for found in entry_points(group=GROUP, name=name)), None)
 
 
-@cache
 def find_plugin_law(name: str) -> Law:
-    """Return a plug-in law; raises NoLawError."""
+    """Return a plug-in law, as its place is now; raises NoLawError."""
     place = place_of(name)
     if place is None:
         raise NoLawError(f"there is no law {name}")
@@ -44,6 +44,11 @@ def find_plugin_law(name: str) -> Law:
         law = find_part(place, Law, "law")
     except ValueError as error:
         raise NoLawError(str(error)) from error
+    return _as_custom(law)
+
+
+@cache
+def _as_custom(law: Law) -> Law:
     return law._replace(number=LawNumber.CUSTOM)
 
 

@@ -4,9 +4,10 @@ Settings name such a part and may have a table for it, whose model is the part's
 """
 
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
 from pydantic import (
     AfterValidator,
@@ -29,6 +30,7 @@ PLUGIN_TABLE: Any = Field(default_factory=dict, validate_default=True)
 """Default of such a table, from the part's model."""
 
 
+@runtime_checkable
 class Part(Protocol):
     """A part that may have a table of settings."""
 
@@ -69,6 +71,29 @@ def find_part(place: str, kind: type[P], noun: str) -> P:
             f" steer_by_wire.{kind.__name__}"
         )
     return part
+
+
+def place_of(part: Part) -> str:
+    """Return where a part, a NamedTuple of functions, is found by its name.
+
+    In a notebook that is ``__main__:ATTRIBUTE``. Raises ValueError for a part without a name.
+    """
+    homes = [it.__module__ for it in cast(tuple[Any, ...], part) if callable(it)]
+    for module in dict.fromkeys((*homes, *sys.modules)):
+        for attribute, value in vars(sys.modules[module]).copy().items():
+            if value is part:
+                return f"{module}:{attribute}"
+    raise ValueError(
+        f"a {type(part).__name__} has no name at the top of a module, by which a run could record"
+        " it: assign it to one"
+    )
+
+
+def by_place(value: Any) -> Any:
+    """Return a value of settings, or a mapping of them, with parts replaced by their places."""
+    if isinstance(value, Mapping):
+        return {key: by_place(inner) for key, inner in value.items()}
+    return place_of(value) if isinstance(value, Part) else value
 
 
 def plugin_place(find: Callable[[str], Part]) -> AfterValidator:

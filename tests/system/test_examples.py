@@ -14,6 +14,9 @@ from typing import Any
 import can
 import numpy as np
 import pytest
+from sphinx_gallery.py_source_parser import (  # type: ignore[import-untyped]
+    split_code_and_text_blocks,
+)
 
 import steer_by_wire
 from steer_by_wire import simulate
@@ -134,8 +137,18 @@ def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]
 
 
 @pytest.mark.parametrize("name", CHECKS)
-def test_an_example_leaves_its_picture_and_its_figure(name: str, tmp_path: Path) -> None:
-    made = import_module(name).main()
+def test_an_example_works_as_a_notebook_in_an_empty_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if Path(path) != EXAMPLES])
+    notebook = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    _, blocks = split_code_and_text_blocks(str(EXAMPLES / f"{name}.py"))
+    for block in blocks:
+        if block.type == "code":
+            code = block.content.replace("\n    main()", "\n    made = main()")
+            exec(compile(code, "<cell>", "exec"), vars(notebook))  # noqa: S102
+    made = vars(notebook)["made"]
     assert (tmp_path / "out" / "examples" / f"{name}.png").read_bytes().startswith(PNG)
     CHECKS[name](made)
 

@@ -144,7 +144,7 @@ def test_a_law_without_pd_needs_no_table_pd_and_the_example_does() -> None:
 def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     installed = EntryPoints([EntryPoint("integral_pd", OWN, plugin.GROUP)])
     monkeypatch.setattr(metadata, "entry_points", installed.select)
-    plugin.find_plugin_law.cache_clear()
+    plugin.place_of.cache_clear()
     assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
 
 
