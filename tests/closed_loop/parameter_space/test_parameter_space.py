@@ -188,9 +188,6 @@ def test_the_roots_are_those_of_the_plant_discretised_by_python_control(periods:
         assert np.min(np.abs(ours - root)) < 1e-5 * abs(root)
 
 
-# Published gains
-
-
 # Several plants and delays at once
 
 

@@ -200,6 +200,3 @@ def test_periodic_sending_works(stack: ExitStack, classic_address: str) -> None:
     one, other = (client(stack, classic_address, channel=channel) for _ in range(2))
     one.send_periodic(message(7), 0.001)
     assert [receive(other).arbitration_id for _ in range(5)] == [7] * 5
-
-
-# Bad clients

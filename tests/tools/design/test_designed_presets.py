@@ -10,17 +10,13 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
-from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.laws import PAPER_LAWS
-from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.demands import (
     Study,
     judge_candidate,
     make_study,
-    unsteered_runs_m,
 )
 from steer_by_wire.tools.design.law_design import describe
 from steer_by_wire.tools.design.law_parameters import (
@@ -33,7 +29,6 @@ from steer_by_wire.tools.design.parameter_search import Found, confirm
 from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
 from steer_by_wire.tools.design.specification import Specification
-from steer_by_wire.tools.design.tracking import rms_m, tracking_grid
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
     constant,
@@ -105,22 +100,6 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
     for asked, rms in zip(worst, stated, strict=True):
         assert drive(asked).rms_m == pytest.approx(rms, abs=6e-5)
         assert rms < RMS_M_MAX
-
-
-def test_the_ddob_preset_keeps_its_rms_at_every_corner_and_delay_by_the_linear_analysis() -> None:
-    spec, vehicle = shipped_spec(), shipped_vehicle()
-    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
-    delays_ns = [5_000_000 * index for index in range(51)]
-    assert list(spec.delays_ns) == delays_ns
-    grid = tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, spec.period_ns)
-    settings = shipped_preset()
-    design_ddob = design_law(settings)
-    all_m = rms_m(grid, design_ddob)
-    assert all_m.shape == (1, 4, 51)
-    assert 0.004 < all_m.min() < all_m.max() < RMS_M_MAX
-    for model in models:
-        loop = SampledLoop(design_ddob, model, spec.period_ns)
-        assert all(loop.decay_1_s(delay_ns) > 0.3 for delay_ns in delays_ns[::5])
 
 
 @pytest.mark.parametrize("delay_ms", [0, 135, 250])
