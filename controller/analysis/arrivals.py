@@ -1,6 +1,7 @@
-"""When commands arrive whose latencies are drawn anew and independently, in whole steps.
+"""When commands arrive if each draws its own, independent latency; in whole steps.
 
-With a share p of all commands lost, of those not arrived after b-1 steps the next sees
+With a share p of all commands lost, those that have not arrived after b-1 steps arrive at the next
+with probability
 
     h_b = (1 - p) (F_b - F_(b-1)) / (1 - (1 - p) F_(b-1)),     F_b = P(latency ≤ b steps)
 

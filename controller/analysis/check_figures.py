@@ -44,8 +44,8 @@ JITTER_MEANS_MS = (80, 160)
 JITTER_LOSS = 0.01
 SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
-"""Largest delay for a law with a filter: every command in transit is a state, and the search with a
-hundred of them at each delay takes a minute in total."""
+"""Largest delay for a law with a filter. Every command in transit is a state; with a hundred of
+them the whole search takes a minute."""
 TWO_RATES_PERIODS_MAX = 300
 """Largest delay for another law at two rates: the search takes some seconds."""
 
@@ -109,7 +109,7 @@ def _stable_delays_around(
 
 
 def _has_two_rates(settings: ControllerSettings) -> bool:
-    """Whether some ticks find no new measurement, or one that is not taken at the tick."""
+    """Whether some ticks have no new measurement, or one that was not taken at the tick."""
     return settings.period_ns % settings.loop_delay.sensor_period_ns != 0
 
 
@@ -164,7 +164,7 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 
 
 def _two_rates(settings: ControllerSettings) -> LookingBack:
-    """Return what is said about a loop whose measurements have a rate of their own."""
+    """Return the opening lines for a loop whose measurements have a rate of their own."""
     control_ms, sensor_ms = settings.period_ns / NS_PER_MS, settings.link.sensor_period_ms
     return LookingBack(
         (

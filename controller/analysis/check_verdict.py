@@ -23,7 +23,7 @@ class Found(NamedTuple):
 
     ``delay_margin_s``  where stability is first lost, 0 if the loop is not stable without delay,
                         infinite beyond the search; None where there is no analysis
-    ``reason``          around what the margin was found, in words
+    ``reason``          with which vehicle the margin was found, in words
     """
 
     verdict: CheckVerdict
@@ -48,7 +48,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 def found_in(figures: Mapping[str, Any]) -> Found:
     """Return the verdict on the figures of ``check_figures``.
 
-    Stable are loops that are so at every constant delay from 0 to that of [validity].
+    A loop is stable if it is so at every constant delay from 0 to that of [validity].
     """
     if "stable_delays" not in figures:
         return NOT_ANALYSED

@@ -8,7 +8,7 @@ zeros of
 
 Argument principle: χ has d zeros outside |z| = ρ less the turns it makes about 0 as z goes once
 round that circle. Only z^(-n) depends on the whole periods, so that q and p are computed once for
-all delays: a problem of the order of law and plant, not of that of all commands on their way.
+all delays: the problem has the order of law and plant, however many commands are in transit.
 
 Direct method (Walton and Marshall 1987, for continuous loops): as the delay grows, a mode can begin
 or cease to grow only where a zero crosses the circle,
@@ -103,8 +103,9 @@ class GrowingModes:
     def _grid(self) -> FloatArray:
         """Return angles from 0 to π.
 
-        Evenly dense enough for z^(-n), and of small enough ratios that the modes of a slow law,
-        all of them close to z = 1, do not turn χ by more than _PHASE_STEP_RAD together.
+        They are dense enough for z^(-n) everywhere. Towards 0 they lie in small ratios, so that the
+        modes of a slow law, all of them close to z = 1, together do not turn χ by more than
+        _PHASE_STEP_RAD.
         """
         whole_periods = self._delay_ns_max / self._period_ns
         points = math.ceil(2.0 * math.pi * (whole_periods + self._degree))
@@ -116,7 +117,7 @@ class GrowingModes:
         return np.asarray(np.exp(self._log_radius + 1j * theta), dtype=np.complex128)
 
     def _polynomials(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return q, shape (points,), and what p is multiplied from, shape (points, plant order)."""
+        """Return q, shape (points,), and the factors of p, shape (points, plant order)."""
         z = self._z(theta)
         law, plant = self._law.a, self._transition
         shifted = z[:, None, None] * np.eye(len(plant)) - plant
@@ -197,5 +198,5 @@ class GrowingModes:
 
 
 def _times(rows: ComplexArray, vector: FloatArray) -> ComplexArray:
-    """Return ``rows @ vector``, which numpy would give to threads: slower on shared processors."""
+    """Return ``rows @ vector`` on one thread: numpy would use several, which is slower here."""
     return np.asarray(np.einsum("ij,j->i", rows, vector), dtype=np.complex128)

@@ -128,17 +128,17 @@ class _MomentRecursion:
         self._period_s = loop.period_ns / NS_PER_S
 
     def is_stable(self) -> bool:
-        """Whether the moments decay; a rate far from zero need not be known well for that."""
+        """Whether the moments decay; far from zero the rate need not be accurate for that."""
         return self.decay_1_s(_TOLERANCE, _SIGN_TOLERANCE) > SLOWEST_DECAY_1_S
 
     def decay_1_s(self, tolerance_1_s: float, relative_tolerance: float) -> float:
         """Return -ln λ/(2T) of the largest eigenvalue λ.
 
         The map keeps moments positive semidefinite, so its spectral radius is an eigenvalue, and
-        none has a larger real part. It is found by Arnoldi's method, a stride of many periods at
-        once, which sets the slow modes apart, in units of, and starting from, what is left of any
-        initial moments after _SETTLING_S: the modes of an observer are far from orthogonal, and
-        without that the method takes combinations of fast ones for convergence.
+        none has a larger real part. Arnoldi's method finds it. One of its steps is a stride of many
+        periods, which separates the slow modes. It starts from, and is scaled by, what is left of
+        any initial moments after _SETTLING_S: the modes of an observer are far from orthogonal, and
+        otherwise the method would mistake a combination of fast ones for convergence.
         """
         periods = math.ceil(_STRIDE_S / self._period_s)
         x = np.broadcast_to(np.eye(self._shape[1]), self._shape).reshape(-1)
@@ -184,7 +184,7 @@ class _MomentRecursion:
         x[:, :, :end] = x[:, :, :end] @ self._transition.T + held * self._hold
 
     def _decide(self, x: FloatArray, after: FloatArray) -> None:
-        """Fill ``after`` with the moments when the law has decided: all commands get older."""
+        """Fill ``after`` with the moments after the decision: all commands are a period older."""
         if len(x) > 1:
             after[0] = 0.0
             x[-2] += x[-1]  # the oldest command held stays in the oldest mode
@@ -240,7 +240,7 @@ def _redistribute(x: FloatArray, chosen: FloatArray, kept: FloatArray) -> None:
 
 
 def newest_arrivals(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return by mode: P(it is the youngest that arrives now), P(none younger arrives now).
+    """Return for each mode P(it is the youngest that arrives now) and P(none younger arrives now).
 
     i → j < i has the probability of the first of j, whatever i; i → i that of the second of i.
     """

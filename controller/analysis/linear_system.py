@@ -57,10 +57,10 @@ class HeldPlant(NamedTuple):
 _PLANTS_KEPT = 256
 """A search judges many laws with the same plants and delays."""
 _LAWS_KEPT = 16
-"""A law is judged by several demands, one after the other."""
+"""Several demands judge the same law, one after the other."""
 _UNIT = 2.0**-20
-"""So small that a difference that fades by a step per period is gone after one period. Scaling by a
-power of two is exact in a linear system."""
+"""So small that a fading difference is gone after one period. Scaling by a power of two is exact in
+a linear system."""
 
 
 class NotLinearError(ValueError):

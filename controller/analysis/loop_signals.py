@@ -3,9 +3,8 @@
 At a constant latency every instant is known beforehand: when samples are taken, ticks run and
 commands act, which command the echo names, and what the controller has received. ``Signals`` moves
 the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands
-that are due, samples, the tick, and its command if there is no latency. The response of a tick is
-computed by
-``controller.analysis.unit_responses``.
+that are due, samples, the tick, and its command if there is no latency.
+``controller.analysis.unit_responses`` computes the response of a tick.
 
 Besides lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
 sends only with some of its samples. Between two of them the law uses the last one.
@@ -107,7 +106,7 @@ class Timing(NamedTuple):
         return range(self.applied_tick(known), tick), samples
 
     def commands_kept(self, tick: int) -> range:
-        """Return the commands before a tick that still matter to law or plant."""
+        """Return the commands before a tick that law or plant still use."""
         applied = self.applied_tick(self.newest_sample(tick - 1))
         return range(min(applied, tick - (self.commands_read or 1)), tick)
 

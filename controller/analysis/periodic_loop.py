@@ -1,4 +1,4 @@
-"""A loop of two rates at a constant latency, linear then, and analysed as it runs.
+"""A loop of two rates at a constant latency, where it is linear; analysed as it runs.
 
 The controller decides every control period on the newest measurement, which the plant takes every
 sensor period. All of it repeats itself with the common multiple of both. At a constant latency the
@@ -53,7 +53,7 @@ _DOUBLINGS = 60
 _SETTLED = 1e-12
 _FREQUENCIES = 600
 _PARTS = 20
-"""Frequencies are answered in as many parts, so that the matrices of one stay in the cache."""
+"""The frequencies are split into so many parts, so that the matrices of one fit into the cache."""
 _OMEGA_RAD_S_MIN = 0.02
 
 
@@ -201,7 +201,7 @@ class PeriodicLoop:
         return a, np.flatnonzero(_reached_from(Y, acts) & _reached_from(Y, acts.T))
 
     def _respond(self, timing: Timing, tick: int) -> FloatArray:
-        """Return what a tick makes of law, commands and measurements, kept for the next delay."""
+        """Return the response of a tick to law, commands and measurements; keep it."""
         ticks, samples = timing.rows_read_at(tick)
         speed_m_s = self.loop_model.speed_m_s
         key: tuple[Any, ...] = (speed_m_s, tick - timing.first_tick, ticks, samples)
@@ -225,7 +225,7 @@ def linear(settings: ControllerSettings) -> ControllerSettings:
 
 
 def _reached_from(start: int, acts: BoolArray) -> BoolArray:
-    """Return what a state acts on, itself among it; ``acts[i, j]``: j acts on i at once."""
+    """Return which states a state acts on, itself included; ``acts[i, j]``: j acts on i at once."""
     reached: BoolArray = np.arange(len(acts)) == start
     while True:
         further = reached | (acts @ reached)

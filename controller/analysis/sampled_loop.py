@@ -22,7 +22,7 @@ from .linear_system import held_plant, law_system, without_idle_states
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.
-The bound also prevents that rounding decides on a double pole at z = 1."""
+The bound also keeps rounding from deciding about a double pole at z = 1."""
 _OMEGA_RAD_S_MIN = 1e-2
 _GEOMETRIC_POINTS = 1500
 _EVEN_POINTS_PER_PERIOD = 8  # a period of delay turns the loop by half a turn up to Nyquist

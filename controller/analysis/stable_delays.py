@@ -7,9 +7,9 @@ and stable at 160 ms. Stability is judged
 - between every two neighbouring delays at which a mode crosses the stability limit,
 
 so that neither a stable nor an unstable stretch is missed for being short, down to RESOLUTION_NS.
-Between two delays of different verdict the boundary is bisected to RESOLUTION_NS. The judge is the
-argument principle (``growing_modes``), which agrees with the eigenvalues of ``SampledLoop`` but
-does not grow with the commands on their way.
+Between two delays of different verdict the boundary is bisected to RESOLUTION_NS. Stability is
+judged by the argument principle (``growing_modes``). It agrees with the eigenvalues of
+``SampledLoop``, but its cost does not grow with the number of commands in transit.
 """
 
 from collections.abc import Callable

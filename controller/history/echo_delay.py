@@ -94,6 +94,6 @@ def delay_of(p: LoopDelayParams, x: DelayState, echo_sample: int) -> float:
 
 
 def unwrapped(counter: int, expected: int, counters: int) -> int:
-    """Return the number nearest to ``expected`` of which the wire has shown ``counter``."""
+    """Return the number nearest to ``expected`` that the bus carries as ``counter``."""
     half = counters // 2
     return expected + (counter - expected + half) % counters - half

@@ -33,8 +33,9 @@ _NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
 _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 """From this code on the wheel's target is not the command named by the echo."""
 _IGNORING_FROM = int(SteeringStatusCode.HOLDING)
-"""From this code on the steering had no commands, and may still have none. The echo names the last
-command before, whose age shows only how long none has come, or one of the first ones after."""
+"""From this code on the steering has been without commands, and may still be. The echo then names
+the last command before the gap, whose age only shows how long the gap is, or one of the first after
+it."""
 
 
 class HistoryParams(NamedTuple):

@@ -20,7 +20,7 @@ ROW_LENGTH = 2 + VALUES
 
 
 def value_at(row: Sequence[float], sample: int) -> float:
-    """Return what a plan or a single command lets act at a sample [rad]."""
+    """Return the angle that a plan or a single command sets at a sample [rad]."""
     spacing = row[1]
     age = sample - row[0]
     if spacing == 0.0 or age <= 0.0:
@@ -57,7 +57,7 @@ def limit_plan(
 
 
 def hold(row: MutableSequence[float], steer_rad: float) -> None:
-    """Make a row that of a single command."""
+    """Turn a row into a single command."""
     row[1] = 0.0
     row[2] = steer_rad
 

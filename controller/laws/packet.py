@@ -12,7 +12,7 @@ counter of each measurement shows.
 
 The plan reaches back to the newest measurement, so that a frame faster than expected has a value
 for now. It reaches forward by ``reserve_s`` beyond the time at which it is expected to act: the
-deeper the measured delay, the wider the spacing. Packetised predictive control, not in SAE
+longer the measured delay, the wider the spacing. Packetised predictive control, not in SAE
 2018-01-1086.
 
 Where the predictor gives way to its fallback, and while one fades into the other, single commands
@@ -126,7 +126,7 @@ def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float
 
 
 def design_packet(settings: "LawSettings") -> Schedule:
-    """Return the parameters as a function of the speed; raises what the predictor's design does."""
+    """Return the parameters as a function of the speed; raises as ``design_predictor``."""
     reserve_s = settings.table_of(PacketSettings).reserve_s
     reserve_samples = round(reserve_s / settings.link.sensor_period_s)
     inside = design_predictor(_single_commands(settings))

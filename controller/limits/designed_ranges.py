@@ -84,7 +84,7 @@ _IN_WORDS: Mapping[Validity, str] = {
 def validity_of(
     table: ValiditySettings | None, speed_m_s: float | None, delay_s: float | None
 ) -> Validity:
-    """Return whether a speed and a delay are within the ranges; None is unknown, and counts as so.
+    """Return whether a speed and a delay are within the ranges; an unknown one counts as within.
 
     ``delay_s``  from command to measurement [s]
     """

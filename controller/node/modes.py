@@ -178,7 +178,7 @@ class Supervisor:
         self._good_run = self._good_run + 1 if continues else 1
 
     def on_rejection(self) -> None:
-        """Record a damaged measurement, which takes a good one back."""
+        """Record a damaged measurement, which cancels a good one."""
         self._good_run = max(self._good_run - 1, 0)
 
     def on_own_fault(self) -> None:

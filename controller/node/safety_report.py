@@ -41,7 +41,7 @@ _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 _ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_OTHER = SecondSender.NONE
 _NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
-"""From this code on the steering follows nobody's commands."""
+"""From this code on the steering follows no commands."""
 
 
 class SafetyFacts(NamedTuple):

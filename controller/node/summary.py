@@ -55,7 +55,7 @@ def limited_text(node: Report) -> str:
 
 
 def _worked(key: str) -> Quantity:
-    """Return a figure that there is only where the law has run."""
+    """Return a figure that exists only if the law has run."""
 
     def read(report: Report) -> float | None:
         node = report["node"]
@@ -88,8 +88,8 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 def contradictions(settings: ControllerSettings, node: Mapping[str, Any]) -> Iterator[str]:
     """Return warnings about settings that contradict what the run has measured."""
     age_s = node["sample_age"]["mean_s"]
-    # Of as many measurements as ticks, the newest is never older than a period; of few, it is half
-    # a sensor period old on average.
+    # With a measurement at every tick the newest is never older than a period; with fewer it is
+    # half a sensor period old on average.
     is_rare = age_s * settings.rate_hz > 1.5
     if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
         yield warning

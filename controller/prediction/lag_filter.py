@@ -5,8 +5,8 @@ a lag of first order and the sensors' period P,
 
     δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],   α = exp(-P/T)
 
-where b is when in between the command changed: unknown, and constant with the latency. A Kalman
-filter whose state (α, b) walks slowly sees
+where b depends on when the command changed between the two samples: it is unknown, and constant as
+long as the latency is. A Kalman filter whose state (α, b) walks slowly sees
 
     δ[k+1] - u[k+1] = α (δ[k] - u[k+1]) + b (u[k] - u[k+1])
 
@@ -29,10 +29,10 @@ LAGS_S = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4)
 AS_SET = 0
 """Choice of the settings' lag; the others are 1 + their place in LAGS_S."""
 _ENDS_S = (0.01, 0.032, 0.07, 0.14, 0.28)
-"""Between neighbours: a measured lag beyond takes the next; geometric means from the second on."""
+"""Limits between neighbours, beyond which the next is taken; geometric means from the second on."""
 _HYSTERESIS = 1.15
 _NOISE_RAD2 = 1e-4 * 1e-4
-"""Variance of what the equation leaves: resolutions, and commands that change with the latency."""
+"""Variance of the residual: resolutions, and commands that change at another time than expected."""
 _WALK_PER_SAMPLE = 1e-7
 """Variance that both coefficients gain: 0.3 % in a second at 100 Hz."""
 _VARIANCE_MAX = 1.0
@@ -111,7 +111,7 @@ def is_known(x: LagState) -> bool:
 
 
 def chosen(period_s: float, x: LagState) -> int:
-    """Return which gains to take: the same as long as the lag is near to theirs."""
+    """Return which gains to take: the present ones as long as the lag is near theirs."""
     if not is_known(x):
         return x.choice
     lag_s, place = lag_of(period_s, x), x.choice - 1

@@ -1,4 +1,4 @@
-"""The virtual mass, measured on the bus: the yaw rate against what the wheel makes of a model.
+"""The virtual mass, measured on the bus: the yaw rate against that of models with the same wheel.
 
 The model's (β, r) runs twice, for the lightest and for the heaviest mass that the law has gains
 for, each driven by the wheel angle that STEERING_STATUS reports. The yaw rate of VEHICLE_STATE lies
@@ -9,10 +9,10 @@ between the two:
 The share w and the bias b, which is that of a steering offset, a bank or a gyroscope, walk slowly.
 A Kalman filter finds them, at the rate of VEHICLE_STATE. In a steady turn r/δ = V/(L + K V²) and K,
 the understeer gradient, is proportional to the mass where the tyres are those of the settings: so w
-stands for both. A road with less grip is as a heavier vehicle, m/μ.
+stands for both. Less grip acts like a heavier vehicle, since the mass is m/μ.
 
-The law takes the gains of the mass between whose limits w lies, once it does so by more than half
-its deviation; until then those it has. Where nothing is steered nothing is learnt. Plain
+The law takes the gains of the mass between whose limits w lies, once w is inside by more than half
+its deviation; until then it keeps those it has. Without steering nothing is learnt. Plain
 arithmetic; filterpy's filter is the reference
 (``tests/controller/prediction/test_mass_filter.py``).
 """
@@ -29,12 +29,12 @@ MASS_RATIOS = (0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 """Masses that there are gains for, as multiples of the settings'."""
 AS_SET = MASS_RATIOS.index(1.0)
 NOISE_RAD2_S2 = 0.01**2
-"""Variance of what the equation leaves: noise of the sensor, and a sample more or less."""
+"""Variance of the residual: noise of the sensor, and a sample more or less of latency."""
 WALKS = (2.5e-5, 2.5e-7)
 """Variance that w and b [rad²/s²] gain at each sample: 0.05 and 0.005 rad/s in a second."""
 VARIANCES_MAX = (0.25, 0.0025)
 _MARGIN = 0.5
-"""Deviations of w beyond a limit that the next mass takes."""
+"""By how many deviations w must be beyond a limit before the next mass is taken."""
 _FORGETS_AFTER = 256
 
 MassEnds = tuple[float, float, float, float, float]
@@ -109,7 +109,7 @@ def mass_to(
 def _turned(
     g: VehicleGains, beta_rad: float, r_rad_s: float, wheel_rad: float
 ) -> tuple[float, float]:
-    """Return β and r a sample later, with a mean wheel angle; d acts as a wheel that is held."""
+    """Return β and r a sample later, with a mean wheel angle; d acts like a constant angle."""
     return (
         g.beta_beta * beta_rad + g.beta_r * r_rad_s + g.beta_d * wheel_rad,
         g.r_beta * beta_rad + g.r_r * r_rad_s + g.r_d * wheel_rad,
@@ -125,6 +125,6 @@ def ends_between(by_mass: tuple[VehicleGains, ...]) -> MassEnds:
 
 
 def _steady_turn(g: VehicleGains) -> float:
-    """Return the yaw rate of a wheel angle that is held [1/s]."""
+    """Return the steady yaw rate per wheel angle [1/s]."""
     determinant = (1.0 - g.beta_beta) * (1.0 - g.r_r) - g.beta_r * g.r_beta
     return (g.r_beta * g.beta_d + (1.0 - g.beta_beta) * g.r_d) / determinant

@@ -3,7 +3,7 @@
 There are gains for the settings' lag and each of ``LAGS_S`` with each of ``MASS_RATIOS``. Two
 filters choose among them, each for itself: ``controller.prediction.lag_filter`` by the wheel angle
 against the commands, ``controller.prediction.mass_filter`` by the yaw rate against the wheel
-angle. Neither sees what the other finds. What is not measured is that of the settings.
+angle. Neither uses the result of the other. What is not measured keeps its value of the settings.
 """
 
 from collections.abc import Sequence

@@ -147,9 +147,10 @@ def model_step(
 def step_on_path(
     g: VehicleGains, loop_delay: LoopDelay, history: History, x: EstimatorState, command_rad: float
 ) -> EstimatorState:
-    """Return the same where the path ahead may be known: its curvature then changes as that does.
+    """Return the same, but let the curvature change as the path ahead does, where that is known.
 
-    Only the change is taken, so that the estimate still contains what looks like a curvature.
+    Only the change is used: the estimate itself also contains disturbances that look like a
+    curvature.
     """
     sample, change_1_m = x.sample, 0.0
     if sample < loop_delay.path_end:
@@ -178,7 +179,7 @@ def correction_step(
 
 
 def sent_for(history: History, tick: int, sample: int) -> float:
-    """Return what a tick's command or plan lets act at a sample [rad]; 0 before the first."""
+    """Return the angle that a tick's command or plan sets at a sample [rad]; 0 before the first."""
     if tick < 0:
         return 0.0
     if history.plan_mask:
