@@ -52,7 +52,7 @@ def second_sender_line(reception: "Reception") -> str:
 
 
 def cycle_ns(message_type: type[Message]) -> int:
-    """Return how often a message comes while it does; an optional one as the one it goes with."""
+    """Return the period of a message while it is sent; an optional one takes its companion's."""
     return CYCLE_TIMES_MS[_COMES_WITH.get(message_type, message_type)] * NS_PER_MS
 
 

@@ -49,7 +49,7 @@ class SteeringStatusCode(IntEnum):
 
 
 class SafetyState(IntEnum):
-    """The same in brief, including all events since the last PLANT_STATUS."""
+    """A summary of the steering status, including all events since the last PLANT_STATUS."""
 
     NORMAL = 0
     LIMITING = 1

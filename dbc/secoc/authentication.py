@@ -13,8 +13,8 @@ freshness value. In its examples the high part comes from trip and reset counter
 synchronisation message distributes and every receiver must keep over a power cycle. Here a random
 number drawn by the receiver replaces them, so that nothing has to be stored:
 
-1. The status messages carry the sender's challenge and, as echo, a challenge of the peer's that
-   they answer.
+1. The status messages carry the sender's own challenge and, as echo, the challenge of the peer that
+they answer.
 2. A receiver accepts a frame that is bound to its own challenge and newer than all accepted frames
    of that identifier. A challenge is never drawn twice, so no frame recorded before the receiver's
    start is accepted, and no frame is accepted twice.

@@ -9,7 +9,7 @@ the others.
 """
 
 KEPT = 16
-"""How many challenges are remembered, those with the highest counters; of the true one it is the
+"""How many challenges are remembered: those with the highest counters. The true one has the
 highest, unless a clock was set back."""
 
 

@@ -78,7 +78,7 @@ DATA = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH, 4, 8)
 SYNC = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
 _LONG_LENGTH = unpacking(SteeringPlan).length
 LONG = Layout(_LONG_LENGTH, _LONG_LENGTH, 4, 12)
-"""Its CMAC is longer, because CAN FD has no frame between 48 and 64 bytes."""
+"""Its CMAC is longer, because CAN FD has no length between 48 and 64 bytes."""
 
 SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
 """Sent ten times a second by both programs, whatever they are doing."""
