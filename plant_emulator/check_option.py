@@ -87,7 +87,7 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     largest_1_m = float(np.abs(curvature_1_m).max())
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
-    # Not positive from the critical speed on.
+    # From the critical speed on it is not positive.
     steer_m = _wheelbase_m(vehicle) + understeer_gradient_s2_m(vehicle) * speed_m_s**2
     if vehicle.model is not None or steer_m <= 0.0:
         return

@@ -52,8 +52,8 @@ class PlantSettings(Settings):
     start_on_first_command: bool = True
     """Whether the vehicle stands until a valid command arrives on the bus."""
     counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 40.0
-    """How much earlier on the bus than the time since the newest command explains a newer one may
-    come: how late a sender's tick may be, as a bus delivers frames in their order."""
+    """How much earlier a command may come than the time since the newest one explains: as much as a
+    tick of its sender may be late, since a bus keeps the order of frames."""
     resync_frames: Annotated[int, Field(ge=1, le=100)] = 5
     """Commands in a row with consecutive counters after which a new sender is accepted."""
     vehicle: VehicleSettings = VehicleSettings()

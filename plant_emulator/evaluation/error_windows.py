@@ -30,9 +30,9 @@ WINDOW_SHARE_MAX = 0.25
 HALF_PERIODS_MIN = 4
 """Fewer half periods are no oscillation: its figures are then NaN."""
 SAMPLES_MIN = 8
-"""A window of fewer samples is none."""
+"""A window needs as many samples."""
 FAST_S = 1.0
-"""What lasts longer than this is the path's, and no fast motion of the wheel; at most a window."""
+"""A slower motion of the wheel follows the path; at most the length of a window."""
 _HYSTERESIS = 0.3
 
 

@@ -8,7 +8,7 @@ from .run_verdict import Verdict
 
 
 def _driven(key: str) -> Quantity:
-    """Return a figure that there is only where the vehicle has moved."""
+    """Return a figure that exists only if the vehicle has moved."""
 
     def read(report: Report) -> float | None:
         node = report["node"]

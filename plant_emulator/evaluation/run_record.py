@@ -85,7 +85,7 @@ class RunningFigures:
         self._band_m = band_m
 
     def take(self, samples: Iterable[tuple[float, float, float, float, str]]) -> None:
-        """Add samples: lateral error, that of the centre of gravity and of the followed point.
+        """Add samples: lateral error, deviation of the centre of gravity, followed point's error.
 
         The fourth value is the wheel angle. The last names what decides about the wheel, and is
         empty if nothing does.
@@ -174,7 +174,7 @@ class RunRecord:
         self._motion = motion
         self._behind_m = behind_preview_m(rules.followed_point, vehicle)
         self._waiting: list[_Taken] = []
-        """Samples that are not in figures and ``samples`` yet."""
+        """Samples that are neither in the figures nor in ``samples`` yet."""
 
     @property
     def figures(self) -> RunningFigures:

@@ -80,7 +80,7 @@ class Verdict(StrEnum):
 
 
 class RunEnd(StrEnum):
-    """How a run ended; the number of an end is its place in this list."""
+    """How a run can end; the number of an end is its place in this list."""
 
     COMPLETE = "complete"
     LEFT_RANGE = "left range"
@@ -205,7 +205,7 @@ class JudgedRun(NamedTuple):
     windows: WindowFigures
 
     def report(self) -> Mapping[str, Any]:
-        """Return verdict and figures, ready for JSON; None for a figure that there is not."""
+        """Return verdict and figures, ready for JSON; None for a figure that does not exist."""
         figures = {
             name: value if math.isfinite(value) else None
             for name, value in self.windows._asdict().items()

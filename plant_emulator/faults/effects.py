@@ -122,7 +122,7 @@ def _duplicate(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame
 
 
 def _reorder(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
-    # ``overtake`` counts down the frames that are held already.
+    # ``overtake`` counts down for the frames that are held already.
     if x.happens(REORDER_CHANCE):
         x.held.append((int(p.magnitude), frame))
         return ()
@@ -195,7 +195,7 @@ def _noise(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
 
 
 def _changing(change: Callable[[FaultSettings, FaultMemory, float], float]) -> Effect:
-    """Return the effect of a change of the signal's value."""
+    """Return the effect that changes the value of the signal."""
     return lambda p, x, frame: (_changed(p, frame, lambda _name, value: change(p, x, value)),)
 
 

@@ -123,7 +123,7 @@ MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyTy
         ),
     }
 )
-"""The plant's optional messages, which are in no cycle, arrive without faults."""
+"""The plant's optional messages, which have no cycle, arrive without faults."""
 
 
 class FaultSettings(Settings):

@@ -3,7 +3,7 @@
     bus ── downlink faults ──► node ── uplink faults ──► bus
 
 Each fault of the settings is one stage, in their order; the output of one is the input of the next.
-Frames delayed by a delay spike are passed on when they are due, past the faults after it. Every
+Frames held by a delay spike are passed on when they are due, and skip the faults after it. Every
 fault draws from its own stream, so that it does not change the draws of other faults, latency or
 noise: until the first onset a run is the same as without faults, bit for bit.
 
@@ -29,7 +29,7 @@ class FaultStage:
     ``seed``      of the run
     ``place``     in the list of faults; selects the random stream, unless the settings do
 
-    ``changed``   frames so far that were not passed on unchanged and alone
+    ``changed``   frames so far that were lost, changed, delayed or joined by others
 
     ``on_change`` may be set. It is called with each frame that was not passed on unchanged, and the
     frames passed on instead.

@@ -103,7 +103,7 @@ class LatencyLine(Generic[Item]):
 
     @property
     def latency(self) -> DurationStatistics:
-        """Latencies of the frames that have left the line: not of those that were overtaken."""
+        """Latencies of the frames that have left the line, without those that were overtaken."""
         self._settle()
         return self._latency
 

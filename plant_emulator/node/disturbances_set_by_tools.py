@@ -1,7 +1,7 @@
 """Live disturbances: a tool sets them by DISTURBANCE_CONFIG, in place of those of the settings.
 
-A friction that no step of the settings names needs new transition tables. Computing them takes some
-tens of milliseconds, in which the plant senses nothing.
+A friction that no step of the settings has needs new transition tables. Computing them takes some
+tens of milliseconds, during which the plant takes no sample.
 """
 
 from ...dbc.messages import DisturbanceConfig

@@ -61,7 +61,7 @@ from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
 
 STEERING = (SteeringCommand, SteeringPlan)
-"""Commands: a plan and a command take each other's place."""
+"""Commands: a plan may take the place of a command, and the other way round."""
 RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
 SENT = sent_by("PLANT")
@@ -183,7 +183,7 @@ class PlantNode:
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
             guard_ns = self.motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
-            # Their minimum; ``min`` would take 5 % of a tick longer.
+            # Their minimum: ``min`` would cost 5 % of a tick.
             due_ns = status_timing.deadline_ns
             if command_ns < due_ns:
                 due_ns = command_ns

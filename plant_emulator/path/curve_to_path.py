@@ -15,9 +15,9 @@ from ...runtime.array_types import FloatArray
 from .path import GAUSS, Path, Pose
 
 CURVATURE_TOLERANCE = 1e-4
-"""Largest error of the interpolated curvature, relative to the curve's largest curvature..."""
+"""Largest error of the interpolated curvature, relative to the curve's largest curvature."""
 CURVATURE_TOLERANCE_1_M = 1e-6
-"""...or absolute [1/m], for curves that hardly bend."""
+"""Or, for curves that hardly bend, its largest absolute error [1/m]."""
 
 _PIECES_MIN = 64
 _PIECES_MAX = 1 << 18
@@ -56,7 +56,7 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool) -> Path:
         curvature = _curvature(points)
         error = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2])).max()
         allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
-        # Next to a kink of the curvature, the error can be twice that of the midpoint.
+        # Next to a kink of the curvature, the error can be twice that at the midpoint.
         if error <= 0.5 * allowed:
             break
         pieces *= 2

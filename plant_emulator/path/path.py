@@ -64,7 +64,7 @@ class Place(NamedTuple):
 
 
 def next_place(path: Path, place: Place) -> Place:
-    """Return the next piece (there is none after the last of an open path)."""
+    """Return the next piece; an open path must have one."""
     if place.piece + 1 < len(path.start_m):
         return Place(place.lap, place.piece + 1)
     return Place(place.lap + 1, 0)

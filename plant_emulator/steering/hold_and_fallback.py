@@ -16,8 +16,8 @@ Only the first value of a plan counts as a command that arrives. The later ones 
 ``plan_ns`` and until FALLBACK; they neither delay the reaction to silence nor count as recovery.
 
 Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
-each damaged frame among them. The target never jumps: its
-difference to the first command followed is added to the command and fades out at the ramp rate.
+each damaged frame among them. The target never jumps: its difference to the first command
+followed is added to the command and fades out at the ramp rate.
 After FALLBACK that is the command that completes the recovery. In HOLDING it is the first one to
 arrive: jitter with overtaking causes such gaps all the time, and waiting for a run of commands
 after each would add to the delay. Another silence before the recovery restarts the run, and the
@@ -62,7 +62,7 @@ class GuardParams(NamedTuple):
     ``silence_ns``       time without a command that counts as silence; OFF_NS: none does
     ``plan_ns``          how long a plan is played after it has come
     ``hold_ns``          time of silence from HOLDING to FALLBACK
-    ``recovery_frames``  commands more than damaged frames that end either
+    ``recovery_frames``  by how many commands must outnumber damaged frames to end either
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      when SAFE_STATE is forced; OFF_NS: never

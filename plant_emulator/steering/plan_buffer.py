@@ -55,8 +55,8 @@ class PlanBuffer:
     def play(self, sample: int) -> tuple[SteeringCommand, float, bool] | None:
         """Return the command for a sample, by its E2E counter.
 
-        With it come the plan's latency [s], and whether it is the plan's first. None if there is
-        none.
+        With it come the latency of the plan [s], and whether it is the first command of the plan.
+        None if there is no command.
         """
         plan, is_new = self.plan, self._is_new
         if plan is None:

@@ -139,7 +139,7 @@ def limit_steer(
         if slot - slot_before >= passed:
             low_2, high_2, low_1, high_1 = low_1, high_1, low, high
             low = high = steer_before
-    # These comparisons and the record without its constructor are worth 5 % of a tick.
+    # These comparisons and the record without its constructor save 5 % of a tick.
     lowest = low if low < low_1 else low_1
     lowest = lowest if lowest < low_2 else low_2
     highest = high if high > high_1 else high_1

@@ -84,7 +84,7 @@ def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
 
 
 def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
-    """Return the state at the start of the first interval of ``p``; all else in it is as before."""
+    """Return the state with the first interval of ``p`` begun; all else in it is as before."""
     time_ns, z, course = x
     first = p.intervals[0]
     w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
@@ -96,7 +96,7 @@ def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
 
 
 def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
-    """Return the state at the next event, and behind it."""
+    """Return the state at the next event, after what it changes."""
     time_ns, z, course = x
     first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns = course
     z = propagate(p.table, first_row, z, event_ns - time_ns)

@@ -1,4 +1,4 @@
-"""The moving vehicle: its state at any time, and what is left of it once it is not finite.
+"""The moving vehicle: its state at any time, the last finite one once it grows beyond all bounds.
 
 The motion itself is ``plant_emulator.vehicle.motion_events``.
 """
@@ -74,7 +74,7 @@ class Motion:
         _, self.linear, _ = self._state
 
     def disturb(self, params: MotionParams) -> None:
-        """Let the one interval of other parameters begin now; all else in them is the same."""
+        """Let the only interval of new parameters begin now; all else in them is the same."""
         self._params = params
         self._state = disturb_motion(params, self._state)
         _, self.linear, _ = self._state
@@ -91,7 +91,7 @@ class Motion:
             _, linear, _ = state
             self.is_finite = has_finite_vehicle(linear)
         if not self.is_finite:
-            # From a vehicle at rest: wheel and path do not depend on its state.
+            # Restarted with the vehicle at rest: wheel and path do not depend on its state.
             started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
             beta, r, psi, y, _, _, _, _, _, _ = self.linear
