@@ -221,7 +221,7 @@ def ending_signals(handler: Any) -> Iterator[None]:
     """Handle SIGINT, SIGTERM and SIGHUP with ``handler`` within the block.
 
     A shell ignores SIGINT for programs in the background. SIGHUP comes with the end of the
-    terminal; below nohup it stays ignored.
+    terminal; under nohup it stays ignored.
     """
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -295,7 +295,7 @@ def installation(*libraries: str) -> str:
 
 def _extra_of(library: str) -> str:
     """Return the extra that brings a library; empty for a required or unknown one."""
-    # Imported here: half of what a program of the standard library alone would import at its start.
+    # Imported here, because it would double what a program without other libraries imports.
     from importlib.metadata import PackageNotFoundError, requires
 
     try:

@@ -40,7 +40,7 @@ FLAG_BITS, DELIMITER_BITS = 6, 8
 SILENT_BITS = 11 - INTERMISSION_BITS
 """After a later standard's format, before the intermission."""
 ONE, FIRST = 1, 9
-"""What an error adds to a receive counter, and what to that of those who signal it first."""
+"""What an error adds to a receive counter, and to that of a receiver that signals it first."""
 ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
 _BEFORE_RTR = frozenset({"ID", "ID extension"})
 """Where a recessive stuff bit comes before RTR: SRR and IDE are recessive there themselves."""
@@ -92,7 +92,7 @@ def disturb(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
 
 @lru_cache(maxsize=1024)
 def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
-    """Return the same from every bit that a receiver sees."""
+    """Return the same, found bit by bit as a receiver sees them."""
     bits = frame_on_wire(frame)
     bit = bits[index]
     seen = [one.level for one in bits[:index]] + [1 - bit.level]
@@ -116,7 +116,7 @@ def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturb
 
 
 def _disturb_classic(frame: Frame, index: int) -> Disturbed:
-    """Return it for an error active sender of a classic frame, from runs of equal bits."""
+    """Return the same for an error active sender of a classic frame, from runs of equal bits."""
     levels, stuff = stuffed_text(frame)
     if index >= len(levels):
         field = _TRAILER[min(index - len(levels), 3)]

@@ -1,8 +1,8 @@
 """Who may start a frame when: pauses of error passive senders, and bus-off.
 
-An error passive sender pauses 8 bits after each frame of its own. In bus-off one takes no part for
-128 times 11 recessive bits, which is how long that takes on an idle bus: traffic makes it longer,
-which is not modelled here.
+An error passive sender pauses 8 bits after each frame of its own. A sender in bus-off takes no part
+for 128 times 11 recessive bits. That is the time on an idle bus; that traffic makes it longer is
+not modelled here.
 """
 
 from collections.abc import Sequence
@@ -100,7 +100,7 @@ class BusAccess:
 
 
 def is_awaited(on_wire: Waiting | None, queue: Sequence[Waiting]) -> bool:
-    """Whether a frame is there that is not of the traffic."""
+    """Whether a frame waits that a node has submitted."""
     if on_wire is not None and on_wire.sender >= 0:
         return True
     for waiting in queue:  # noqa: SIM110 - asked for twice a frame; any() takes longer

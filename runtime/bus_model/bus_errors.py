@@ -94,7 +94,7 @@ class BusErrors:
         self.received_twice = self.missed_by_one = self.bus_offs = 0
 
     def join(self, node: int) -> None:
-        """Have counters for this node."""
+        """Give this node counters."""
         if node not in self._members:
             member = self._members[node] = _Member()
             member.all_frames = self._all_frames

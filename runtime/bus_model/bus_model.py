@@ -16,7 +16,7 @@ Two nodes sending equal arbitration fields at once is an error on a real bus; he
 Times are integer nanoseconds at the interface, and ticks (``bit_ticks``) inside. An end is rounded
 up to the next nanosecond only when it is returned.
 
-It serves the emulated bus, by the real clock, and virtual time where ``quiet_bus`` does not do.
+It serves the emulated bus in real time, and virtual time where ``quiet_bus`` is not enough.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ class BusModel:
 
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
                        Until the bus is free this may change with every submission. With
-                       ``traffic`` no frame is complete before
+                       ``traffic`` it is a lower bound
 
     ``access``         who is in bus-off
     ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever

@@ -1,7 +1,7 @@
 """Error counters of a CAN controller, and the states they put it in.
 
-Source: ISO 11898-1:2015, fault confinement. Each error of a sender counts 8 and each frame sent
-takes 1 off; of a receiver 1 and 1.
+Source: ISO 11898-1:2015, fault confinement. Each error of a sender adds 8 and each frame sent
+subtracts 1; for a receiver it is 1 and 1.
 
     error active    both counters below 128: errors are signalled with dominant flags
     error passive   one above 127: recessive flags, and 8 bits of pause after one's own frames

@@ -22,7 +22,7 @@ COUNTS = 16
 """Frames of a message before its payloads repeat: a counter of four bits."""
 _COUNT_MASK = COUNTS - 1
 _BLOCK_NS = NS_PER_S
-"""Releases are laid out for so long at once."""
+"""Releases are listed in blocks of this length."""
 _RANK_BITS = 16
 
 OnWire = Callable[[int, int, Frame], None]
@@ -86,7 +86,7 @@ class RestBus:
         )
         self._phases_ns = [0, *drawn]
         self._counts = [0] * len(self._messages)
-        # Bits by rank, the most urgent lowest: messages that wait here, and in BusModel.
+        # A bit for each rank, the most urgent lowest: messages that wait here, and in BusModel.
         self._waiting = self._taken = 0
         self._handed_over = 0
         self._index, self._times, self._bits = 0, [0], [0]

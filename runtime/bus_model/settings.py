@@ -60,8 +60,8 @@ class BusSettings(Settings):
     rest_bus: tuple[str, ...] = ()
     """Databases whose periodic messages are sent too."""
     load: float | None = Field(None, ge=0.0, le=LOAD_MAX)
-    """Share of the bus that these take; by default their own cycle times. Without databases a made
-    message set."""
+    """Share of the bus that these take; by default their cycle times decide. Without databases a
+    made-up set of messages takes it."""
     bit_error_rate: Rate = 0.0
     """Share of the bits that are wrong for everybody."""
     burst: BurstSettings | None = None
@@ -114,7 +114,7 @@ def errors_of(
     ``number_of``        from a node's name to its number on the bus; raises ValueError
     ``is_acknowledged``  whether somebody is there to acknowledge the frames of a sender
 
-    Raises SettingsError for a node that there is not.
+    Raises SettingsError for an unknown node.
     """
     if not settings.has_errors:
         return None

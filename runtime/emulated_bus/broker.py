@@ -36,7 +36,7 @@ CHANNELS_MAX = 64
 FILTER_CHANGE_NS = 50 * NS_PER_US
 """What a change of filters costs its client: many times what it costs the broker."""
 _SEED_STEP = 1_000_003
-"""Between the seeds of channels; further than one channel's nodes are apart."""
+"""Distance between the seeds of two channels, larger than that of the nodes of one."""
 
 
 class Broker:
@@ -51,7 +51,7 @@ class Broker:
     ``conditions``          rest bus and errors on every channel
 
     ``clients``             who is connected
-    ``channels``            those that there have been, by name
+    ``channels``            all so far, by name
     """
 
     def __init__(

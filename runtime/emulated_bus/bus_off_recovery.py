@@ -1,10 +1,11 @@
 """Bus-off: a CAN controller that takes no part in the bus, and how it recovers.
 
-One that a client has requested is started again after a while, as by ``restart-ms`` of a SocketCAN
-interface or by hand. ISO 11898-1 then has it see 128 sequences of 11 recessive bits before it takes
-part. Each frame on the bus ends in one: acknowledge delimiter, end of frame and intermission. An
-idle bus is recessive, so that it takes 2.8 ms there at 500 kbit/s, and twelve times as long on one
-that is full. One by errors is started again at once, and the bus model has its end.
+In a bus-off that a client has requested, the controller is started again after a while, as by
+``restart-ms`` of a SocketCAN interface or by hand. By ISO 11898-1 it must then see 128 sequences of
+11 recessive bits before it takes part. Each frame on the bus ends in one: acknowledge delimiter,
+end of frame and intermission. An idle bus is recessive, so that this takes 2.8 ms there at 500
+kbit/s, and twelve times as long on a full bus. After a bus-off by errors the controller is started
+again at once, and the bus model knows when it takes part.
 
 Its client receives the error frames that SocketCAN would deliver (linux/can/error.h).
 """
@@ -16,7 +17,7 @@ SEQUENCES, SEQUENCE_BITS = 128, 11
 
 
 class Recovery:
-    """The way back of one controller; never earlier than the bus lets it, by a frame at most later.
+    """The recovery of one controller: never too early, and at most a frame late.
 
     ``restart_ns``     when it is started again [ns]; may be moved until then
     ``bitrate_bit_s``  of the bus [bit/s]

@@ -66,7 +66,7 @@ class View(NamedTuple):
 
 
 class ReportingNode(Node, Protocol):
-    """A node of a program: it has a view and a report; notified of frames refused before it."""
+    """A node of a program: it has a view and a report, and learns of frames refused before it."""
 
     def on_unauthenticated(self) -> None:
         """Note that a frame was refused before it came here."""

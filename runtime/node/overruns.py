@@ -66,7 +66,7 @@ class MissedPeriods:
 
     @property
     def is_calm(self) -> bool:
-        """Whether no stall reaches into the window: a tick without one is only a period more."""
+        """Whether no stall reaches into the window; a tick in time then only adds a period."""
         return not self._stalls
 
     def on_tick(self, ticks: int, missed: int) -> str:

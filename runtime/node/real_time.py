@@ -8,8 +8,8 @@ A wake-up, in this order:
    once. Error frames are not passed on.
    A frame comes with its arrival time if the port knows it, limited to between the last reading and
    this one: times passed to a node are never in the future, and never decrease.
-   A frame that may have arrived since the reading has the clock read again, so that no frame
-   arrives before it was sent, on a machine however late.
+   If a frame may have arrived since the reading, the clock is read again, so that no frame arrives
+   before it was sent, however late the machine is.
 3. Tick while the node's deadline is due.
 
 Deadlines are absolute, so that one late tick makes no later tick late. The last part of a wait may

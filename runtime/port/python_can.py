@@ -43,7 +43,7 @@ _ARPHRD_CAN = 280
 """Type of a CAN network interface (linux/if_arp.h)."""
 _IFF_UP = 1
 _SENT_MAX = 64
-"""Frames on their way back to their sender at a time: 16 ms of a 500 kbit/s bus, all its own."""
+"""Most frames on their way back to their sender: 16 ms of a 500 kbit/s bus of its own."""
 _FULL_CODES = {
     "PcanCanOperationError": (0x01, 0x80),  # PCAN_ERROR_XMTFULL, PCAN_ERROR_QXMTFULL
     "CANLIBOperationError": (-13,),  # Kvaser: canERR_TXBUFOFL

@@ -10,7 +10,7 @@ from ..command_line import whole_number
 from ..settings import COMMAND_LINE, SettingsError, load_settings, with_values
 
 bit_rate = whole_number(10_000, 1_000_000)
-"""Reads a bit rate as ISO 11898 allows it, of CAN FD the one of the arbitration [bit/s]."""
+"""Reads a bit rate that ISO 11898 allows; for CAN FD that of the arbitration phase [bit/s]."""
 data_bit_rate = whole_number(10_000, 8_000_000)
 """Reads the bit rate of the data phase of CAN FD [bit/s]."""
 _PARTS = 3

@@ -22,9 +22,9 @@ Schema = Mapping[str, Any]
 
 _VALUE_LENGTH_MAX = 60
 _LIKENESS_MIN = 0.85
-"""Of a key in another table, from 0 to 1: it must nearly be the one that was written."""
+"""Least similarity, 0 to 1, of a key in another table: it must be nearly the one written."""
 _MEANT_MAX = 4
-"""A key that more tables have says nothing."""
+"""A key that more tables than this have is no hint."""
 _WORDS_OF_TYPES = {
     "array": "list of",
     "boolean": "true or false",
