@@ -99,7 +99,7 @@ class LivePair:
             self.programs.wait_until_ready(program)
 
     def interrupt(self) -> None:
-        """Let both begin to end, where several pairs are to end at the same time."""
+        """Ask both to end without waiting, so that several pairs can end together."""
         for program in PROGRAMS:
             self.programs.interrupt(program)
 

@@ -30,7 +30,7 @@ _EQUAL_CYCLE_MS = 100
 
 
 def example_messages() -> tuple[ListedMessage, ...]:
-    """Return a made message set: eighteen messages of 8 bytes, the urgent ones most often."""
+    """Return a made-up set of messages: eighteen of 8 bytes, the urgent ones most often."""
     return tuple(
         ListedMessage(f"M{index}", 0x50 + 0x58 * index, 0, 8, period_ms, (f"ECU{index % 6}",))
         for index, period_ms in enumerate(_EXAMPLE_PERIODS_MS)

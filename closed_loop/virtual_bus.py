@@ -76,11 +76,11 @@ class SharedBus:
         self.refused = 0
 
     def lossy_receiver(self, node: Node, index: int) -> Node:
-        """Return a node that does not get what its receiver alone saw wrong, nor in bus-off."""
+        """Return a node that misses what it alone saw wrong, and all frames in bus-off."""
         return LossyReceiver(node, index, self.model)
 
     def watch(self, on_wire: OnWire) -> None:
-        """Have every frame that the nodes do not get reported, error frames among them."""
+        """Report every frame that the nodes do not get, error frames included."""
         if self.traffic is not None:
             self.traffic.on_wire = on_wire
         if self.errors is not None:

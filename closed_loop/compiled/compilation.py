@@ -40,16 +40,16 @@ finite ends a run, and an infinite limit is no limit."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _UNUSED_S = 3600.0
-"""Code of other versions stays for as long: a process that started with them may compile yet."""
+"""Code of other versions stays for this long: a process that started with it may still compile."""
 _PACKAGE = Path(__file__).resolve().parents[2]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
 
 
 class CacheLocator(UserProvidedCacheLocator):
-    """Finds a function on disk by the name of its file, and not by the place of that.
+    """Finds a function on disk by the name of its file, whatever folder that is in.
 
-    Of two files with one name the content tells which is meant: numba compares that.
+    Of two files of one name the content tells which is meant: numba compares it.
     """
 
     @classmethod

@@ -110,9 +110,9 @@ class BatchRun(NamedTuple):
         return self.deviation_m(self.motion.preview_distance_m)
 
     def deviation_m(self, behind_m: float, stride: int = 1) -> FloatArray:
-        """Return that of a point behind the preview point at every ``stride``-th sample.
+        """Return the deviation of a point behind the preview point at every ``stride``-th sample.
 
-        Each sample takes as long as in the run itself.
+        For each sample this takes as long as the run itself.
         """
         columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
         chosen = (np.ascontiguousarray(column[::stride]) for column in columns)

@@ -61,10 +61,10 @@ class Inbox(NamedTuple):
     """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
 
     ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
-    ``measured_*``      as on the inbox, like ``wheel_rad``; written during the run
+    ``measured_*``      as the bus carries them, like ``wheel_rad``; written during the run
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
-    ``buffer``          the plan that the plant plays, as on the inbox: values of its row
+    ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
     ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
     ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
     """

@@ -92,7 +92,7 @@ class NothingArrivesError(ValueError):
 
 
 def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSchedule:
-    """RunSchedule a run. Raises NothingArrivesError."""
+    """Schedule a run. Raises NothingArrivesError."""
     register_steps()
     first_tick_ns = _first_tick_ns(plant, controller)
     motion_start_ns = first_tick_ns if plant.start_on_first_command else 0

@@ -22,7 +22,8 @@ uplink lost is not on the bus, so it shows only as a missing counter.
 The evaluation works in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
 apart after one window.
 
-When the plant sensed follows, up to a constant, from the numbers of its samples and their arrivals:
+The times at which the plant sensed follow, up to a constant, from the numbers of its samples and
+their arrivals:
 
     s_k = s_0 + k T + (samples skipped before k) T
 
@@ -285,7 +286,7 @@ _JUMP_NS = NS_PER_S // 2
 
 
 class Uplink(NamedTuple):
-    """How much later than the fastest each sample came.
+    """How much later than the fastest sample each one came.
 
     ``latency_ns``  shape (n,) [ns], the smallest is 0
     ``skipped``     samples that the plant seems to have skipped
@@ -298,7 +299,7 @@ class Uplink(NamedTuple):
 def relative_uplink(
     numbers: NumberArray, arrivals_ns: NumberArray, silences_ns: NumberArray
 ) -> Uplink:
-    """Return the uplink latency of samples, up to that of the fastest.
+    """Return the uplink latency of samples, less that of the fastest.
 
     Each argument has shape (n,), n at least 2, in order of arrival.
 

@@ -102,7 +102,7 @@ def _controller(status: ControllerStatus | None, safety: ControllerSafety | None
 
 
 def measurements_that_are(freshness: Freshness, safety: ControllerSafety) -> list[str]:
-    """Return the names of the measurements that the controller reports to be so fresh."""
+    """Return the names of the measurements that the controller reports with this freshness."""
     of_messages = {
         "LATERAL_ERROR": safety.lateral_error_freshness,
         "STEERING_STATUS": safety.steering_status_freshness,

@@ -113,7 +113,7 @@ JUMP_MAX = 4096
 _REFIT_NS = NS_PER_S
 _COMMANDS_MIN = 3
 _RECENT_NS = 2 * NS_PER_S
-"""A controller that has skipped periods is on time again, by other numbers, after so long."""
+"""How long a controller that has skipped periods counts as late by its old numbers."""
 
 
 class _Due(NamedTuple):
@@ -146,7 +146,7 @@ class CommandLateness:
             self._commands.popleft()
 
     def newest_s(self) -> float:
-        """Return how late the newest command was [s], against the earliest of two seconds or so.
+        """Return how late the newest command was [s], against the earliest of the last two seconds.
 
         NaN without three commands.
         """
@@ -369,7 +369,7 @@ class BusWatch:
         return MessageView(name, period_s, cycle, *frames, is_old and period_s is not None)
 
     def frames_per_s(self, now_ns: int) -> float:
-        """Return the frames a second of the last second or so."""
+        """Return the frames per second over about the last second."""
         since_ns, frames = self._marks[0]
         if now_ns - self._marks[-1][0] >= _STALE_NS or now_ns <= since_ns:
             return 0.0

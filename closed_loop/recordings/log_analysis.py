@@ -78,12 +78,11 @@ class Gap(NamedTuple):
 class LogAnalysis:
     """Analyses one log.
 
+    ``rules``      of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
 
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
     figures of latency, cycles and gaps.
-
-    ``rules``  of the verdict
     """
 
     def __init__(self, rules: VerdictRules | None = None, preview_m: float = PREVIEW_M) -> None:

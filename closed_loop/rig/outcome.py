@@ -22,7 +22,7 @@ from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 
 _LATE = 1.8
-"""Periods after which a measurement counts as late: more than jitter of the bus makes of one."""
+"""Periods after which a measurement counts as late: more than the jitter of a bus explains."""
 COUNTERS = 256
 
 __tracebackhide__ = True  # pytest shows the line of the test whose demand was not met

@@ -29,7 +29,7 @@ NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
     "paper_ellipse": EllipseSettings().model_dump(),
     "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
 }
-"""The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
+"""The paths of SAE 2018-01-1086, and those on which the practical presets were measured."""
 
 
 def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:

@@ -1,7 +1,7 @@
 """Runs of a study over a bus: the two nodes in virtual time.
 
-Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, other
-people's traffic, errors and clocks, the nodes themselves run on it, some thousand times slower.
+Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, rest bus,
+errors and clocks, the nodes themselves run on it, some thousand times slower.
 """
 
 from contextlib import suppress
@@ -31,7 +31,7 @@ TICKS_MAX = 10_000_000
 def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
     """Write the results of one run into ``row``, shape (len(COLUMNS),).
 
-    The noise and the traffic are drawn from the plant's seed. Raises SettingsError.
+    The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
     made, delay_errors = _ran(pair, bus)
     trace, report = Trace.of_node(made.plant), made.plant.report()
@@ -86,7 +86,7 @@ def figures_of_trace(
 
 
 def _ran(pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
-    """Return both nodes after their run over a bus, and how right they were about the delay."""
+    """Return both nodes after their run over a bus, and the errors of the delay they reported."""
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
             return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
