@@ -1,17 +1,14 @@
 """The nominal model: the published coefficients, and the vehicle from three independent sides."""
 
-import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.filters.nominal_model import (
     NominalVehicle,
     paper_eq19,
-    steer_to_lateral_error,
     vehicle_model,
 )
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
@@ -82,46 +79,6 @@ def test_steady_lateral_acceleration_has_the_textbook_understeer_gain(
     model = vehicle_model(vehicle)
     gain = model.numerator[0].s0 / model.denominator[0].s0
     assert gain == pytest.approx(v**2 / (wheelbase + understeer * v**2), rel=1e-9)
-
-
-BOX = [*paper_box().grid(3), *paper_box(50e3).grid(3)]
-"""Of both the printed C_r and the one that fits; the printed one oversteers."""
-
-
-def control_system(vehicle: NominalVehicle) -> control.StateSpace:
-    """(1) with inputs δ_f and ρ_ref, output y."""
-    a, b = state_space(vehicle)
-    inputs = np.column_stack([b, [0.0, 0.0, -vehicle.speed_m_s, 0.0]])
-    return control.ss(a, inputs, [[0.0, 0.0, 0.0, 1.0]], [[0.0, 0.0]])
-
-
-@pytest.mark.parametrize("vehicle", BOX)
-def test_4_and_5_equal_python_control_over_the_uncertainty_box(vehicle: NominalVehicle) -> None:
-    s = (1j * np.geomspace(0.01, 300.0, 30)).astype(np.complex128)
-    expected = control_system(vehicle)(s)[0]
-    np.testing.assert_allclose(steer_to_lateral_error(vehicle).response(s), expected[0], rtol=1e-7)
-    np.testing.assert_allclose(-((vehicle.speed_m_s / s) ** 2), expected[1], rtol=1e-7)
-
-
-@pytest.mark.parametrize("vehicle", BOX)
-def test_a_long_drive_ends_where_4_and_5_say(vehicle: NominalVehicle) -> None:
-    """100 s of constant steer and curvature, integrated; (4) and (5) by their residues at s = 0.
-
-    With G = (c0 + c1 s + c2 s² + ...)/s² a step of δ leaves y = δ (c0 t²/2 + c1 t + c2).
-    """
-    time_s = np.linspace(0.0, 100.0, 2001)
-    steer_rad, curvature_1_m = 0.01, 0.004
-    inputs = np.outer([steer_rad, curvature_1_m], np.ones_like(time_s))
-    y_m = control.forced_response(control_system(vehicle), time_s, inputs).outputs[0]
-    model = steer_to_lateral_error(vehicle)
-    (n2, n1, n0), (d2, d1, d0) = model.numerator[0], model.denominator[0]
-    c0 = n0 / d0
-    c1 = (n1 - c0 * d1) / d0
-    c2 = (n2 - c0 * d2 - c1 * d1) / d0
-    by_steer_m = steer_rad * (c0 * time_s**2 / 2.0 + c1 * time_s + c2)
-    by_curvature_m = -curvature_1_m * vehicle.speed_m_s**2 * time_s**2 / 2.0
-    late = time_s > 10.0
-    np.testing.assert_allclose(y_m[late], (by_steer_m + by_curvature_m)[late], rtol=1e-6, atol=1e-8)
 
 
 def test_an_unstable_nominal_vehicle_is_refused() -> None:
