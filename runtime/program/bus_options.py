@@ -34,7 +34,7 @@ def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--load", type=_number, metavar="SHARE",
-        help=f"bus load of these, or of a built-in message set; at most {LOAD_MAX:g}",
+        help=f"bus load of these or a built-in set, at most {LOAD_MAX:g}",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The messages of the given files as traffic of one bus, and the longest response of each."""
+"""The messages of the given files as traffic of one bus, and the bound of each."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -6,26 +6,13 @@ from typing import NamedTuple
 
 from ...dbc.foreign_messages import ListedMessage, read_message_set
 from ...dbc.j1939_transport import GAP_NS, announcement_id, data_id, packets, source_address
-from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
 from ...runtime.frame.length import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
-from .bounds import (
-    Traffic,
-    Wire,
-    critical_response_ns,
-    load,
-    miss_probability,
-    random_responses_ns,
-    wire_of,
-    worst_response_ns,
-)
-
-_AT_ONCE_MAX = 1_000_000
-"""Frames of a message that may wait: more than the longest jitter can release together."""
+from .bounds import Traffic, Wire, miss_probability, wire_of, worst_response_ns
 
 
 class BusSettings(NamedTuple):
@@ -37,10 +24,6 @@ class BusSettings(NamedTuple):
     error_interval_ms: float | None
     errors: int = 0
     bit_error_rate: float | None = None
-
-    def model(self) -> BusModel:
-        """Return a new bus, for a simulation."""
-        return BusModel(self.bitrate_bit_s, self.data_bitrate_bit_s, _AT_ONCE_MAX)
 
     def wire(self) -> Wire:
         """Return what the analysis needs of the bus."""
@@ -58,12 +41,11 @@ class SentMessage(NamedTuple):
     """A message on the bus.
 
     ``bound``           with the longest that any payload can be
-    ``found``           with the longest payload found, which is ``frame``
+    ``frame``           with the longest payload found
     ``mean_period_ns``  of its frames, which in segments can follow each other sooner [ns]
     """
 
     bound: Traffic
-    found: Traffic
     frame: Frame
     mean_period_ns: int
 
@@ -155,51 +137,32 @@ def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMes
         round(period_ms * NS_PER_MS),
         round(bus.jitter_ms * NS_PER_MS),
     )
-    found = bound._replace(frame_ns=bus.duration_ns(longest.found))
-    return SentMessage(bound, found, longest.frame, bound.period_ns)
-
-
-RANDOM_NS = 1_000_000_000
-RANDOM_RUNS = 10
-"""Periodic messages keep their phases, so that each run has others."""
+    return SentMessage(bound, longest.frame, bound.period_ns)
 
 
 class Response(NamedTuple):
     """One message.
 
-    ``bound_ns``     longest response with any payload; None if the bus is overloaded
-    ``critical_ns``  simulated at the critical instant with the longest payloads found; None if the
-                     bus is overloaded, or has errors, which the simulation has not
-    ``random_ns``    longest one simulated with random phases and jitter
-    ``miss``         chance, at most, that a release misses its deadline, which is its period, with
-                     errors at random; None without any
+    ``bound_ns``  longest response with any payload; None if the bus is overloaded
+    ``miss``      chance, at most, that a release misses its deadline, which is its period, with
+                  errors at random; None without any
     """
 
     message: SentMessage
     bound_ns: int | None
-    critical_ns: int | None
-    random_ns: int | None
     miss: float | None
 
 
-def respond(messages: Sequence[SentMessage], bus: BusSettings, seed: int) -> list[Response]:
-    """Analyse and simulate every message."""
-    bounds, found = [m.bound for m in messages], [m.found for m in messages]
-    frames = {m.bound.name: m.frame for m in messages}
-    is_overloaded = load(found, bus.wire()) >= 1
-    random_ns: dict[str, int] = {}
-    for run in range(0 if is_overloaded else RANDOM_RUNS):
-        run_ns = random_responses_ns(found, frames, bus.model(), RANDOM_NS, (seed, run))
-        random_ns = {name: max(ns, random_ns.get(name, 0)) for name, ns in run_ns.items()}
+def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]:
+    """Return the bounds of every message."""
+    bounds, wire = [m.bound for m in messages], bus.wire()
     responses = []
     for message in messages:
-        name = message.bound.name
-        bound_ns = worst_response_ns(message.bound, bounds, bus.wire())
-        critical_ns = miss = None
-        if not is_overloaded:
-            critical_ns = critical_response_ns(message.found, found, frames, bus.model())
+        miss = None
         if bus.bit_error_rate is not None:
-            errors_s, period_ns = bus.bit_error_rate * bus.bitrate_bit_s, message.bound.period_ns
-            miss = miss_probability(message.bound, bounds, bus.wire(), errors_s, period_ns)
-        responses.append(Response(message, bound_ns, critical_ns, random_ns.get(name), miss))
+            errors_s = bus.bit_error_rate * bus.bitrate_bit_s
+            deadline_ns = message.bound.period_ns
+            miss = miss_probability(message.bound, bounds, wire, errors_s, deadline_ns)
+        bound_ns = worst_response_ns(message.bound, bounds, wire)
+        responses.append(Response(message, bound_ns, miss))
     return responses

@@ -1,4 +1,4 @@
-"""Bounds the response time of each message on a CAN bus, and simulates the worst case.
+"""Bounds the response time of each message on a CAN bus.
 
     steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 
@@ -17,8 +17,6 @@ from steer_by_wire.runtime.command_line import number, output_file, say, whole_n
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.can.message_set import (
-    RANDOM_NS,
-    RANDOM_RUNS,
     BusSettings,
     Response,
     read_messages,
@@ -66,10 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preset", action="append", metavar="NAME",
         help=f"controllers to compare with (default: {', '.join(DEFAULT_PRESETS)})",
     )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
-        help="seed of the random phases (default: %(default)s)",
-    )  # fmt: skip
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
 
 
@@ -89,14 +83,14 @@ def run(options: argparse.Namespace) -> int:
         say(NAME, "no message has a cycle time; give some with --period NAME=MS", sys.stderr)
         return ExitStatus.SETTINGS
     steering = steering_of(messages, bus, options.preset or DEFAULT_PRESETS)
-    responses = respond(messages, bus, options.seed)
+    responses = respond(messages, bus)
     console = Console(markup=False, highlight=False)
     console.width = max(console.width, 100)
     console.print(response_table(responses, bus))
     if steering is not None:
         console.print(steering_text(steering), soft_wrap=True)
     if options.json is not None:
-        write_json(options.json, record_of(responses, bus, steering, options.seed))
+        write_json(options.json, record_of(responses, bus, steering))
     return ExitStatus.OK
 
 
@@ -105,12 +99,11 @@ def response_table(responses: Sequence[Response], bus: BusSettings) -> "Table":
     from steer_by_wire.closed_loop.reports.terminal import plain_table
 
     title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
-    numbers = ("bytes", "period", "frame", "bound", "worst case", "random", "deadline")
+    numbers = ("bytes", "period", "frame", "bound", "deadline")
     table = plain_table(("message", "identifier"), numbers, title)
     table.caption = (
-        "bound: any payload and phases. worst case: the bus model at the critical instant, "
-        f"with the longest payloads found. random: {RANDOM_RUNS} runs of {RANDOM_NS / 1e9:g} s "
-        "with random phases. deadline: the period; a figure is the chance of a miss, at most."
+        "bound: any payload and phases. deadline: the period; a figure is the chance of a miss, "
+        "at most."
     )
     for response in responses:
         bound = response.message.bound
@@ -119,7 +112,7 @@ def response_table(responses: Sequence[Response], bus: BusSettings) -> "Table":
         table.add_row(
             bound.name, f"0x{frame.can_id:0{width}X}", str(len(frame.data)),
             f"{bound.period_ns / 1e6:g}", _ms(bound.frame_ns), _ms(response.bound_ns),
-            _ms(response.critical_ns), _ms(response.random_ns), _verdict(response),
+            _verdict(response),
         )  # fmt: skip
     return table
 
@@ -139,22 +132,18 @@ def steering_text(steering: Steering) -> str:
 
 
 def record_of(
-    responses: Sequence[Response], bus: BusSettings, steering: Steering | None, seed: int
+    responses: Sequence[Response], bus: BusSettings, steering: Steering | None
 ) -> dict[str, Any]:
     """Return everything, for another program; times in nanoseconds."""
     return {
         "bus": bus._asdict(),
-        "seed": seed,
         "messages": [
             {
                 **response.message.bound._asdict(),
                 "mean_period_ns": response.message.mean_period_ns,
                 "can_id": response.message.frame.can_id,
                 "longest_payload": response.message.frame.data.hex(),
-                "longest_found_ns": response.message.found.frame_ns,
                 "bound_ns": response.bound_ns,
-                "critical_ns": response.critical_ns,
-                "random_ns": response.random_ns,
                 "miss_probability": response.miss,
             }
             for response in responses

@@ -14,11 +14,11 @@ from steer_by_wire.runtime.frame.length import frame_bits
 from steer_by_wire.tools.can.bounds import (
     Traffic,
     Wire,
-    critical_response_ns,
     miss_probability,
     wire_of,
     worst_response_ns,
 )
+from tests.support.simulated_responses import critical_response_ns
 
 PUBLISHED = tomllib.loads(
     Path(__file__).with_name("published_responses.toml").read_text(encoding="utf-8")

@@ -22,13 +22,12 @@ from steer_by_wire.runtime.frame.length import frame_bits
 from steer_by_wire.tools.can.bounds import (
     Traffic,
     Wire,
-    critical_response_ns,
     load,
     miss_probability,
-    random_responses_ns,
     wire_of,
     worst_response_ns,
 )
+from tests.support.simulated_responses import critical_response_ns, random_responses_ns
 
 BITRATE_BIT_S = 500_000
 MS = 1_000_000
@@ -84,7 +83,7 @@ def random_frames(draw: random.Random) -> tuple[list[Traffic], dict[str, Frame]]
 @pytest.mark.parametrize("seed", range(10))
 def test_the_critical_instant_reaches_the_bound_and_nothing_exceeds_it(seed: int) -> None:
     messages, frames = random_frames(random.Random(seed))
-    wire = wire_of(BITRATE_BIT_S, granularity_ns=1)
+    wire = wire_of(BITRATE_BIT_S)._replace(granularity_ns=1)
     bounds_ns = {m.name: worst_response_ns(m, messages, wire) for m in messages}
     for message in messages:
         bus = BusModel(BITRATE_BIT_S)
