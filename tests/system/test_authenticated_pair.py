@@ -1,6 +1,7 @@
 """Controller and plant with authenticated frames: the same run, and nobody else has a say."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import pytest
@@ -17,7 +18,6 @@ from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
     LatencyModel,
-    LawNumber,
     Mode,
     PlantStatus,
     SteeringCommand,
@@ -26,8 +26,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, Refused, plain
+from steer_by_wire.dbc.secoc.secured_frame import Refused, plain
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.plant_emulator.network.settings import (
     BothLatencySettings,
@@ -41,8 +40,10 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from tests.support.authenticated_ends import KEY, controller, meet, plant
+from tests.support.timed_sender import TimedSender
 
-KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))
+OTHER_KEY = bytes(range(1, 17))
 MS_NS = 1_000_000
 DURATION_S = 3.0
 LIMIT_NS = 5_000_000_000
@@ -74,17 +75,15 @@ def ends(
     """The two ends of a run that is not the first: other challenges, higher counters."""
     first = run * 10**9
     return (
-        Authentication(PLANT, cmac_maker()(plant_key), b"plant%03d" % run, first),
-        Authentication(CONTROLLER, cmac_maker()(controller_key), b"ctrl-%03d" % run, first),
+        plant(plant_key, b"plant%03d" % run, first),
+        controller(controller_key, b"ctrl-%03d" % run, first),
     )
 
 
-def meet(plant_end: Authentication, controller_end: Authentication) -> None:
-    plant_status = encode(PlantStatus(0.0, 0.0, 0, 0), 0)
-    controller_status = encode(ControllerStatus(Mode.WAITING, LawNumber.PD, 0.0, 0.0, 0), 0)
-    plant_end.verify(controller_end.secure(controller_status))
-    controller_end.verify(plant_end.secure(plant_status))
-    plant_end.verify(controller_end.secure(controller_status))
+def met(run: int = 0) -> tuple[Authentication, Authentication]:
+    plant_end, controller_end = ends(run=run)
+    meet(controller_end, plant_end)
+    return plant_end, controller_end
 
 
 class Pair:
@@ -137,9 +136,7 @@ def classic() -> Pair:
 
 @pytest.fixture(scope="module")
 def authenticated() -> Pair:
-    both = ends()
-    meet(*both)
-    return Pair(*both)
+    return Pair(*met())
 
 
 # The same run
@@ -169,9 +166,7 @@ def test_a_pair_that_has_not_met_needs_three_status_messages_and_then_drives(
 
 
 def test_on_a_bus_with_a_bit_rate_the_other_lengths_change_the_run_by_their_times_only() -> None:
-    both = ends()
-    meet(*both)
-    secured = Pair(*both, bus=BusModel(500_000, 2_000_000))
+    secured = Pair(*met(), bus=BusModel(500_000, 2_000_000))
     unsecured = Pair(None, None, bus=BusModel(500_000))
     assert secured.report["refused"] == {}
     rms_m = [pair.plant.report()["lateral_error_rms_m"] for pair in (secured, unsecured)]
@@ -235,26 +230,9 @@ def test_a_controller_with_a_key_and_a_plant_without_both_say_what_they_refuse()
     assert set(pair.controller_end.refused) == {"unauthenticated"}
 
 
-class Intruder:
-    """Puts a frame on the bus each millisecond: of ``frames``, over and over."""
-
-    finished = False
-
-    def __init__(self, frames: Sequence[Frame]) -> None:
-        self._frames = frames
-        self.sent = 0
-
-    @property
-    def deadline_ns(self) -> int:
-        return self.sent * MS_NS if self._frames else NEVER_NS
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
-        return ()
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
-        frame = self._frames[self.sent % len(self._frames)]
-        self.sent += 1
-        return [frame]
+def intruder(frames: Sequence[Frame]) -> TimedSender:
+    """Put a frame on the bus each millisecond, over and over."""
+    return TimedSender((MS_NS * sent, frame) for sent, frame in enumerate(cycle(frames)))
 
 
 def spoofed() -> list[Frame]:
@@ -269,33 +247,29 @@ def spoofed() -> list[Frame]:
 
 def test_a_spoofed_command_steers_a_classic_plant(classic: Pair) -> None:
     """What authentication is for: the intruder's commands are as good as the controller's."""
-    pair = Pair(None, None, others=[Intruder(spoofed())])
+    pair = Pair(None, None, others=[intruder(spoofed())])
     assert pair.plant.report()["lateral_error_peak_m"] > (
         3.0 * classic.plant.report()["lateral_error_peak_m"]
     )
 
 
 def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
-    both = ends()
-    meet(*both)
-    intruder = Intruder(spoofed())
-    pair = Pair(*both, others=[intruder])
+    attacker = intruder(spoofed())
+    pair = Pair(*met(), others=[attacker])
     assert pair.run == authenticated.run
     assert pair.report["refused"] == {
-        "forged": intruder.sent // 2,
-        "unauthenticated": (intruder.sent + 1) // 2,
+        "forged": attacker.sent // 2,
+        "unauthenticated": (attacker.sent + 1) // 2,
     }
 
 
 def test_replayed_recordings_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
     """Of a session before, with the same key: of every message, in order, over and over."""
     earlier = [heard.frame for heard in authenticated.heard]
-    both = ends(run=1)
-    meet(*both)
-    intruder = Intruder(earlier)
-    pair = Pair(*both, others=[intruder])
+    attacker = intruder(earlier)
+    pair = Pair(*met(1), others=[attacker])
     assert pair.run == authenticated.run
-    assert sum(pair.report["refused"].values()) == intruder.sent
+    assert sum(pair.report["refused"].values()) == attacker.sent
     assert set(pair.report["refused"]) <= {"forged", "replayed", "unauthenticated"}
 
 
@@ -326,10 +300,8 @@ class Echo:
 def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
     authenticated: Pair, delay_ns: int
 ) -> None:
-    both = ends()
-    meet(*both)
     echo = Echo(delay_ns)
-    pair = Pair(*both, others=[echo])
+    pair = Pair(*met(), others=[echo])
     assert pair.run == authenticated.run
     assert echo.sent > 540
     refused = pair.report["refused"]
@@ -344,9 +316,7 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
 
 def test_the_latency_cannot_be_changed_by_who_has_no_key() -> None:
     config = encode(LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.4, 0.0, 0.5), 0)
-    both = ends()
-    meet(*both)
-    intruder = Intruder([config])
-    pair = Pair(*both, others=[intruder])
+    attacker = intruder([config])
+    pair = Pair(*met(), others=[attacker])
     assert pair.plant.report()["downlink"]["latency"]["max_s"] < 0.4
-    assert pair.report["refused"] == {"unauthenticated": intruder.sent}
+    assert pair.report["refused"] == {"unauthenticated": attacker.sent}

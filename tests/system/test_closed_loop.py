@@ -45,6 +45,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from tests.support.timed_sender import TimedSender
 
 MS_NS = 1_000_000
 S_NS = 1_000_000_000
@@ -287,24 +288,6 @@ def test_all_laws_meet_the_identical_latencies() -> None:
     assert len({result.rms_m for result in results}) == len(LAWS)
 
 
-class Operator:
-    """Somebody who sends frames by hand."""
-
-    def __init__(self, script: Sequence[tuple[int, Frame]]) -> None:
-        self._script = list(script)
-        self.finished = False
-
-    @property
-    def deadline_ns(self) -> int:
-        return self._script[0][0] if self._script else NEVER_NS
-
-    def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
-        return ()
-
-    def on_tick(self, _now_ns: int) -> Sequence[Frame]:
-        return [self._script.pop(0)[1]]
-
-
 def uplink_loss(loss: float) -> Frame:
     return encode(LatencyConfig(Direction.UPLINK, LatencyModel.CONSTANT, 0.0, 0.0, loss), 0)
 
@@ -314,7 +297,7 @@ def uplink_loss(loss: float) -> Frame:
 def test_measurements_that_stop_and_come_back_never_make_the_steer_jump(
     law: str, gap_ms: int
 ) -> None:
-    operator = Operator(
+    operator = TimedSender(
         [(4005 * MS_NS, uplink_loss(1.0)), ((4005 + gap_ms) * MS_NS, uplink_loss(0.0))]
     )
     controller = preset(f"practical_{law}")

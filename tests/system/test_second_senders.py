@@ -1,6 +1,6 @@
 """A second sender of a message: what it can take over, for how long, and who says so."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import cache
 from typing import Any, NamedTuple
@@ -26,8 +26,9 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from tests.support.timed_sender import TimedSender
 
 PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")
@@ -156,29 +157,14 @@ def test_at_other_rates_than_that_of_the_dbc_losses_are_believed_too(period_ms: 
 # The pair in virtual time
 
 
-class Intruder:
-    """Sends frames again from ``onset_ns`` on, with the counters so much further on."""
+ONSET_NS = 2 * NS_PER_S + 4 * NS_PER_MS
+ATTACK_NS = 2 * NS_PER_S
+FRAMES = ATTACK_NS // PERIOD_NS
 
-    finished = False
 
-    def __init__(self, frames: Sequence[Frame], onset_ns: int, period_ns: int) -> None:
-        self._frames = list(frames)
-        self._onset_ns = onset_ns
-        self._period_ns = period_ns
-        self._sent = 0
-
-    @property
-    def deadline_ns(self) -> int:
-        if self._sent == len(self._frames):
-            return NEVER_NS
-        return self._onset_ns + self._sent * self._period_ns
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
-        return ()
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
-        self._sent += 1
-        return [self._frames[self._sent - 1]]
+def intruder(frames: Iterable[Frame]) -> TimedSender:
+    """Send frames every period from the onset on."""
+    return TimedSender((ONSET_NS + PERIOD_NS * sent, one) for sent, one in enumerate(frames))
 
 
 class Run(NamedTuple):
@@ -200,10 +186,10 @@ class Run(NamedTuple):
         ]
 
 
-def drive(intruder: Intruder | None = None) -> Run:
+def drive(attacker: TimedSender | None = None) -> Run:
     pair = make_virtual_pair(PLANT, CONTROLLER)
     frames: list[tuple[int, Frame]] = []
-    others = [] if intruder is None else [intruder]
+    others = [] if attacker is None else [attacker]
     executor = VirtualTimeExecutor(
         [pair.plant, pair.controller, *others],
         None,
@@ -211,11 +197,6 @@ def drive(intruder: Intruder | None = None) -> Run:
     )
     executor.run(20 * NS_PER_S)
     return Run(frames, pair.plant.report(), pair.controller.report())
-
-
-ONSET_NS = 2 * NS_PER_S + 4 * NS_PER_MS
-ATTACK_NS = 2 * NS_PER_S
-FRAMES = ATTACK_NS // PERIOD_NS
 
 
 @pytest.fixture(scope="module")
@@ -262,7 +243,7 @@ def test_no_foreign_stream_of_commands_moves_the_vehicle_further_than_a_hold_doe
 ) -> None:
     command_id = CAN_IDS[SteeringCommand]
     frames = replayed(alone, command_id, ahead) if is_recorded else full_steer(ahead)
-    run = drive(Intruder(frames, ONSET_NS, PERIOD_NS))
+    run = drive(intruder(frames))
     check_notices(run, "controller", OWN, PEER)
     assert run.plant["second_senders"] == ["STEERING_COMMAND"]
     safety = run.plant["safety"]
@@ -279,7 +260,7 @@ def test_a_replayed_stream_of_measurements_is_followed_or_refused_like_one_of_co
     alone: Run, ahead: int
 ) -> None:
     frames = replayed(alone, CAN_IDS[LateralError], ahead)
-    run = drive(Intruder(frames, ONSET_NS, PERIOD_NS))
+    run = drive(intruder(frames))
     check_notices(run, "plant", OWN, PEER)
     assert run.controller["second_senders"] == ["LATERAL_ERROR"]
     if 0 <= ahead <= 31:
@@ -297,13 +278,13 @@ def test_what_the_controller_holds_in_a_dispute_is_not_from_the_false_measuremen
     first = ONSET_NS // PERIOD_NS + ahead
     false = LateralError(0.2, 0.0)
     frames = [encode(false, (first + step) % 256) for step in range(FRAMES)]
-    run = drive(Intruder(frames, ONSET_NS, PERIOD_NS))
+    run = drive(intruder(frames))
     assert run.controller["rejected"]["disputed"] > FRAMES
     assert run.peak_m < peak_m  # the command for the newest false one, held, costs 1.4 to 1.9 m
 
 
 def test_one_frame_under_an_own_identifier_is_reported_for_a_second(alone: Run) -> None:
-    run = drive(Intruder([Frame(CAN_IDS[LateralError], bytes(8))], ONSET_NS, PERIOD_NS))
+    run = drive(intruder([Frame(CAN_IDS[LateralError], bytes(8))]))
     told = [one for _, one in run.notices(PlantStatus)]
     assert told.count(OWN) == 10
     assert run.plant["rejected"] == {"own_identifier": 1}
