@@ -32,7 +32,7 @@ from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
-ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text)
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text, "verdict == no effect")
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 

@@ -101,7 +101,7 @@ class ControllerNode:
         self._statuses = StatusFrames(settings.law_record.number)
         self._steering = _NO_COMMAND
         self._safety = SafetyReport(settings.validity, self._received, start_ns)
-        self._figures = RunFigures(start_ns, samples_max)
+        self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -246,7 +246,7 @@ class ControllerNode:
             sent_ns, is_first = echo
             self._delay.echo.on_echo(sent_ns, now_ns)
             if is_first:
-                self._figures.round_trip.record(now_ns - sent_ns)
+                self._figures.on_effect(now_ns - sent_ns, now_ns)
 
     def _wanted_rad(self, now_ns: int, period: int) -> float:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""

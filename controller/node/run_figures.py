@@ -19,9 +19,14 @@ class ControlVerdict(StrEnum):
     FAULT = "fault"  # it has found a fault in itself
     SAFE_STOP = "safe stop"  # measurements have stopped
     HOLDING = "holding"  # measurements have just stopped
+    NO_EFFECT = "no effect"  # the law steers, but the plant no longer follows its commands
     IN_CONTROL = "in control"  # the run ends with the law steering
 
 
+EFFECT_NS = 1_000_000_000
+"""Without a new echo for longer, commands have no effect: however long the latency, the echo of an
+older one comes with every measurement. A slow controller has EFFECT_PERIODS instead."""
+EFFECT_PERIODS = 20
 _OF_MODE: Mapping[Mode, ControlVerdict] = {
     Mode.WAITING: ControlVerdict.NO_START,
     Mode.ACTIVE: ControlVerdict.IN_CONTROL,
@@ -53,6 +58,7 @@ class RunFigures:
     """Collects the figures.
 
     ``start_ns``     when the first mode begins [ns]
+    ``period_ns``    of control [ns]
     ``samples_max``  how many control periods are kept in ``samples``, oldest first
 
     ``samples_left``    how many more there is room for
@@ -60,8 +66,9 @@ class RunFigures:
     ``last_tick_ns``    when the last control tick was [ns]
     """
 
-    def __init__(self, start_ns: int, samples_max: int) -> None:
-        self.last_tick_ns = start_ns
+    def __init__(self, start_ns: int, period_ns: int, samples_max: int) -> None:
+        self.last_tick_ns = self._effect_ns = start_ns
+        self._period_ns = period_ns
         self.round_trip = DurationStatistics()
         self.sample_age = DurationStatistics()
         self.samples: list[ControlSample] = []
@@ -79,8 +86,15 @@ class RunFigures:
     def on_mode(self, entered: Mode) -> None:
         """Add the time up to this tick to the mode that ends with it."""
         self._mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
+        if self._mode is Mode.WAITING:
+            self._effect_ns = self.last_tick_ns
         self._mode, self._entered_ns = entered, self.last_tick_ns
         self._holds += entered is Mode.HOLDING
+
+    def on_effect(self, round_trip_ns: int, now_ns: int) -> None:
+        """Record the first echo of a command: it has taken effect."""
+        self.round_trip.record(round_trip_ns)
+        self._effect_ns = now_ns
 
     def on_law(self, measured_m: float, sent_rad: float, limit: str) -> None:
         """Record a tick of the law: its measurement, its command, and the limit that bound that.
@@ -109,7 +123,10 @@ class RunFigures:
         """Return the figures, ready for JSON.
 
         ``verdict``     what the controller knows of its own work (``ControlVerdict``)
-        ``active_share``   of the time since the first measurement in which the law steered
+        ``active_share``   of the time since the first measurement in which the law steered: its
+                           ticks, each for one period
+        ``in_effect``      commands that were seen to take effect, and ``no_effect_s``, the time
+                           since the last of them
         ``measured_*``     of the lateral error that the law used
         ``limited_share``  of the law's commands that ``[limits]`` changed, and by which limit
         ``validity_share``  of the run's time in each state of VALIDITY
@@ -122,9 +139,13 @@ class RunFigures:
         mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
         since_start_ns = sum(ns for mode, ns in mode_ns.items() if mode is not Mode.WAITING)
         ticks = max(self._law_ticks, 1)
+        steered_ns = self._law_ticks * self._period_ns
+        round_trip = self.round_trip.summary()
         return {
-            "verdict": str(ControlVerdict.FAULT if failure else _OF_MODE[self._mode]),
-            "active_share": mode_ns[Mode.ACTIVE] / since_start_ns if since_start_ns else 0.0,
+            "verdict": str(ControlVerdict.FAULT if failure else self._verdict(round_trip.samples)),
+            "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),
+            "in_effect": round_trip.samples,
+            "no_effect_s": max(0, self.last_tick_ns - self._effect_ns) / NS_PER_S,
             "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
             "measured_peak_m": self._measured_peak_m,
             "limited_share": sum(self._limited.values()) / ticks,
@@ -135,6 +156,14 @@ class RunFigures:
             },
             "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
-            "round_trip": durations_report(self.round_trip.summary()),
+            "round_trip": durations_report(round_trip),
             "sample_age": durations_report(self.sample_age.summary()),
         }
+
+    def _verdict(self, in_effect: int) -> ControlVerdict:
+        verdict = _OF_MODE[self._mode]
+        silent_ns = self.last_tick_ns - self._effect_ns
+        is_silent = silent_ns > max(EFFECT_NS, EFFECT_PERIODS * self._period_ns)
+        if verdict is ControlVerdict.IN_CONTROL and (is_silent or not in_effect):
+            return ControlVerdict.NO_EFFECT
+        return verdict

@@ -37,6 +37,11 @@ def verdict_text(report: Report) -> str:
     verdict = ControlVerdict(node["verdict"])
     if verdict is ControlVerdict.NO_START:
         return f"{verdict}: no measurement ever arrived"
+    if verdict is ControlVerdict.NO_EFFECT:
+        sent, ago_s = node["commands_sent"], node["no_effect_s"]
+        if not node["in_effect"]:
+            return f"{verdict}: none of its {sent} commands took effect, by the plant's echoes"
+        return f"{verdict} at the end: the last command that took effect was {ago_s:.2f} s before"
     text = (
         f"{verdict} at the end; the law steered for {100.0 * node['active_share']:.4g} % of the"
         f" time; measured error RMS {1e3 * node['measured_rms_m']:.1f} mm,"
@@ -74,6 +79,7 @@ def _round_trip(report: Report) -> float | None:
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(ControlVerdict)),
+        "no_effect_s": Quantity(lambda report: float(report["node"]["no_effect_s"])),
         "active_share": Quantity(lambda report: float(report["node"]["active_share"])),
         "measured_rms_m": _worked("measured_rms_m"),
         "measured_peak_m": _worked("measured_peak_m"),

@@ -115,7 +115,8 @@ def run_node(
         conclude(node)
         status = ExitStatus.OK
         if ending is not None:
-            status = fail_status(name, options.fail_if, ending.quantities, report)
+            conditions = ending.conditions(options.fail_if)
+            status = fail_status(name, conditions, ending.quantities, report)
             say(name, f"verdict: {ending.verdict(report)}")
     if run.failure:
         return run.status

@@ -38,10 +38,17 @@ class Ending(NamedTuple):
 
     ``quantities``  that ``--fail-if`` may name
     ``verdict``     returns the verdict and its reason from the report
+    ``failed_if``   a condition that fails every run
     """
 
     quantities: Mapping[str, Quantity]
     verdict: Callable[[Report], str]
+    failed_if: str | None = None
+
+    def conditions(self, given: Sequence["Condition"]) -> list["Condition"]:
+        """Return the conditions of a run: those of the user, and that of the program."""
+        own = [] if self.failed_if is None else [condition_of(self.quantities)(self.failed_if)]
+        return [*own, *given]
 
 
 class Condition(NamedTuple):
