@@ -7,12 +7,14 @@
     FOLDER/results.parquet            all rows, sorted by id, when the study is complete; the chunks
                                       are then removed
 
-Every file is written under another name and then renamed, so that it is either whole or absent.
-Rows hold no time of day and no name of a machine: the same study gives the same bytes. Whatever has
-happened to a file since, a damaged one raises a SettingsError of one line.
+Every file is written under another name, brought to the disk and then renamed, so that it is either
+whole or absent. Rows hold no time of day and no name of a machine: the same study gives the same
+bytes. Each page of a file has a checksum: a damaged file raises a SettingsError of one line.
+One process at a time writes into a folder.
 """
 
 import importlib
+import importlib.util
 import json
 import os
 import shutil
@@ -34,6 +36,7 @@ from .scenario import Scenarios
 CHUNK_RUNS = 4096
 """Rows of a chunk: about a megabyte in memory."""
 RESULTS = "results.parquet"
+_WRITTEN: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
 
 class Store:
@@ -76,6 +79,7 @@ class Store:
                 "give --out another folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)
+        self._lock = _FolderLock(self.folder)
         if self.is_complete:
             rows = check_columns(self.results, self._types)
             if rows != self._runs:
@@ -129,7 +133,7 @@ class Store:
             return
 
         def write(place: Path) -> None:
-            with self._parquet.ParquetWriter(place, self._schema, compression="zstd") as writer:
+            with self._parquet.ParquetWriter(place, self._schema, **_WRITTEN) as writer:
                 for number in range(-(-self._runs // self._chunk_runs)):
                     table = read_columns(self._file(number), self._types)
                     self._places(self._file(number), number, table)
@@ -187,7 +191,7 @@ class Store:
     def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
         done = np.flatnonzero(chunk.is_done)
         table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
-        _write(file, lambda place: self._parquet.write_table(table, place, compression="zstd"))
+        _write(file, lambda place: self._parquet.write_table(table, place, **_WRITTEN))
 
     def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
         study = self.scenarios.study
@@ -263,7 +267,33 @@ def _write(file: Path, write: Any) -> None:
     """Write a file under another name and rename it."""
     beside = file.with_name(f"{file.name}.writing")
     write(beside)
+    with beside.open("rb") as written:
+        os.fsync(written.fileno())
     os.replace(beside, file)
+
+
+class _FolderLock:
+    """Keeps other processes out of a folder as long as it lives; raises SettingsError.
+
+    The lock is this process's own: workers that outlive it for a moment do not keep it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT)
+        if not importlib.util.find_spec("fcntl"):  # only Unix has it
+            return
+        import fcntl
+
+        try:
+            fcntl.lockf(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise SettingsError(
+                f"{folder}: another process computes a study there; wait for it, or give --out"
+                " another folder"
+            ) from error
+
+    def __del__(self) -> None:
+        os.close(self._descriptor)
 
 
 def _refuse_another(folder: Path, old: Any, wanted: str) -> None:
@@ -328,13 +358,18 @@ def read_columns(
     """
     from pyarrow import ArrowException, parquet
 
-    check_columns(file, types)
+    rows = check_columns(file, types)
     try:
         table = parquet.read_table(
-            file, columns=[*types], filters=None if filters is None else [*filters]
+            file,
+            columns=[*types],
+            filters=None if filters is None else [*filters],
+            page_checksum_verification=True,
         )
     except (ArrowException, OSError) as error:
         raise _damaged(file, _cause(error)) from error
+    if filters is None and table.num_rows != rows:
+        raise _damaged(file, f"has {table.num_rows} rows, not {rows}")
     for name in types:
         if table[name].null_count:
             raise _damaged(file, f"column {name} has gaps")

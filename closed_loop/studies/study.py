@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import suppress
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -82,6 +83,7 @@ class Study(NamedTuple):
         )
         return json.dumps(
             {
+                "version": version("steer-by-wire-emulator"),
                 "name": self.settings.name,
                 "factors": self.settings.model_dump(mode="json")["factors"],
                 "sampling": self.settings.sampling.model_dump(mode="json"),

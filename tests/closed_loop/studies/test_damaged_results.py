@@ -3,8 +3,11 @@
 The rows come from no real runs and only have the right form: nothing is computed here.
 """
 
+import fcntl
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +23,7 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import read_overrides, read_rows, read_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
+from tests.support.running_program import wait_until
 from tests.support.small_study import make_scenarios, open_store
 
 RUNS = 48
@@ -194,3 +198,59 @@ def test_a_chunk_with_rows_of_others_is_not_gone_on_with(
 def test_a_complete_study_with_too_few_rows_is_reported(folder: Path, scenarios: Scenarios) -> None:
     changed(folder / "out" / "results.parquet", lambda table: table.slice(0, 40))
     assert "has 40 rows, not 48" in refusal(lambda: open_store(folder, scenarios))
+
+
+def test_no_flipped_bit_makes_another_figure(scenarios: Scenarios, tmp_path: Path) -> None:
+    """Seeded; without checksums four of five flips did."""
+    random = np.random.default_rng(1)
+    store = open_store(tmp_path, scenarios)
+    ids = np.arange(RUNS)
+    store.put(Computed(ids, np.zeros_like(ids), random.random((RUNS, len(COLUMNS)))))
+    store.finish()
+    study = read_study(store.folder)
+    expected = repr(read_rows(study))
+    written = store.results.read_bytes()
+    refused = 0
+    for bit in random.integers(0, 8 * len(written), 400).tolist():
+        damaged = bytearray(written)
+        damaged[bit // 8] ^= 1 << bit % 8
+        store.results.write_bytes(damaged)
+        try:
+            rows = read_rows(study)
+        except SettingsError:
+            refused += 1
+            continue
+        assert repr(rows) == expected, bit
+    assert refused > 100  # of the columns that are read
+
+
+def test_another_process_does_not_write_into_the_same_folder(
+    scenarios: Scenarios, tmp_path: Path
+) -> None:
+    folder = open_store(tmp_path, scenarios).folder
+    other = "import fcntl, sys; f = open(sys.argv[1], 'wb'); fcntl.lockf(f, fcntl.LOCK_EX); input()"
+    command = [sys.executable, "-c", other, str(folder / ".lock")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        wait_until(lambda: is_locked(folder), "the other process has locked the folder")
+        assert "another process computes a study there" in refusal(
+            lambda: open_store(tmp_path, scenarios)
+        )
+        process.kill()
+    open_store(tmp_path, scenarios)
+
+
+def is_locked(folder: Path) -> bool:
+    with (folder / ".lock").open("wb") as lock:
+        try:
+            fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    return False
+
+
+def test_another_version_does_not_go_on(
+    scenarios: Scenarios, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    open_store(tmp_path, scenarios)
+    monkeypatch.setattr("steer_by_wire.closed_loop.studies.study.version", lambda _name: "0.0")
+    assert "another study: version differ" in refusal(lambda: open_store(tmp_path, scenarios))
