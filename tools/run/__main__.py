@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--controller-preset",
         metavar="NAME",
         help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
-        f"default without a file: {CONTROLLER_PRESET}",
+        f"default: {CONTROLLER_PRESET}",
     )
     controller.add_argument(
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
