@@ -92,8 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     controller.add_argument(
         "--controller-preset",
         metavar="NAME",
-        help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
-        f"default: {CONTROLLER_PRESET}",
+        help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; default: {CONTROLLER_PRESET}",
     )
     controller.add_argument(
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
