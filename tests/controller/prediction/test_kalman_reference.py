@@ -1,17 +1,28 @@
-"""The filter of the laws against filterpy's, over gains, over a record, and over its own model."""
+"""The filter of the laws against filterpy's, over gains, over a record, and over its own model.
+
+    x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
+    z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)
+
+filterpy estimates all seven states, the wheel among them. Its gain is where its own predict and
+update converge from covariances as large as the first metres of a run: a way to every number of
+``VehicleGains`` that is independent of the Riccati equation.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.gains import (
+    PSI,
     EstimatorSettings,
+    Y,
     design_schedule,
     noise_covariances,
     sampled_vehicles,
@@ -27,11 +38,6 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
-from tests.support.kalman_reference import (
-    reference_filter,
-    settled_estimates,
-    settled_gain,
-)
 
 SENSOR_PERIOD_S = 0.01
 FILTERED = ("beta", "r", "psi", "y", "rho", "d")
@@ -65,12 +71,36 @@ def gain_matrix(gains: VehicleGains) -> np.ndarray:
     )
 
 
+def reference_filter(settings: EstimatorSettings, speed_m_s: float) -> KalmanFilter:
+    """Return filterpy's filter of the same model and noise, at the start of a run."""
+    (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
+    q, reference = np.zeros_like(f), KalmanFilter(dim_x=7, dim_z=2, dim_u=1)
+    q[:6, :6], reference.R = noise_covariances(settings, SENSOR_PERIOD_S)
+    reference.F, reference.B, reference.Q = f, g[:, None], q
+    reference.H = np.eye(7)[[Y, PSI]]
+    reference.P = np.diag(np.square([0.1, 0.1, 0.1, 1.0, 0.1, 0.1, 0.0]))
+    return reference
+
+
+def settled_gain(reference: KalmanFilter) -> np.ndarray:
+    """Let the filter predict and update till its gain stands still; returns it, shape (7, 2)."""
+    gain = np.zeros((7, 2))
+    for _ in range(5_000):
+        for _ in range(200):
+            reference.predict()
+            reference.update(np.zeros((2, 1)))  # what is measured has no part in the gain
+        before, gain = gain, np.array(reference.K)
+        if np.abs(gain - before).max() <= 1e-12 * np.abs(gain).max():
+            return gain
+    pytest.fail("the gain still moves after a million steps")
+
+
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("speed_m_s", [0.5, 1.39, 8.0, 25.0])
 def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_m_s: float) -> None:
     settings = NOISES[noise].model_copy(update={"speed_m_s_min": speed_m_s, "speed_m_s_max": 80.0})
     schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None)
-    reference = reference_filter(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    reference = reference_filter(settings, speed_m_s)
     gain = settled_gain(reference)
     np.testing.assert_allclose(gain[:6], gain_matrix(schedule.gains[0]), rtol=1e-9, atol=1e-12)
     assert (gain[6] == 0.0).all()  # the wheel is where the commands have put it
@@ -128,16 +158,18 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     params = design_law(settings).params_at
     assert params is not None
     gains = params(node._received.vehicle.speed_m_s).gains
-    reference = reference_filter(
-        settings.estimator, vehicle(), node._received.vehicle.speed_m_s, SENSOR_PERIOD_S
-    )
+    reference = reference_filter(settings.estimator, node._received.vehicle.speed_m_s)
     reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
-    gain = np.vstack([gain_matrix(gains), np.zeros(2)])
-    found = settled_estimates(reference, gain, estimates[first][1:], commands_rad, measurements)
-    for sample, estimate in estimates.items():
-        if sample > first:
+    reference.K = np.vstack([gain_matrix(gains), np.zeros(2)])
+    reference.x = np.array(estimates[first][1:])[:, None]
+    for sample, command_rad, measured in zip(
+        range(first + 1, last + 1), commands_rad, measurements, strict=True
+    ):
+        reference.predict_steadystate(np.array([[command_rad]]))
+        reference.update_steadystate(None if measured is None else np.array(measured))
+        if sample in estimates:
             np.testing.assert_allclose(
-                estimate[1:], found[sample - first - 1], rtol=1e-9, atol=1e-12
+                estimates[sample][1:], reference.x[:, 0], rtol=1e-9, atol=1e-12
             )
 
 
@@ -180,7 +212,7 @@ def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_the
     gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None).gains[0]
     (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
     q, r = noise_covariances(settings, SENSOR_PERIOD_S)
-    reference = reference_filter(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    reference = reference_filter(settings, speed_m_s)
     settled_gain(reference)
     random = np.random.default_rng(5)
     driving = random.normal(size=(samples, 6)) * np.sqrt(np.diag(q))
