@@ -94,7 +94,7 @@ def machine() -> Machine:
 
 def until_open(connection: Connection) -> None:
     """Wait until the thread has opened the bus again."""
-    for _ in range(1000):
+    for _ in range(30_000):
         if connection.send(DATA):
             return
         connection.recv(0.01)
