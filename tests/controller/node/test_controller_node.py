@@ -188,20 +188,28 @@ def test_commands_obey_the_settings_limits() -> None:
     assert plant.node.report()["peak_steer_rad"] == 0.3
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_law_that_fails_is_counted_held_and_started_anew(
-    monkeypatch: pytest.MonkeyPatch, bad: float
-) -> None:
-    outputs = iter([0.1, 0.1, bad])
+def law_that_steers(
+    monkeypatch: pytest.MonkeyPatch, *steers_rad: float, then_rad: float | None = None
+) -> Link:
+    """Return a node whose law steers so, and then by ``then_rad`` or by its first error [m]."""
+    outputs = iter(steers_rad)
 
     def step(_p: None, x: float, observed: LawInput) -> tuple[float, LawOutput]:
-        return x, LawOutput(next(outputs, x), 0.0, 0.0, observed.lateral_error_m)
+        steer_rad = next(outputs, x if then_rad is None else then_rad)
+        return x, LawOutput(steer_rad, 0.0, 0.0, observed.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
     monkeypatch.setattr(
         "steer_by_wire.controller.node.law_runner.design_law", lambda _settings: design
     )
-    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    return link(limits={"steer_rate_rad_s_max": 1000.0})
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_law_that_fails_is_counted_held_and_started_anew(
+    monkeypatch: pytest.MonkeyPatch, bad: float
+) -> None:
+    plant = law_that_steers(monkeypatch, 0.1, 0.1, bad)
     plant.drive(3, 0.2)
     assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
     plant.drive(20, 0.2)
@@ -218,16 +226,7 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Measurements stay good: without this the last command would be held for ever."""
-    outputs = iter([0.1, 0.1])
-
-    def step(_p: None, x: float, observed: LawInput) -> tuple[float, LawOutput]:
-        return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, observed.lateral_error_m)
-
-    design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr(
-        "steer_by_wire.controller.node.law_runner.design_law", lambda _settings: design
-    )
-    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    plant = law_that_steers(monkeypatch, 0.1, 0.1, then_rad=math.nan)
     plant.drive(6, 0.2)
     assert [command.mode for command in plant.commands[2:]] == [
         Mode.HOLDING,
