@@ -185,8 +185,8 @@ def test_a_signal_reaches_the_command_and_its_answer_comes_back(backend: str) ->
 
 def test_ctrl_c_at_the_terminal_comes_once(backend: str) -> None:
     script = (
-        "n=0; trap 'n=$((n+1))' INT; stty size; i=0; "
-        "while [ $i -lt 4 ]; do sleep 0.2; i=$((i+1)); done; echo $n times; tty; exit 5"
+        "n=0; trap 'n=$((n+1))' INT; stty size; while [ $n = 0 ]; do sleep 0.1; done; i=0; "
+        "while [ $i -lt 3 ]; do sleep 0.2; i=$((i+1)); done; echo $n times; tty; exit 5"
     )
     terminal, theirs = os.openpty()
     command = ["setsid", "--ctty", *COMMAND, "--backend", backend, "sh", "-c", script]
