@@ -60,7 +60,7 @@ import can
 def test_a_frame_arrives(can_bus, recording):
     with can_bus.open() as sender, can_bus.open() as receiver:
         sender.send(can.Message(arbitration_id=0x123, data=b"ab", is_extended_id=False))
-        message = receiver.recv(10.0)
+        message = receiver.recv(300.0)
     assert message.arbitration_id == 0x123
     assert recording.is_file()
 """

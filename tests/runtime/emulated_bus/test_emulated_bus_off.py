@@ -36,6 +36,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from tests.support.running_program import PATIENCE_S
 
 BITRATE_BIT_S = 500_000
 BIT_NS = NS_PER_S // BITRATE_BIT_S
@@ -266,7 +267,7 @@ def test_a_client_of_python_can_asks_is_notified_through_its_filters_and_is_refu
             bus.set_filters([{"can_id": 0x7, "can_mask": 0x7FF, "extended": False}])
             bus.send(can.Message(arbitration_id=0x100, is_extended_id=False))
             bus.send_bus_off(0x100, 0.01)  # type: ignore[attr-defined]
-            reported = [bus.recv(10.0), bus.recv(10.0)]
+            reported = [bus.recv(PATIENCE_S), bus.recv(PATIENCE_S)]
             assert [one and (one.is_error_frame, one.arbitration_id) for one in reported] == [
                 (True, 0x40),
                 (True, 0x100),

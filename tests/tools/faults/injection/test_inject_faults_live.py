@@ -164,7 +164,7 @@ def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> 
         can.Bus(**options, address=address) as own,  # type: ignore[arg-type]
     ):
         node.send(can.Message(arbitration_id=COMMAND_ID, is_extended_id=False))
-        assert own.recv(10.0) is not None
+        assert own.recv(PATIENCE_S) is not None
         port = BusPort(own)
         whole, cut, early = (BusOffFault(fault, START_NS, port) for _ in range(3))
         assert whole.next_due_ns == START_NS + NS_PER_S
@@ -173,7 +173,7 @@ def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> 
         assert whole.next_due_ns == START_NS + 3 * NS_PER_S
         assert whole.act(START_NS + 3 * NS_PER_S) == "restart"
         assert whole.close() == "", "nothing lasts"
-        heard = [node.recv(10.0) for _ in range(2)]
+        heard = [node.recv(PATIENCE_S) for _ in range(2)]
         assert [one and one.arbitration_id for one in heard] == [0x40, 0x100]
         assert cut.act(START_NS + NS_PER_S) == "bus-off"
         assert cut.close() == "restart"
