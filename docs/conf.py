@@ -8,6 +8,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import SkipNode
+from docutils.utils.math.latex2mathml import tex2mathml
+
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS))
 
@@ -22,6 +25,8 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery"]
 exclude_patterns = ["_build", "gallery/**/*.ipynb"]
 
 myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "mathml"
 highlight_language = "text"
 
 # Links to others' documentation: INTERSPHINX=1 make docs, with a network.
@@ -72,8 +77,15 @@ def without_fields(_app: Any, what: str, *_: Any) -> tuple[str, None] | None:
     return ("", None) if what == "class" else None
 
 
+def write_mathml(writer: Any, node: Any) -> None:
+    """Write a formula in the browser's own language, which needs no script and no network."""
+    writer.body.append(tex2mathml(node.astext(), as_block=node.tagname == "math_block"))
+    raise SkipNode
+
+
 def setup(app: Any) -> None:
     """Write the generated pages before Sphinx looks for pages."""
     write_pages(DOCS / "generated")
+    app.add_html_math_renderer("mathml", (write_mathml, None), (write_mathml, None))
     app.connect("autodoc-process-docstring", name_lists)
     app.connect("autodoc-process-signature", without_fields)

@@ -113,7 +113,7 @@ def messages_page() -> str:
         "# Messages and signals\n\nEvery message of `dbc/steer_by_wire.dbc`. Bits count from the"
         " lowest of byte 0; a payload is little-endian, signed signals are in two's complement."
         " Bytes 0 to 2 are the [E2E header](../wire_contract.md#protection-autosar-e2e-profile-5)"
-        " where a message has a Data ID. A value is the raw integer times the resolution.\n"
+        " where a message has a Data ID. The raw integer is the value over what follows *by*.\n"
     )
     return "\n".join([intro, *map(_message, load_database().messages)])
 
@@ -136,7 +136,7 @@ def _message(message: Message) -> str:
         [
             f"## {message.name} 0x{message.frame_id:X}\n\n{message.comment}\n",
             f"{'; '.join(facts)}.\n",
-            "| Signal | First | Bits | Unit | Resolution | Range | Meaning |\n" + "|---" * 7 + "|",
+            "| Signal | Bits | Value | Meaning |\n|---|---|---|---|",
             *(_signals(list(alike)) for _, alike in groupby(signals, _series)),
             "",
         ]
@@ -150,14 +150,13 @@ def _series(signal: Signal) -> str:
 
 def _signals(alike: list[Signal]) -> str:
     signal = alike[0]
+    bits = ", ".join(f"{one.start} to {one.start + one.length - 1}" for one in alike[:2])
+    step = f" by {signal.scale:g}" if signal.scale != 1 else ""
     choices = "; ".join(f"{raw} {text}" for raw, text in (signal.choices or {}).items())
     cells = (
         signal.name if len(alike) == 1 else f"{signal.name} to {alike[-1].name}",
-        ", ".join(str(one.start) for one in alike),
-        f"{signal.length}{' signed' if signal.is_signed else ''}",
-        signal.unit or "",
-        f"{signal.scale:g}",
-        f"{signal.minimum:.9g} to {signal.maximum:.9g}",
+        f"{bits}{', ...' if len(alike) > 2 else ''}{' signed' if signal.is_signed else ''}",
+        f"{signal.minimum:.9g} to {signal.maximum:.9g} {signal.unit or ''}{step}",
         f"{signal.comment} {choices}".strip(),
     )
     return "|" + "".join(f" {cell} |" for cell in cells)
