@@ -164,11 +164,8 @@ def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) ->
         program.conclude(controller_preset("practical_predictor"), controller)
         reported = capsys.readouterr().err.splitlines()
         assert len(reported) == lines
-    _, controller = driven(["sensor_period_ms=20"])
-    program.conclude(controller_preset("practical_predictor"), controller)
-    assert (
-        "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
-    )
+        said = "sensor period was about 20 ms, but link.sensor_period_ms = 10"
+        assert all(said in line for line in reported)
 
 
 @pytest.mark.parametrize(
