@@ -2,8 +2,9 @@
 
 python -m steer_by_wire.closed_loop.rig.command WORDS...
 
-The program is in a process group of its own, so that nothing of it stays when it has to end: SIGINT
-and SIGTERM reach the whole group, and SIGKILL if it does not end within GRACE_S.
+The program is in a process group of its own, so that nothing of it stays when it has to end: asked
+by SIGINT or SIGTERM, this sends SIGTERM to the whole group, as a service manager does, and SIGKILL
+if it does not end within GRACE_S.
 """
 
 import os
@@ -16,10 +17,15 @@ from types import FrameType
 
 GRACE_S = 3.0
 STATUS_NOT_FOUND = 127
+STATUS_KILLED = 124
+"""It did not end when asked to, as with timeout(1)."""
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status, 0 when it was asked to end and did."""
+    """Run the program; returns its exit status, 0 when it was asked to end and did.
+
+    STATUS_KILLED if it did not.
+    """
     command = list(sys.argv[1:] if words is None else words)
     try:
         program = subprocess.Popen(command, start_new_session=True)
@@ -28,16 +34,18 @@ def main(words: Sequence[str] | None = None) -> int:
         return STATUS_NOT_FOUND
     asked = False
 
-    def end(number: int, _frame: FrameType | None) -> None:
+    def end(_number: int, _frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
-        _signal_group(program.pid, signal.Signals(number))
+        _signal_group(program.pid, signal.SIGTERM)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     status = _wait(program, lambda: asked)
     _signal_group(program.pid, signal.SIGKILL)
-    return 0 if asked else status
+    if not asked:
+        return status
+    return STATUS_KILLED if status == -signal.SIGKILL else 0
 
 
 def _wait(program: "subprocess.Popen[bytes]", was_asked: Callable[[], bool]) -> int:

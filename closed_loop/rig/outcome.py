@@ -20,6 +20,8 @@ from ...runtime.node import NS_PER_MS
 from ..pair_result import PairFiles, Trace, rms
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
+from .command import GRACE_S
+from .conduct import DBC_RATE_HZ, NOTHING_SENT, sent_in
 
 _LATE = 1.8
 """Periods after which a measurement counts as late: more than the jitter of a bus explains."""
@@ -81,6 +83,8 @@ class Outcome(NamedTuple):
     ``trace``     time histories; empty when the plant was never driven
     ``ending``    how the controller ended, if it did before the plant or in its safe state
     ``cut_off``   why the log ends before the run, if it does
+    ``rate_hz``   of the commands that is expected: that of the DBC, or of the controller's settings
+    ``remains``   whether the controller had to be killed at the end
     """
 
     files: PairFiles
@@ -90,6 +94,8 @@ class Outcome(NamedTuple):
     trace: Trace
     ending: str = ""
     cut_off: str = ""
+    rate_hz: float = DBC_RATE_HZ
+    remains: bool = False
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -118,11 +124,20 @@ class Outcome(NamedTuple):
         peak_m: float | None = None,
         cg_rms_m: float | None = None,
         cg_peak_m: float | None = None,
+        rate: bool = True,
+        flood: bool = True,
+        end: bool = True,
     ) -> None:
         """Demand the verdict "holds", the whole motion without a fallback, and these limits [m].
 
         ``rms_m``, ``peak_m``        of the lateral error at the preview point
         ``cg_rms_m``, ``cg_peak_m``  of the deviation of the centre of gravity
+
+        Further demands; False switches one off:
+
+        ``rate``   commands come at about ``rate_hz``
+        ``flood``  the controller sends at most FRAMES_PER_COMMAND frames for each of these
+        ``end``    it ends within GRACE_S of SIGTERM
         """
         failures = list(self._incomplete())
         if self._was_driven and self.report["verdict"] != Verdict.HOLDS:
@@ -135,6 +150,13 @@ class Outcome(NamedTuple):
         ):
             if limit_m is not None and self._was_driven and not value_m <= limit_m:
                 failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
+        sent = sent_in(self.files.candump_log) if rate or flood else NOTHING_SENT
+        failures += [
+            *(sent.flood(self.rate_hz) if flood else ()),
+            *(sent.wrong_rate(self.rate_hz) if rate else ()),
+        ]
+        if end and self.remains:
+            failures.append(f"the controller did not end within {GRACE_S:g} s of SIGTERM")
         if failures:
             self._fail(*failures)
 

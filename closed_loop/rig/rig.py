@@ -25,7 +25,7 @@ from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.node import NEVER_NS, ReportingNode
+from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
@@ -39,6 +39,7 @@ from ..processes import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
 from ..virtual_bus import QUIET_BUS
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
+from .command import STATUS_KILLED
 from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
@@ -120,10 +121,11 @@ class Rig:
         plant = judged_like(self.settings, settings)
         files.write_settings(plant, settings)
         if in_real_time:
-            return self._in_real_time(plant, files)
-        return self._in_virtual_time(
-            lambda start_ns: ControllerNode(settings, start_ns), plant, files
-        )
+            outcome = self._in_real_time(plant, files)
+        else:
+            make_node = partial(ControllerNode, settings)
+            outcome = self._in_virtual_time(make_node, plant, files)
+        return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
@@ -153,9 +155,10 @@ class Rig:
             with LivePair(bus, files, controller=command) as pair:
                 ending = self._wait(pair.programs)
             report = pair.report(PLANT)["node"]
+            remains = not ending and pair.programs.status(CONTROLLER) == STATUS_KILLED
         trace, cut_off = Trace.read(files.plant_trace), pair.recording_failure
         where = channels.description
-        return Outcome(files, where, settings, report, trace, ending, cut_off)
+        return Outcome(files, where, settings, report, trace, ending, cut_off, remains=remains)
 
     def _wait(self, programs: Processes) -> str:
         """Wait for the end of the plant or of the controller; returns how the latter ended."""

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -38,7 +39,7 @@ def test_the_same_rig_gives_each_controller_the_same_network(tmp_path: Path) -> 
     assert by_name.files.folder != by_node.files.folder
 
 
-def failure_of(outcome: Outcome, **limits: float) -> list[str]:
+def failure_of(outcome: Outcome, **limits: Any) -> list[str]:
     with pytest.raises(AssertionError) as caught:
         outcome.assert_holds(**limits)
     return str(caught.value).splitlines()
