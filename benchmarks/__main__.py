@@ -21,9 +21,9 @@ from benchmarks import batch, loop
 from benchmarks.bus import benchmark as bus
 from benchmarks.measurement import line_record, lines_table
 from steer_by_wire.runtime.command_line import (
-    add_json_argument,
     add_subcommand,
     command_parser,
+    output_file,
     run_main,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -43,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, module in (("loop", loop), ("batch", batch), ("bus", bus)):
         added = add_subcommand(parsers, name, module.__doc__, f"{NAME} {name}")
         module.add_arguments(added)
-        add_json_argument(added)
+        added.add_argument(
+            "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+        )
         added.set_defaults(measure=module.measure)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 

@@ -81,13 +81,6 @@ def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = 
     parser.add_argument("--out", type=Path, default=Path(default), metavar="DIR", help=help_text)
 
 
-def add_json_argument(parser: argparse.ArgumentParser) -> None:
-    """Add ``--json``, a file for the figures that are also printed."""
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
-    )
-
-
 def add_overrides_argument(
     parser: argparse._ActionsContainer,
     option: str = "--set",

@@ -9,7 +9,6 @@ A continuous latency is rounded to the nearest step, which keeps its mean: one s
 is then as good as ten that round up. A latency of zero arrives in the very step it is sent in.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -44,12 +43,6 @@ def gamma_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
 
     shape = (mean_s / spread_s) ** 2
     return lambda t: np.asarray(gammainc(shape, np.maximum(t, 0.0) * shape / mean_s))
-
-
-def uniform_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
-    """Return the uniform distribution; what lies below zero counts as zero, as in the plant."""
-    width_s = math.sqrt(12.0) * spread_s
-    return lambda t: np.clip((t - mean_s) / width_s + 0.5, 0.0, 1.0)
 
 
 def constant_cdf(mean_s: float) -> LatencyCdf:
