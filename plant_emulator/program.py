@@ -4,6 +4,7 @@ steer-by-wire plant --preset paper_nominal -i socketcan -c vcan0 --set latency.d
 """
 
 import argparse
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,8 @@ from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
 from .faults.stage import FaultyNode, with_faults
 from .node.node import RECEIVED, SENT, PlantNode
+from .path.drivability import undrivable
+from .path.shapes import build_path
 from .settings import PRESETS, PlantSettings, shared_vehicle
 from .vehicle.motion_parameters import motion_params
 
@@ -61,6 +64,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
+    if warning := undrivable(build_path(settings.path), settings.vehicle.speed_m_s):
+        say(NAME, warning, sys.stderr)
     params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX

@@ -73,6 +73,7 @@ from steer_by_wire.tools.design.stop_and_resume import (
 )
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
+    course_line,
     plant_text,
     refuse_what_the_plant_does_not_drive,
 )
@@ -127,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="also run every corner and delay in virtual time, half a second each",
     )
     parser.add_argument(
-        "--minutes", type=number(0.0, 10_000.0), default=MINUTES, metavar="M",
+        "--minutes", type=number(0.0, 10_000.0, excludes_low=True), default=MINUTES, metavar="M",
         help="longest search of a law (default: %(default)g)",
     )  # fmt: skip
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
@@ -149,6 +150,7 @@ def _run(options: argparse.Namespace) -> int:
         return int(ExitStatus.OK)
     spec = load_settings(Specification, None, options.spec, options.overrides)
     refuse_what_the_plant_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
+    course = course_line(spec, vehicle)
     pictures = options.pictures or options.out
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)
@@ -165,6 +167,7 @@ def _run(options: argparse.Namespace) -> int:
         f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
         f" {spec.minimise.replace('_', ' ')}"
     )
+    print(course)
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
     progress, ctrl_c = shared_progress(len(jobs)), CtrlC(NAME)
@@ -172,7 +175,7 @@ def _run(options: argparse.Namespace) -> int:
     with worker_pool(workers, begin_worker, progress) as pool:
         futures = [pool.submit(run_job, job) for job in jobs]
         with ending_signals(ctrl_c):
-            _watch(console, linear_laws(spec), futures, progress, ctrl_c)
+            _watch(console, linear_laws(spec), futures, progress, options.minutes, ctrl_c)
         for job, future in zip(jobs, futures, strict=True):
             files = LawFiles(options.out, preset_name(spec, job.law))
             try:
@@ -230,7 +233,7 @@ def _design_predictor(
     kept = kept_costs(files.search, spec, vehicle, fallback)
     with _bars(console, TextColumn("predictor")) as bars:
         task = bars.add_task(files.name, total=1.0, best="")
-        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal, minutes=options.minutes)
 
         def show(done: float, best: float) -> None:
             bars.update(task, completed=done, best=f"best {best:.4g}")
@@ -264,13 +267,14 @@ def _watch(
     laws: Sequence[str],
     futures: Sequence[Future[Design]],
     shared: SharedProgress,
+    minutes: float,
     ctrl_c: CtrlC,
 ) -> None:
     """Show the searches until all have ended."""
     with _bars(console, TextColumn("{task.description:8}")) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)
-        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal, minutes=minutes)
         while waiting:
             _, waiting = wait(waiting, timeout=_POLL_S)
             if ctrl_c.is_pressed:
@@ -318,13 +322,20 @@ class ProgressLines:
     """Prints on standard error how much of each search is done, and how long the rest may take.
 
     ``is_shown``  whether to print; a terminal has bars instead
+    ``minutes``   after which a search ends
     """
 
     def __init__(
-        self, name: str, *, is_shown: bool, clock_s: Callable[[], float] = time.monotonic
+        self,
+        name: str,
+        *,
+        is_shown: bool,
+        minutes: float = math.inf,
+        clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._name = name
         self._is_shown = is_shown
+        self._longest_s = 60.0 * minutes
         self._clock_s = clock_s
         self._begin_s = self._last_s = clock_s()
         self._first: dict[str, tuple[float, float]] = {}
@@ -344,10 +355,11 @@ class ProgressLines:
         print(text, file=sys.stderr, flush=True)
 
     def _in_words(self, what: str, share: float, now_s: float) -> str:
-        since_s, first = self._first[what]
+        begin_s, first = self._first[what]
         if not first < share < 1.0:
             return f"{what} {100.0 * share:.0f} %"
-        left_s = (now_s - since_s) * (1.0 - share) / (share - first)
+        since_s = now_s - begin_s
+        left_s = min(since_s * (1.0 - share) / (share - first), self._longest_s - since_s)
         return f"{what} {100.0 * share:.0f} % (about {left_s:.0f} s left)"
 
 

@@ -219,8 +219,10 @@ def find(
     ``kept``   costs of an earlier search for the same that was stopped
     """
 
+    starts = coarse.spec.search.starts
+
     def show_coarse(costs: Collection[float]) -> None:
-        progress(_COARSE_SHARE, min(costs))
+        progress(_COARSE_SHARE * begun / starts, min(costs))
 
     def show_fine(costs: Collection[float]) -> None:
         left = 0.5 ** (len(costs) / _HALVED_AFTER)
@@ -229,11 +231,11 @@ def find(
     kept = KeptCosts() if kept is None else kept
     lattice = _Lattice(coarse, law, kept, show_coarse, None)
     finely = _Lattice(fine, law, kept, show_fine, coarse)
-    judged, ended = 0, True
+    begun, judged, ended = 0, 0, True
     reached = 0.5 * bounds_of(coarse, law).sum(axis=0)
     try:
-        for start in range(coarse.spec.search.starts):
-            before = judged
+        for start in range(starts):
+            begun, before = start + 1, judged
             for generation in _evolution(coarse, law, start, progress, kept):
                 reached, judged = generation.best, before + generation.judged
             descend(lattice.cost, _nearest(lattice, law, reached))

@@ -93,9 +93,15 @@ class DStabilityTable(Settings):
 
 
 class CourseTable(Settings):
-    """`[course]`: the paths to be driven, each from rest on it and for the same time."""
+    """`[course]`: the paths to be driven, each from rest on it and for the same time.
+
+    ``friction``           the least of the roads that the vehicle's virtual masses stand for
+    ``friction_share_max``  how much of it the bends may need at the highest speed
+    """
 
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
+    friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
+    friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
     paths: Annotated[tuple[PathSettings, ...], Field(min_length=1, max_length=20)]
 
 

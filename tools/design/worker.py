@@ -53,8 +53,9 @@ def run_job(job: Job) -> Design:
     """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
     files = LawFiles(job.preset_folder, preset_name(job.spec, job.law))
     kept = kept_costs(files.search, job.spec, job.vehicle, job.law)
-    progress = stopped_after(job.minutes, partial(report_progress, job.place))
-    progress(0.0, math.inf)
+    show = partial(report_progress, job.place)
+    show(0.0, math.inf)
+    progress = stopped_after(job.minutes, show)
     try:
         found = design(job.spec, job.vehicle, job.law, progress, kept)
     except NoDesignError as error:

@@ -250,6 +250,11 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
         "design: 10 s: pd 33 % (about 20 s left), pd_dob 0 % of the search",
         "design: 20 s: pd 67 % (about 10 s left), pd_dob 0 % of the search",
     ]
+    now_s = 0.0
+    lines = ProgressLines("design", is_shown=True, minutes=0.5, clock_s=lambda: now_s)
+    for now_s in (0.0, 10.0):
+        lines.update({"pd": now_s / 1000})
+    assert "pd 1 % (about 20 s left)" in capsys.readouterr().err  # and not 990 s
     ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
     assert not capsys.readouterr().err
 
@@ -399,6 +404,12 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
         ("spec", "d_stability.bandwidth_rad_s = 0.1", "radius"),
         ("spec", "d_stability.bandwidth_rad_s = 1000", "must be below pi * rate_hz"),
         ("spec", 'minimise = "fun"', "minimise"),
+        ("spec", "course.friction = 0.006", "0.0643 m/s² at 1.389 m/s, 1.09 of what friction"),
+        (
+            "spec",
+            "course.friction_share_max = 0.006",
+            "0.01 of what friction 1 gives; at most",
+        ),
     ],
 )
 def test_a_mistake_in_a_file_is_one_line_and_status_2(
