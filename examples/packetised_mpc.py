@@ -17,6 +17,7 @@ with angle and rate limited: least distance programming, Lawson and Hanson 1974.
 """
 
 from functools import lru_cache
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,7 +79,7 @@ def terms(
     ends, found = (len(plan) - 1) * spacing, []
     planned = np.interp(np.arange(ends + 1), np.arange(0, ends + 1, spacing), plan)
     for k in range(ends + TAIL):
-        u = float(planned[k]) if k <= ends else steer_for(g, z)
+        u = float(planned[k]) if k <= ends else steer_for(g, z, inf)
         u_ss = per_curvature * z.curvature_1_m - z.offset_rad
         found += [weight_rad_m * z.lateral_error_m, u - u_ss]
         z = vehicle_estimator.step_on_path(g, loop_delay, history, z, u)

@@ -16,6 +16,8 @@ from .linear_system import filled, floats_of
 from .loop_signals import Timing
 
 _RING = 4096
+_UNIT = 2.0**-20
+"""A small unit, so that no limit is met; scaling by a power of two rounds nothing."""
 _SETTLED_NS = 1_500_000_000
 """Time after which a law's filter has settled."""
 
@@ -33,19 +35,19 @@ def unit_responses(
     at_rest = own_floats(rest)
     responses = [design.step(params, rest, loop_input.observed(tick))]
     for unit in range(len(at_rest)):
-        moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
+        moved = iter([*at_rest[:unit], at_rest[unit] + _UNIT, *at_rest[unit + 1 :]])
         responses.append(design.step(params, filled(rest, moved, float), loop_input.observed(tick)))
     numbers = [(loop_input.sent_rad, number) for number in ticks]
     for sample in samples:
         numbers += [(loop_input.lateral_error_m, sample), (loop_input.heading_error_rad, sample)]
     for ring, number in numbers:
-        ring[number % _RING] = 1.0
+        ring[number % _RING] = _UNIT
         responses.append(design.step(params, rest, loop_input.observed(tick)))
         ring[number % _RING] = 0.0
     if timing.samples_per_state:
-        responses.append(design.step(params, rest, loop_input.observed(tick, 1.0)))
+        responses.append(design.step(params, rest, loop_input.observed(tick, _UNIT)))
     rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in responses]
-    columns: FloatArray = np.array(rows) - np.array(rest_rows)
+    columns: FloatArray = (np.array(rows) - np.array(rest_rows)) / _UNIT
     return columns.T
 
 

@@ -3,7 +3,7 @@
 Every period the predictor's own model runs on beyond the time at which this period's command acts,
 with the loop closed by the predictor's own feedback:
 
-    x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then u_ss - K (x[k] - x_ss)
+    x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then u_ss - K (x[k] - x_ss), limited
 
 u at every ``spacing`` samples is the plan (``controller.history.plan``). The plant plays the newest
 plan by its own clock, so that a late or lost frame costs only what the plan before did not foresee.
@@ -106,7 +106,7 @@ def packet_plan(p: PacketParams, x: PredictorState, observed: LawInput) -> int:
         if z.sample < acts:
             steer_rad = command_from(inside.loop_delay, loop_delay, history, z.sample)
         else:
-            steer_rad = steer_for(gains, z)
+            steer_rad = steer_for(gains, z, inside.steer_rad_max)
         age = z.sample - first
         if age % spacing == 0 or z.sample == newest:  # the first value is for before, or now
             row[2 + age // spacing] = steer_rad

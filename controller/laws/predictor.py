@@ -8,13 +8,16 @@ expected to act; and
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
 
 with the steer u_ss and the state x_ss that hold the vehicle on a path of curvature ρ with a
-steering offset d, and K_lqr optimal for the vehicle at its speed. Not in SAE 2018-01-1086.
+steering offset d, and K_lqr optimal for the vehicle at its speed. u may be limited to a lateral
+acceleration: a command that the steering would not let pass makes the prediction wrong. Not in SAE
+2018-01-1086.
 
 While the delay is unknown, as before the first echo or when echoes stop, the law is pd_ddob, which
 does not need it; its observers run all the time. When one law takes over from the other, the
 difference of their commands is added and fades out.
 """
 
+from math import inf
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
@@ -24,7 +27,7 @@ from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
 from ..limits.fading import FADE_RAD_S, difference_step
-from ..prediction.gains import Feedback, design_schedule, together
+from ..prediction.gains import Feedback, design_schedule, steady_turn_rad, together
 from ..prediction.measured_vehicle import (
     SET,
     MeasuredParams,
@@ -63,6 +66,8 @@ class PredictorSettings(Settings):
     """Weight of the followed point's deviation in the cost: as bad as a metre."""
     horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     """Longest prediction; for a longer delay the law is pd_ddob."""
+    lateral_acceleration_m_s2_max: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Of the steady turn that a command asks for at most; None: no such limit."""
     measures_lag: bool = False
     """Whether the steering's lag is taken from the bus, once it is known."""
     measures_mass: bool = False
@@ -76,6 +81,7 @@ class PredictorParams(NamedTuple):
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
     ``horizon_samples_max``  longest prediction; for a longer delay the law is pd_ddob
     ``settling_samples``     time for which a filter started during a run is not used
+    ``steer_rad_max``        steer that gives the largest lateral acceleration
     """
 
     gains: VehicleGains
@@ -85,6 +91,7 @@ class PredictorParams(NamedTuple):
     fade_step_rad: float
     horizon_samples_max: float
     settling_samples: int
+    steer_rad_max: float
 
 
 class PredictorState(NamedTuple):
@@ -131,7 +138,7 @@ def predictor_step(
         is_predicting = loop_delay.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
             ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
-            steer_rad = steer_for(gains, ahead)
+            steer_rad = steer_for(gains, ahead, p.steer_rad_max)
             output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
     # The steps between two masses are small, and a plan does not fade.
     is_new = is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice
@@ -174,6 +181,8 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     Raises SettingsError where there is no gain at one of the speeds.
     """
     table = settings.table_of(PredictorSettings)
+    limit_m_s2 = table.lateral_acceleration_m_s2_max
+    acceleration_m_s2 = inf if limit_m_s2 is None else limit_m_s2
     period_s, sensor_period_s = settings.period_s, settings.link.sensor_period_s
     vehicle = vehicle_of(settings)
     behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
@@ -210,6 +219,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
             fade_step_rad,
             horizon_samples_max,
             settling_samples,
+            steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2),
         )
 
     return Schedule(at)

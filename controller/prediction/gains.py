@@ -37,6 +37,8 @@ BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8
 SPEED_M_S_MAX = 82.0
 """Just beyond what VEHICLE_STATE can carry."""
+_SPEED_M_S_MIN = 0.1
+"""Below, a turn takes more steer than any wheel has."""
 _MEASURED = (Y, PSI)
 _FREE = (BETA, R, PSI, Y)
 _FILTERED = (BETA, R, PSI, Y, RHO, D)
@@ -147,6 +149,24 @@ def design_schedule(
             " walks nearer to their defaults, or another range of speeds"
         ) from error
     return GainSchedule(speeds, gains)
+
+
+def steady_turn_rad(
+    vehicle: VehicleModelSettings, speed_m_s: float, acceleration_m_s2: float
+) -> float:
+    """Return the steer of a steady turn with a lateral acceleration [rad].
+
+    a_y (L + K V²)/V²,  K = m̃/L (l_r/c_f - l_f/c_r); that of a neutral vehicle, a_y L/V², from the
+    critical speed of an oversteering one on.
+    """
+    wheelbase_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
+    compliance = (
+        vehicle.rear_axle_distance_m / vehicle.front_cornering_stiffness_n_rad
+        - vehicle.front_axle_distance_m / vehicle.rear_cornering_stiffness_n_rad
+    )
+    squared = max(speed_m_s, _SPEED_M_S_MIN) ** 2
+    turning_m = wheelbase_m + vehicle.virtual_mass_kg / wheelbase_m * compliance * squared
+    return acceleration_m_s2 / squared * (turning_m if turning_m > 0.0 else wheelbase_m)
 
 
 def sampled_vehicles(

@@ -40,12 +40,24 @@ def predict(
     )
 
 
-def steer_for(g: VehicleGains, x: EstimatorState) -> float:
-    """Return the command for a state [rad]."""
-    return (
+def steer_for(g: VehicleGains, x: EstimatorState, steer_rad_max: float) -> float:
+    """Return the command for a state, ``steer_rad_max`` to either side at most [rad].
+
+    The lateral error may ask for half of that. So the vehicle approaches its path at a bounded
+    angle, and the other half can turn it back in time.
+    """
+    towards_rad, half_rad = g.steer_y * x.lateral_error_m, 0.5 * steer_rad_max
+    if towards_rad > half_rad:
+        towards_rad = half_rad
+    elif towards_rad < -half_rad:
+        towards_rad = -half_rad
+    steer_rad = (
         g.steer_rho * x.curvature_1_m
         + g.steer_d * x.offset_rad
         - (g.steer_beta * x.side_slip_rad + g.steer_r * x.yaw_rate_rad_s)
-        - (g.steer_psi * x.heading_error_rad + g.steer_y * x.lateral_error_m)
+        - (g.steer_psi * x.heading_error_rad + towards_rad)
         - g.steer_delta * x.wheel_rad
     )
+    if steer_rad > steer_rad_max:
+        return steer_rad_max
+    return -steer_rad_max if steer_rad < -steer_rad_max else steer_rad

@@ -1,5 +1,6 @@
 """The predictor's parts against independent views: model, commands in effect, prediction."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -149,9 +150,9 @@ def test_on_a_circle_the_steer_of_the_steady_state_holds_the_circle(
     x = EstimatorState(
         0, side_slip_rad, speed_m_s * curvature_1_m, heading_rad, 0.0, curvature_1_m, 0.0, steer_rad
     )
-    assert steer_for(g, x) == pytest.approx(steer_rad, rel=1e-9)
+    assert steer_for(g, x, math.inf) == pytest.approx(steer_rad, rel=1e-9)
     for _ in range(500):
-        x = model_step(g, x, steer_for(g, x))
+        x = model_step(g, x, steer_for(g, x, math.inf))
     assert abs(x.lateral_error_m) < 1e-9
     assert x.heading_error_rad == pytest.approx(heading_rad, rel=1e-6)
 
@@ -161,7 +162,7 @@ def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
     g = gains(1.39, lag_s)
     x = EstimatorState(0, 0.0, 0.0, 0.1, 0.5, 0.0, 0.03, 0.0)
     for _ in range(6000):
-        x = model_step(g, x, steer_for(g, x))
+        x = model_step(g, x, steer_for(g, x, math.inf))
     assert abs(x.lateral_error_m) < 1e-9
     assert x.wheel_rad == pytest.approx(-0.03, abs=1e-9)
 

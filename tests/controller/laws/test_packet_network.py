@@ -1,0 +1,61 @@
+"""Plans on networks that lose commands in bursts: no lane is lost, neither where it once was nor in
+runs drawn.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire import run_study, simulate
+from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
+from steer_by_wire.plant_emulator.settings import plant_preset
+
+LANE_M = VerdictRules().road_m
+PATH = 'kind="single_lane_change", start_m=33.333333333333336, offset_m=3.5, length_m=60.0'
+SPEED_M_S = 16.666666666666668
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1])
+def test_a_plan_does_not_play_a_counter_steer_through_the_next_burst(delay_s: float) -> None:
+    """With this seed the vehicle left its lane: the plan asked for a steer that nothing passed."""
+    plant = plant_preset(
+        "highway_nominal",
+        [
+            f"vehicle.speed_m_s={SPEED_M_S}",
+            f"path={{{PATH}}}",
+            f"latency.downlink={{mean_s={delay_s}, loss=0.25, burst_frames=15}}",
+        ],
+    )
+    run = simulate(plant, "highway_packet", seed=2022943290145447842, duration_s=10.0)
+    assert 0.3 < abs(run.plant.lateral_error_m).max() < 0.75
+    assert abs(run.controller.sent_rad).max() < 0.23  # 16 m/s² at 60 km/h
+
+
+def test_no_drawn_run_loses_its_lane(tmp_path: Path) -> None:
+    file = tmp_path / "bursts.toml"
+    file.write_text(
+        f"""
+[base]
+plant_preset = "highway_nominal"
+controllers = ["highway_predictor", "highway_packet"]
+variants.known = {{ preset = "highway_packet", plant.path_ahead = {{}} }}
+[base.plant]
+duration_s = 10.0
+vehicle.speed_m_s = {SPEED_M_S}
+path = {{ {PATH} }}
+latency.downlink = {{ loss = 0.25, burst_frames = 15.0 }}
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+values = [0.0, 0.2]
+[sampling]
+seed = 3
+replicates = 40
+""",
+        encoding="utf-8",
+    )
+    table = run_study(file)
+    peak_m, law = table["peak_m"], table["controller"]
+    assert np.all(peak_m < LANE_M), table["seed"][peak_m >= LANE_M]
+    # A bend that begins in a silence is lost on a law that does not know the path.
+    assert 0.05 < peak_m[law == "known"].max() < peak_m[law != "known"].max()
