@@ -34,8 +34,12 @@ def judged(scenarios: Scenarios, run: int) -> tuple[Verdict, dict[str, float]]:
 def test_off_the_path_is_beyond_a_limit_in_the_last_window(sign: float) -> None:
     assert verdict(figures(np.full(6001, sign * 0.249))) is Verdict.HOLDS
     assert verdict(figures(np.full(6001, sign * 0.251))) is Verdict.OFF_PATH
-    # Once is enough; before the last window it is not asked.
-    for at, expected in ((4400, Verdict.HOLDS), (4600, Verdict.OFF_PATH)):
+    # Once is enough; before the last window it has left the path, unless it has not settled yet.
+    for at, expected in (
+        (400, Verdict.HOLDS),
+        (4400, Verdict.LEFT_PATH),
+        (4600, Verdict.OFF_PATH),
+    ):
         error_m = np.zeros(6001)
         error_m[at] = sign * 0.26
         assert verdict(figures(error_m)) is expected
@@ -72,7 +76,7 @@ def test_what_comes_back_too_late_decays_and_what_does_not_is_off_the_path() -> 
 
 
 def test_the_road_is_left_at_any_time() -> None:
-    for peak_m, expected in ((1.74, Verdict.HOLDS), (1.76, Verdict.LEFT_ROAD)):
+    for peak_m, expected in ((1.74, Verdict.LEFT_PATH), (1.76, Verdict.LEFT_ROAD)):
         error_m = -peak_m * np.exp(-0.5 * (TIME_S - 10.0) ** 2)
         assert verdict(figures(error_m)) is expected
 
@@ -86,7 +90,8 @@ def test_no_run_that_holds_is_off_the_path_or_swings() -> None:
     assert 0 < np.count_nonzero(holds) < 2500
     assert (at["end_peak_m"][holds] <= RULES.off_path_m).all()
     assert not (at["amplitude_m"][holds] >= RULES.swing_m).any()
-    assert not (at["peak_m"][holds] > RULES.road_m).any()
+    assert not (at["followed_peak_m"][holds] > RULES.road_m).any()
+    assert not (at["settled_peak_m"][holds] > RULES.off_path_m).any()
     assert set(found) == set(Verdict)
 
 
