@@ -26,8 +26,9 @@ from .analysis.check_figures import check_figures
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .laws import LAWS
+from .node.fail_if_quantities import QUANTITIES
 from .node.node import RECEIVED, SENT, ControllerNode
-from .node.summary import QUANTITIES, contradictions, controller_summary, verdict_text
+from .node.report_in_words import contradictions, controller_summary, verdict_text
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 from ...closed_loop.lockstep.node import LockstepNode
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus
-from ...controller.node import summary as controller_report
+from ...controller.node import fail_if_quantities as controller_quantities
+from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.evaluation import fail_if_quantities as plant_quantities
@@ -25,7 +26,7 @@ CONTROLLER_PREFIX = "controller_"
 PROGRAMS = (PLANT, CONTROLLER)
 QUANTITIES = {
     **of_part(plant_quantities.QUANTITIES, PLANT),
-    **of_part(controller_report.QUANTITIES, CONTROLLER, CONTROLLER_PREFIX),
+    **of_part(controller_quantities.QUANTITIES, CONTROLLER, CONTROLLER_PREFIX),
 }
 """What ``--fail-if`` may name."""
 

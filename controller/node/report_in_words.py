@@ -1,12 +1,11 @@
-"""What a controller's report says about its run: a summary, the verdict, figures for --fail-if."""
+"""What a controller's report says about its run, in words: a summary, the verdict, warnings."""
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from ...runtime.node import NS_PER_S
 from ...runtime.program.report import causes_line, durations_line
-from ...runtime.program.thresholds import Quantity, Report
+from ...runtime.program.thresholds import Report
 from ..settings import ControllerSettings
 from .run_figures import ControlVerdict
 
@@ -57,38 +56,6 @@ def limited_text(node: Report) -> str:
     limits = (f"{name} {100.0 * share:.3g} %" for name, share in node["limited_share_by"].items())
     share = f"{100.0 * node['limited_share']:.3g} %"
     return f"the controller's [limits] changed {share} of the law's commands ({', '.join(limits)})"
-
-
-def _worked(key: str) -> Quantity:
-    """Return a figure that exists only if the law has run."""
-
-    def read(report: Report) -> float | None:
-        node = report["node"]
-        value: float | None = node[key] if node["active_share"] else None
-        return value
-
-    return Quantity(read)
-
-
-def _round_trip(report: Report) -> float | None:
-    durations = report["node"]["round_trip"]
-    value: float | None = durations["p99_s"] if durations["samples"] else None
-    return value
-
-
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(ControlVerdict)),
-        "no_effect_s": Quantity(lambda report: float(report["node"]["no_effect_s"])),
-        "active_share": Quantity(lambda report: float(report["node"]["active_share"])),
-        "measured_rms_m": _worked("measured_rms_m"),
-        "measured_peak_m": _worked("measured_peak_m"),
-        "limited_share": _worked("limited_share"),
-        "peak_steer_rad": _worked("peak_steer_rad"),
-        "round_trip_p99_s": Quantity(_round_trip),
-        "holds": Quantity(lambda report: float(report["node"]["holds"])),
-    }
-)
 
 
 def contradictions(settings: ControllerSettings, node: Mapping[str, Any]) -> Iterator[str]:
