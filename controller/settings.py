@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ..dbc.codec.protection import SequenceRule
+from ..dbc.codec.sequence import SequenceRule
 from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table

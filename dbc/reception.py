@@ -1,18 +1,18 @@
 """Which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest accepted one (``dbc.codec.protection.SequenceCheck``). Refused frames
-are counted by cause. Frames under the identifiers that the node itself sends are noticed: a node
-does not receive its own, so they come from a second sender.
+counter, newer than the newest accepted one (``dbc.codec.sequence``). Refused frames are counted by
+cause. Frames under the identifiers that the node itself sends are noticed: a node does not receive
+its own, so they come from a second sender.
 """
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
-from .codec.protection import SequenceCheck, SequenceResult, SequenceRule
+from .codec.sequence import CHANGING, SequenceCheck, SequenceResult, SequenceRule
 from .messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
@@ -63,7 +63,7 @@ class Reception:
     ``rule``           what is believed of the counters of each type
     ``sent_types``     what this node alone sends
 
-    ``accepted``, ``refused``  frames so far, refused for any cause
+    ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
     """
 
     def __init__(
@@ -83,7 +83,6 @@ class Reception:
             for message_type in message_types
         }
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
-        self._disputes = dict.fromkeys(self._checks, 0)
         self._own_seen: set[int] = set()
         self._own_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
@@ -125,16 +124,6 @@ class Reception:
                 number |= _PEER
         return _SECOND_SENDERS[number]
 
-    def undisputed(self, message_type: type[Message]) -> Message | None:
-        """Return the last message from before a dispute, once for each; None if it is unknown."""
-        check = self.newest(message_type)
-        if check.disputes == self._disputes[CAN_IDS[message_type]]:
-            return None
-        self._disputes[CAN_IDS[message_type]] = check.disputes
-        content = check.undisputed()
-        unpacked = unpacking(message_type).unpack(content) if isinstance(content, bytes) else None
-        return unpacked[0] if isinstance(unpacked, tuple) else None
-
     def newest(self, message_type: type[Message]) -> SequenceCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""
         check = self._checks[CAN_IDS[message_type]]
@@ -146,6 +135,8 @@ class Reception:
         self, frame: Frame, now_ns: int = 0
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
+
+        Beside a second sender it may be the message of an earlier frame, which comes into use now.
 
         ``now_ns``  when it arrived
         """
@@ -163,9 +154,26 @@ class Reception:
         if check is not None:
             result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
-                return self._refuse(result)
+                return self._later(result, check, unpack)
         self.accepted += 1
         return message
+
+    def _later(
+        self,
+        result: SequenceResult,
+        check: SequenceCheck,
+        unpack: Callable[[bytes], tuple[Message, int] | Rejection],
+    ) -> Message | SequenceResult:
+        """Return what to act on after a frame that is not used at once."""
+        if result is SequenceResult.CONFIRMED:
+            self.accepted += 1
+        elif result is not SequenceResult.WAITING:
+            self._refuse(result)
+        if result in CHANGING and isinstance(check.content, bytes):
+            unpacked = unpack(check.content)
+            if isinstance(unpacked, tuple):
+                return unpacked[0]
+        return result
 
     def _notice_own(self, can_id: int, now_ns: int) -> Rejection:
         """Refuse a frame that only this node sends."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ..dbc.codec.protection import SequenceRule
+from ..dbc.codec.sequence import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import (

@@ -16,7 +16,8 @@ from ...controller.history.history import RING_SIZE, HistoryParams, Rings
 from ...controller.history.plan import ROW_LENGTH
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
-from ...dbc.codec.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.codec.sequence import CHANGING, HALF, SequenceCheck, SequenceRule
 from ...dbc.messages import (
     LateralError,
     Message,
@@ -34,7 +35,7 @@ from ...plant_emulator.sensors.path_ahead import VALUES, curvatures_ahead_1_m, s
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import MotionParams
-from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings.plugin import Part
 from .law_input import Inbox, Uplink, quantised
@@ -166,24 +167,25 @@ def arrivals_of(
     up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
     period_ns = cycle_ns(_MESSAGES[message])
-    believed = _believed(rule, period_ns, number, up.due_ns)
-    return Arrivals(up.due_ns[believed], sample[up.frame][believed])
+    return _believed(rule, period_ns, number, Arrivals(up.due_ns, sample[up.frame]))
 
 
-def _believed(
-    rule: SequenceRule, period_ns: int, number: IntArray, arrival_ns: IntArray
-) -> BoolArray:
-    """Return which frames of a message the check of their counters accepts, as they arrive."""
+def _believed(rule: SequenceRule, period_ns: int, number: IntArray, arrived: Arrivals) -> Arrivals:
+    """Return the frames of a message that the check of their counters lets the controller use."""
     steps = np.diff(number)
     # As ``SequenceRule.step_max`` of the longest period that the check may measure.
-    explained = 1 + (rule.lead_ns + np.diff(arrival_ns)) // period_ns
+    explained = 1 + (rule.lead_ns + np.diff(arrived.arrival_ns)) // period_ns
     if ((steps >= 1) & (steps <= np.minimum(explained, HALF - 1))).all():
-        return np.ones(len(number), dtype=np.bool_)
+        return arrived
     check = SequenceCheck(rule, period_ns)
-    arrivals = zip(number.tolist(), arrival_ns.tolist(), strict=True)
-    # A sample's number identifies the frame, as its payload does in a node.
-    results = [check.check(sample % COUNTERS, now_ns, sample) for sample, now_ns in arrivals]
-    return np.array([result is SequenceResult.ACCEPTED for result in results])
+    used = []
+    for count, now_ns, sample in zip(
+        number.tolist(), *(row.tolist() for row in arrived), strict=True
+    ):
+        # A sample's number identifies the frame, as its payload does in a node.
+        if check.check(count % COUNTERS, now_ns, sample) in CHANGING:
+            used.append((now_ns, check.content))
+    return Arrivals(*np.array(used, dtype=np.int64).T)
 
 
 def _segments(

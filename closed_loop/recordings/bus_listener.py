@@ -9,14 +9,8 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ...dbc.codec.protection import (
-    COUNTERS,
-    HALF,
-    PERIOD_NS_MIN,
-    SequenceCheck,
-    SequenceResult,
-    SequenceRule,
-)
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.codec.sequence import HALF, PERIOD_NS_MIN, SequenceCheck, SequenceResult, SequenceRule
 from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,

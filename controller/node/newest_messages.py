@@ -48,12 +48,6 @@ class Received:
         """Frames refused so far, for any cause."""
         return self.reception.refused + self.unauthenticated
 
-    def on_dispute(self) -> None:
-        """Return to the lateral error before a dispute: the newest may be the second sender's."""
-        undisputed = self.reception.undisputed(LateralError)
-        if isinstance(undisputed, LateralError):
-            self.lateral_error_m = undisputed.lateral_error_m
-
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked if it is stale."""
         arrival_ns = self.states.arrival_ns

@@ -15,7 +15,6 @@ sample; freshness, modes and fallback are decided here, around it.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...dbc.codec.protection import SequenceResult
 from ...dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -133,8 +132,6 @@ class ControllerNode:
             bus_history.on_path(message, received.vehicle.speed_m_s)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
-        elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
-            received.on_dispute()
         return ()
 
     def on_unauthenticated(self) -> None:

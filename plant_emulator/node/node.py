@@ -26,7 +26,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...dbc.codec.protection import SequenceResult
 from ...dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
@@ -67,7 +66,7 @@ RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConf
 SENT = sent_by("PLANT")
 """What the plant alone sends."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEERING}
+_STEERING_IDS = frozenset(CAN_IDS[message_type] for message_type in STEERING)
 
 
 class PlantNode:
@@ -148,8 +147,6 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
-        if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
-            received = self._reception.undisputed(_STEERING_TYPES[frame.can_id])
         if isinstance(received, STEERING):
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
@@ -165,7 +162,7 @@ class PlantNode:
             if self.interventions.take(frame, received, self._motion_ns(now_ns)):
                 self._live_disturbances.ask(received)
                 self.deadline_ns = min(self.deadline_ns, now_ns)
-        elif isinstance(received, Rejection) and frame.can_id in _STEERING_TYPES:
+        elif isinstance(received, Rejection) and frame.can_id in _STEERING_IDS:
             self._unit.on_rejection()
         return ()
 

@@ -85,7 +85,7 @@ def test_a_plan_is_played_no_longer_than_the_plant_permits(plan_ms_max: float, l
     assert wheel[last:64] == [wheel[last]] * (64 - last)
 
 
-def test_in_a_dispute_the_plan_from_before_the_second_sender_is_played_and_silence_begins() -> None:
+def test_beside_a_second_sender_the_plan_from_before_is_played_and_silence_begins() -> None:
     tested = link()
     for number in range(40):
         send_plan(tested, START_NS + number * PERIOD_NS + MS_NS, 0, spacing=4, number=number)
@@ -96,12 +96,12 @@ def test_in_a_dispute_the_plan_from_before_the_second_sender_is_played_and_silen
             )
     tested.tick_until(START_NS + 50 * PERIOD_NS)
     wheel = wheel_rad(tested)
-    assert wheel[21:26] == pytest.approx([-0.0025 * sample for sample in range(21, 26)], abs=1e-5)
-    # Five contradictions are a dispute: that with plan 25, which arrives before sample 26.
-    assert wheel[26:51] == pytest.approx([0.0025 * sample for sample in range(26, 51)], abs=1e-5)
-    assert set(applied(tested)[26:51]) <= set(range(21))
+    assert wheel[21] == pytest.approx(-0.0025 * 21, abs=1e-5)
+    # Plan 21, which arrives before sample 22, contradicts the stolen one.
+    assert wheel[22:51] == pytest.approx([0.0025 * sample for sample in range(22, 51)], abs=1e-5)
+    assert set(applied(tested)[22:51]) <= set(range(21))
     codes = [status.status for _, status in tested.messages(SteeringStatus)]
-    assert codes.index(SteeringStatusCode.HOLDING) == 26 + 14
+    assert codes.index(SteeringStatusCode.HOLDING) == 22 + 14
     report = tested.node.report()
     assert report["second_senders"] == ["STEERING_PLAN"]
     assert report["safety"]["holdings"] == 1
@@ -127,7 +127,7 @@ def test_samples_are_counted_modulo_256() -> None:
     assert wheel_rad(tested)[1:] == pytest.approx([0.5 * VALUES[1]] * 269)
 
 
-def test_a_damaged_late_or_repeated_plan_changes_nothing() -> None:
+def test_a_damaged_late_or_contradicting_plan_changes_nothing() -> None:
     tested = link()
     send_plan(tested, START_NS, first_sample=0, spacing=4, number=5)
     for number, flip in ((6, True), (5, False), (4, False)):
@@ -139,7 +139,7 @@ def test_a_damaged_late_or_repeated_plan_changes_nothing() -> None:
     tested.tick_until(START_NS + 5 * PERIOD_NS)
     assert applied(tested)[1:] == [5] * 5
     rejected = tested.node.report()["rejected"]
-    assert rejected == {"bad_crc": 1, "repeated": 1, "out_of_order": 1}
+    assert rejected == {"bad_crc": 1, "contradicted": 1, "out_of_order": 1}
 
 
 def test_a_plan_that_waits_in_the_network_is_played_from_where_it_is() -> None:

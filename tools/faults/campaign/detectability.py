@@ -22,7 +22,8 @@ from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from ....controller.node.status_frames import STATUS_PERIOD_NS
 from ....controller.settings import ControllerSettings
 from ....controller.supervision import NO_LIMIT_NS
-from ....dbc.codec.protection import COUNTERS, SequenceRule
+from ....dbc.codec.protection import COUNTERS
+from ....dbc.codec.sequence import SequenceRule
 from ....dbc.messages import MESSAGE_TYPES
 from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE, bits_of
 from ....plant_emulator.faults.settings import (
@@ -73,7 +74,7 @@ class Mechanism(StrEnum):
 _COUNTS: Mapping[Mechanism, str] = MappingProxyType(
     {
         Mechanism.E2E: "bad_crc masqueraded wrong_length wrong_format repeated out_of_order "
-        "too_far disputed own_identifier lost",
+        "too_far contradicted taken_back own_identifier lost",
         Mechanism.RANGE: "out_of_range not_available",
         Mechanism.FRESHNESS: "silence stale",
         Mechanism.LIMITER: "intervention",
@@ -183,7 +184,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
         case FaultKind.WRONG_IDENTIFIER:
             return _moved(fault, is_control)
         case FaultKind.SPOOF:
-            why = "the true sender's counter then comes twice: soon neither sender is followed"
+            why = "the true sender's counter then comes twice, and neither of the two is followed"
             return Expectation(_E2E, False, why, is_followed=True)
         case FaultKind.REPLAY:
             # Counters wrap around: old frames look like those that follow lost ones, or are

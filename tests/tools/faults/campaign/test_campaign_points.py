@@ -70,8 +70,7 @@ def test_a_fault_of_a_plan_is_judged_as_that_of_a_command(case: str) -> None:
     result = run_trial(scenario)
     assert result.where == "STEERING_PLAN"
     assert sum(result.changed) > 20
-    expected = {"stuck": Detection.NOT_DETECTABLE, "spoof": Detection.FOLLOWED}
-    expected["replay"] = Detection.FOLLOWED
+    expected = {"stuck": Detection.NOT_DETECTABLE, "replay": Detection.FOLLOWED}
     assert result.verdict is expected.get(result.kind, Detection.PASSED)
 
 

@@ -1,0 +1,277 @@
+"""Which counters a receiver believes, and that it follows nobody who forges them."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.codec import sequence
+from steer_by_wire.dbc.codec.sequence import (
+    CAUTION_NS,
+    PERIOD_NS_MIN,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+)
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.node import NS_PER_MS
+from tests.support.counter_rules import checking
+from tests.support.forged_counters import ALONE, PERIOD_NS, Shot, hear
+
+ACCEPTED = SequenceResult.ACCEPTED
+COMMANDS = PlantSettings().counters
+MEASUREMENTS = controller_preset("practical_pd_ddob").counters
+RULES = {"commands": COMMANDS, "measurements": MEASUREMENTS}
+
+
+def judge(counters: list[int], step_max: int = 10, resync_run: int = 5) -> list[SequenceResult]:
+    sequence = checking(step_max, resync_run)
+    return [sequence.check(counter % 256) for counter in counters]
+
+
+@pytest.mark.parametrize(
+    ("second", "result"),
+    [
+        (200, SequenceResult.REPEATED),
+        (201, ACCEPTED),
+        (210, ACCEPTED),
+        (211, SequenceResult.TOO_FAR),
+        (200 + 127, SequenceResult.TOO_FAR),
+        (200 + 128, SequenceResult.OUT_OF_ORDER),
+        (199, SequenceResult.OUT_OF_ORDER),
+    ],
+)
+def test_a_counter_is_judged_by_its_distance_from_the_newest(
+    second: int, result: SequenceResult
+) -> None:
+    assert judge([200, second]) == [ACCEPTED, result]
+
+
+@given(st.integers(0, 255), st.integers(1, 600))
+def test_an_undisturbed_sender_is_always_accepted(first: int, frames: int) -> None:
+    sequence = checking(1, 1)
+    assert {sequence.check((first + index) % 256) for index in range(frames)} == {ACCEPTED}
+    assert sequence.lost == 0
+
+
+@given(st.integers(0, 255), st.lists(st.integers(1, 20), max_size=100))
+def test_frames_that_do_not_come_are_counted_as_lost(first: int, steps: list[int]) -> None:
+    sequence = checking(20, 5)
+    number = first
+    sequence.check(number)
+    for step in steps:
+        number += step
+        assert sequence.check(number % 256) is ACCEPTED
+    assert sequence.lost == sum(step - 1 for step in steps)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 2)), max_size=200),
+    st.integers(1, 127),
+)
+def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_doubled(
+    frames: list[tuple[int, int]], step_max: int
+) -> None:
+    """Each frame is (places it falls back, copies); no run of refusals is long enough."""
+    arrivals = [
+        (number + delay, number)
+        for number, (delay, copies) in enumerate(frames)
+        for _ in range(copies)
+    ]
+    sequence = checking(step_max, len(arrivals) + 1)
+    accepted = [n for _, n in sorted(arrivals) if sequence.check(n % 256) is ACCEPTED]
+    assert accepted == sorted(set(accepted))
+    if accepted:
+        assert sequence.lost == accepted[-1] - accepted[0] + 1 - len(accepted)
+
+
+@given(
+    st.lists(st.sampled_from([1, 1, 1, 0, 2, 12, 100, 128, 200, 255]), min_size=1, max_size=200),
+    st.integers(1, 127),
+    st.integers(1, 6),
+)
+def test_a_frame_is_accepted_only_as_slightly_newer_or_after_a_run_of_refusals(
+    steps: list[int], step_max: int, resync_run: int
+) -> None:
+    counters = [sum(steps[: index + 1]) % 256 for index in range(len(steps))]
+    results = judge(counters, step_max, resync_run)
+    newest = None
+    for index, (counter, result) in enumerate(zip(counters, results, strict=True)):
+        run = range(max(index - resync_run, 0), index)
+        run_of_refusals = len(run) == resync_run and all(
+            results[i] is not ACCEPTED and (counters[i] + 1) % 256 == counters[i + 1] for i in run
+        )
+        slightly_newer = newest is None or 1 <= (counter - newest) % 256 <= step_max
+        assert (result is ACCEPTED) == (slightly_newer or run_of_refusals)
+        newest = counter if result is ACCEPTED else newest
+
+
+@pytest.mark.parametrize("restart", [0, 90, 99, 150, 227, 228])
+def test_a_restarted_sender_is_believed_after_the_run(restart: int) -> None:
+    counters = [99, 100, *range(restart, restart + 10)]
+    results = judge(counters)
+    assert results[-4:] == [ACCEPTED] * 4
+    if restart not in {90, 99}:  # 99 and 90 count up to 101, the next that is expected
+        assert ACCEPTED not in results[2:7]
+
+
+def test_a_resynchronisation_counts_nothing_as_lost() -> None:
+    sequence = checking(10, 3)
+    for counter in [50, 200, 201, 202, 203]:
+        sequence.check(counter)
+    assert sequence.check(204) is ACCEPTED
+    assert sequence.lost == 0
+    assert sequence.resynchronised == 1
+
+
+def test_an_accepted_frame_ends_a_run_of_refusals() -> None:
+    counters = [50, 200, 201, 202, 51, 203, 204, 205, 206]
+    assert judge(counters, resync_run=3)[-4:] == [SequenceResult.OUT_OF_ORDER] * 3 + [ACCEPTED]
+
+
+@pytest.mark.parametrize("values", [(-1, 1, 0), (0, 0, 0), (0, 1, -1)])
+def test_a_rule_that_cannot_work_is_refused(values: tuple[int, int, int]) -> None:
+    with pytest.raises(ValueError, match="allowed is"):
+        SequenceCheck(SequenceRule(*values), PERIOD_NS_MIN)
+
+
+# Two senders
+
+SOON = 100_000
+"""A forged frame directly behind a true one [ns]."""
+BURST = [Shot(SOON, 1 + step) for step in range(16)]
+FOUND: dict[str, tuple[list[list[Shot]], bool]] = {
+    "behind every second true frame": ([[Shot(SOON, 1)], []], True),
+    "behind every third": ([[Shot(SOON, 1)], [], []], True),
+    "behind four of five": ([[Shot(SOON, 1)]] * 4 + [[]], True),
+    "a burst": ([BURST], False),
+    "a burst, and then one a period": ([BURST, *[[Shot(SOON, 16)]] * 199], False),
+    "three ahead": ([[Shot(SOON, 3)]], True),
+    "as far ahead as is believed": ([[Shot(SOON, 30)]], True),
+    "just before the true one": ([[Shot(9_900_000, 1)]], True),
+    "three behind, from where it was used": ([[Shot(SOON, -3)]], True),
+    "a contradiction of long ago as a decoy": ([[Shot(10_000, 1), Shot(20_000, -60)]], True),
+    "old counters in a row, below the true one": (
+        [[Shot(SOON, 14), *(Shot(SOON, -16 + step) for step in range(8))], [Shot(SOON, 47)]],
+        True,
+    ),
+    "late ones in a row, to have a forged one taken for true": (
+        [[Shot(2_300_000, 31)], [], [Shot(SOON + 100_000 * n, 31 + n) for n in range(16)], []],
+        True,
+    ),
+}
+"""Strategies that were followed for longer by earlier rules, most of them found by the search."""
+
+
+def check_forged(rule: SequenceRule, shots: list[list[Shot]], first: int, *, repeats: bool) -> None:
+    """No forged frame is in use for longer than until a true one must have come; then none is."""
+    heard = hear(rule, shots, repeats=repeats, first=first)
+    onset_ns = ALONE * PERIOD_NS
+    until_ns = onset_ns + 2 * (rule.lead_ns + PERIOD_NS) + shots_end_ns(shots)
+    assert heard.forged_total_ns <= rule.lead_ns + PERIOD_NS
+    assert all(end_ns <= until_ns for _, end_ns in heard.forged_ns)
+
+
+def shots_end_ns(shots: list[list[Shot]]) -> int:
+    """When the first forged frame may come at the latest, after the onset."""
+    return len(shots) * PERIOD_NS
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+@pytest.mark.parametrize(("shots", "repeats"), FOUND.values(), ids=FOUND)
+def test_no_strategy_found_so_far_is_followed(
+    rule: SequenceRule, shots: list[list[Shot]], repeats: bool
+) -> None:
+    for first in (0, 100, 250):
+        check_forged(rule, shots, first, repeats=repeats)
+
+
+SHOTS = st.builds(
+    Shot,
+    st.sampled_from([10_000, SOON, 5_000_000, 9_900_000]) | st.integers(0, 30_000_000),
+    st.sampled_from([1, 2, 3, 5, 16, 30, 31, 0, -1, -3, -60]) | st.integers(-127, 128),
+)
+STRATEGIES = st.lists(st.lists(SHOTS, max_size=6), min_size=1, max_size=12)
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+@given(shots=STRATEGIES, repeats=st.booleans(), first=st.integers(0, 255))
+@settings(deadline=None, max_examples=200)
+def test_a_search_finds_no_strategy_that_is_followed(
+    rule: SequenceRule, shots: list[list[Shot]], repeats: bool, first: int
+) -> None:
+    check_forged(rule, shots, first, repeats=repeats)
+
+
+@pytest.mark.parametrize(("wait_cycles", "is_followed"), [(0.0, True), (0.5, True), (1.5, False)])
+def test_the_wait_is_one_that_no_strategy_outlasts(
+    wait_cycles: float, is_followed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sequence, "WAIT_CYCLES", wait_cycles)
+    shots = [[Shot(SOON, 1), Shot(6_000_000, 2)], []]
+    heard = hear(COMMANDS, shots, repeats=True)
+    assert (heard.forged_total_ns > COMMANDS.lead_ns + PERIOD_NS) == is_followed
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+@given(ahead=st.integers(-127, 128), after_ns=st.integers(0, 10_000_000), first=st.integers(0, 255))
+@example(ahead=31, after_ns=0, first=0)
+@example(ahead=0, after_ns=0, first=106)
+@settings(deadline=None, max_examples=100)
+def test_one_forged_frame_delays_the_true_ones_by_two_periods_for_ten_seconds(
+    rule: SequenceRule, ahead: int, after_ns: int, first: int
+) -> None:
+    frames = 1100
+    heard = hear(rule, [[Shot(after_ns, ahead)]], repeats=False, frames=frames, first=first)
+    used_ns = [e.time_ns for e in heard.events if e.result in sequence.CHANGING]
+    gaps_ns = [after - before for before, after in pairwise(used_ns)]
+    # A forged frame far ahead is taken for the newest, until a run of true ones contradicts it.
+    assert max(gaps_ns) <= (rule.resync_run + 3) * PERIOD_NS < rule.resync_ns
+    assert heard.check.content == (False, ALONE + frames - 1)
+    assert heard.events[-1].time_ns - ALONE * PERIOD_NS > CAUTION_NS
+
+
+def test_a_sender_that_restarts_anywhere_is_followed_after_its_silence_and_is_no_second_one() -> (
+    None
+):
+    for restart in range(256):
+        check = SequenceCheck(COMMANDS, PERIOD_NS)
+        numbers = [*range(300), *range(restart, restart + 40)]
+        results = [
+            check.check(number % 256, step * PERIOD_NS, (step >= 300, number))
+            for step, number in enumerate(numbers)
+        ]
+        refused = [step for step, one in enumerate(results) if one not in sequence.CHANGING]
+        last = max(refused, default=0)
+        # A contradiction, of a counter from before the restart, begins the silence anew.
+        assert last - 300 <= 2 * COMMANDS.resync_ns // PERIOD_NS + 4, restart
+        assert check.second_sender_ns is None
+
+
+def test_a_network_that_doubles_and_delays_frames_contradicts_nothing() -> None:
+    check = SequenceCheck(MEASUREMENTS, PERIOD_NS)
+    for number in range(600):
+        for late in (0, 1, 7, 40):
+            if number >= late and (late == 0 or number % 3 == 0):
+                check.check((number - late) % 256, number * PERIOD_NS, number - late)
+    assert check.counter == 599 % 256
+    assert check.second_sender_ns is None
+
+
+def test_after_an_outage_in_which_the_counters_wrapped_nothing_is_contradicted() -> None:
+    for missing in range(1, 600):
+        check = SequenceCheck(MEASUREMENTS, PERIOD_NS)
+        numbers = [*range(100), *range(100 + missing, 140 + missing)]
+        results = [check.check(one % 256, one * PERIOD_NS, one) for one in numbers]
+        assert SequenceResult.CONTRADICTED not in results
+        assert SequenceResult.TAKEN_BACK not in results
+        assert results[-1] is ACCEPTED
+
+
+def test_a_receiver_that_gives_no_content_asks_for_no_contradictions() -> None:
+    check = SequenceCheck(COMMANDS, PERIOD_NS)
+    for number in (*range(50), *range(45, 50), *range(50, 60)):
+        check.check(number, number * NS_PER_MS)
+    assert check.counter == 59
