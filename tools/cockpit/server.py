@@ -11,9 +11,9 @@ the port.
 
 import asyncio
 import json
+import os
 import secrets
 from contextlib import suppress
-from pathlib import Path
 
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Handler, Middleware
@@ -124,15 +124,16 @@ class Server:
 
     async def _recording(self, request: web.Request) -> web.Response:
         """Send a recording as candump wrote it, or as one file that plays it."""
-        name = Path(request.match_info["name"])
+        name = request.match_info["name"]
+        stem, suffix = os.path.splitext(name)
         if self._desk is None:
             raise web.HTTPNotFound
         there = {file.name: file for file in self._desk.recordings.iterdir()}
-        file = there.get(name.with_suffix(".log").name)
+        file = there.get(f"{stem}.log")
         if file is None:
             raise web.HTTPNotFound
-        disposition = {"Content-Disposition": f'attachment; filename="{name.name}"'}
-        if name.suffix == ".html":
+        disposition = {"Content-Disposition": f'attachment; filename="{name}"'}
+        if suffix == ".html":
             block = await asyncio.to_thread(read_replay, [file])
             page = single_page(block, f"Recording {file.stem}")
             return web.Response(text=page, content_type="text/html", headers=disposition)

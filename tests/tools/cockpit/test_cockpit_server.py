@@ -9,6 +9,7 @@ from typing import Any
 
 import aiohttp
 import pytest
+from yarl import URL
 
 from steer_by_wire.dbc.messages import (
     Direction,
@@ -109,6 +110,15 @@ def test_only_who_has_the_whole_address_is_let_in(
             return answer.status
 
     assert asked(client) == status
+
+
+@pytest.mark.parametrize("name", ["%2E", "%2E%2E", "%00", "nosuch.log", "a%2Fb.log", "%20", ".log"])
+def test_a_recording_of_no_such_name_is_not_found(name: str) -> None:
+    async def client(session: aiohttp.ClientSession, address: str) -> int:
+        async with session.get(URL(f"{address}recording/{name}", encoded=True)) as answer:
+            return answer.status
+
+    assert asked(client) == 404
 
 
 @pytest.mark.parametrize("origin", [None, "http://attacker.example", "null", "https://127.0.0.1"])
