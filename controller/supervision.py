@@ -51,6 +51,9 @@ class SupervisionSettings(Settings):
     ``recovery_frames``         good measurements in a row that end the hold or the ramp
     ``counter_lead_ms``         how much earlier than the time since the newest measurement explains
                                 a newer one may come: the spread of the network's latency
+    ``stops_if_implausible``    whether signals of the plant that contradict each other
+                                (``controller.node.plausibility``) end the run in SAFE_STOP; they
+                                are reported in any case
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
@@ -61,6 +64,7 @@ class SupervisionSettings(Settings):
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
     counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 300.0
+    stops_if_implausible: bool = True
 
     def refuse_late_reactions(self, period_ns: int) -> None:
         """Raise ValueError for a timeout that leaves too little time to react and to report."""

@@ -53,6 +53,7 @@ _MODES = {
 _FAULTS = {
     ControllerFault.OVERRUNS: "too many control ticks came too late",
     ControllerFault.LAW_FAILED: "the law gave no finite number, also after a restart",
+    ControllerFault.IMPLAUSIBLE: "the plant's signals contradict each other",
 }
 _STEERING = {
     SteeringStatusCode.NO_COMMAND: (NOTICE, "no command has come yet: the wheel is straight"),

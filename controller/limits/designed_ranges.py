@@ -70,7 +70,7 @@ class ValiditySettings(VehicleRanges):
 NOT_FORWARD_M_S = 0.1
 """A vehicle slower than this stands or reverses, and no law steers it."""
 _TOLERANCE_M_S = resolutions(VehicleState)["speed_m_s"]
-_SPEED_HIGH, _DELAY_LONG = Validity.SPEED_HIGH, Validity.DELAY_LONG
+_TO_SLOW_DOWN = frozenset({Validity.SPEED_HIGH, Validity.DELAY_LONG, Validity.MODEL_MISFIT})
 _NO_REQUEST, _SLOW_DOWN, _STOP = MotionRequest
 _IN_WORDS: Mapping[Validity, str] = {
     Validity.UNKNOWN: "",
@@ -78,15 +78,21 @@ _IN_WORDS: Mapping[Validity, str] = {
     Validity.SPEED_LOW: "the vehicle is slower than the settings are designed for",
     Validity.SPEED_HIGH: "the vehicle is too fast for the settings: the law steers less",
     Validity.DELAY_LONG: "the delay is too long for the settings",
+    Validity.MODEL_MISFIT: "the model does not fit: the vehicle is none of the settings'",
 }
 
 
 def validity_of(
-    table: ValiditySettings | None, speed_m_s: float | None, delay_s: float | None
+    table: ValiditySettings | None,
+    speed_m_s: float | None,
+    delay_s: float | None,
+    *,
+    fits_model: bool = True,
 ) -> Validity:
     """Return whether a speed and a delay are within the ranges; an unknown one counts as within.
 
-    ``delay_s``  from command to measurement [s]
+    ``delay_s``     from command to measurement [s]
+    ``fits_model``  whether the vehicle is within the ranges, as far as is known
     """
     if table is None:
         return Validity.UNKNOWN
@@ -95,6 +101,8 @@ def validity_of(
         return Validity.SPEED_HIGH
     if delay_s is not None and delay_s > 1e-3 * table.delay_ms_max:
         return Validity.DELAY_LONG
+    if not fits_model:
+        return Validity.MODEL_MISFIT
     is_low = speed_m_s is not None and speed_m_s < low_m_s - _TOLERANCE_M_S
     return Validity.SPEED_LOW if is_low else Validity.VALID
 
@@ -103,7 +111,7 @@ def request_of(validity: Validity, *, must_stop: bool) -> MotionRequest:
     """Return what to ask of the vehicle's drive."""
     if must_stop:
         return _STOP
-    return _SLOW_DOWN if validity is _SPEED_HIGH or validity is _DELAY_LONG else _NO_REQUEST
+    return _SLOW_DOWN if validity in _TO_SLOW_DOWN else _NO_REQUEST
 
 
 def share_of_demand(table: ValiditySettings | None, speed_m_s: float) -> float:

@@ -17,24 +17,27 @@ that a counter that has wrapped is not mistaken for the old one."""
 
 
 class SentCommands:
-    """Stores the sending times; ``count`` is the number of commands sent."""
+    """Stores sending times and angles; ``count`` is the number of commands sent."""
 
     def __init__(self) -> None:
         self._sent_ns = [0] * IN_FLIGHT_MAX
+        self._steer_rad = [0.0] * IN_FLIGHT_MAX
         self._is_echoed = [False] * IN_FLIGHT_MAX
         self.count = 0
 
-    def on_sent(self, now_ns: int) -> int:
-        """Store when a command is sent; returns its counter."""
+    def on_sent(self, now_ns: int, steer_rad: float = 0.0) -> int:
+        """Store when a command is sent, and its angle unless it is a plan; returns its counter."""
         count = self.count
         index = count % IN_FLIGHT_MAX
         self._sent_ns[index] = now_ns
+        self._steer_rad[index] = steer_rad
         self._is_echoed[index] = False
         self.count = count + 1
         return count % COMMAND_COUNTERS
 
-    def on_echo(self, counter: int) -> tuple[int, bool] | None:
-        """Return when the command in effect was sent [ns], and whether this is its first echo.
+    def on_echo(self, counter: int) -> tuple[int, float, bool] | None:
+        """Return when the command in effect was sent [ns], its angle, and whether this is its first
+        echo.
 
         None if the command with this counter is not stored.
         """
@@ -45,7 +48,7 @@ class SentCommands:
         index = (newest - age) % IN_FLIGHT_MAX
         is_first = not self._is_echoed[index]
         self._is_echoed[index] = True
-        return self._sent_ns[index], is_first
+        return self._sent_ns[index], self._steer_rad[index], is_first
 
 
 class CommandFrames:
@@ -64,7 +67,7 @@ class CommandFrames:
 
     def command(self, steer_rad: float, mode: Mode, now_ns: int) -> Frame:
         """Return the frame of a command."""
-        return self._commands.frame((steer_rad, self.sent.on_sent(now_ns), mode))
+        return self._commands.frame((steer_rad, self.sent.on_sent(now_ns, steer_rad), mode))
 
     def plan(
         self, row: list[float], acting: int, before_rad: float, mode: Mode, now_ns: int

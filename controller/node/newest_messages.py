@@ -30,7 +30,8 @@ class Received:
     """Checks frames and stores their values.
 
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
-    ``lateral_error_m``, ``vehicle``      the newest values; 0 and NO_VEHICLE before the first
+    ``lateral_error_m``, ``heading_error_rad``, ``vehicle``  the newest values; 0 and NO_VEHICLE
+                                          before the first
     ``unauthenticated``                   frames refused by authentication
     """
 
@@ -39,7 +40,7 @@ class Received:
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = settings.age_limits
         self._vehicle_limit_ns = self._limits.vehicle_state_ns
-        self.lateral_error_m = 0.0
+        self.lateral_error_m = self.heading_error_rad = 0.0
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
 

@@ -37,8 +37,10 @@ from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .law_runner import LawRunner
+from .model_fit import model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
+from .plausibility import MotionSums, Plausibility, nominal_vehicle
 from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
 from .safety_report import SafetyReport, must_stop
@@ -49,7 +51,7 @@ __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
 _NO_FAULT = ControllerFault.NONE
-_NO_COMMAND = SteeringStatusCode.NO_COMMAND
+_NO_COMMAND, _APPLYING = SteeringStatusCode.NO_COMMAND, SteeringStatusCode.APPLYING
 _ERROR_ID = CAN_IDS[LateralError]
 PLANT_ENDED_NS = 3 * NS_PER_S
 """A plant that is silent for longer has ended, for a controller that ends with it."""
@@ -98,7 +100,12 @@ class ControllerNode:
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._delay = reported_delay_of(settings)
         self._statuses = StatusFrames(settings.law_record.number)
-        self._steering = _NO_COMMAND
+        self._steering, self._wheel_rad, self._command_rad = _NO_COMMAND, 0.0, 0.0
+        self._motion, self._judged_ns = MotionSums(), start_ns
+        vehicle = nominal_vehicle(settings)
+        self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
+        self._stops_if_implausible = settings.supervision.stops_if_implausible
+        self._fit = model_fit(settings)
         self._safety = SafetyReport(settings.validity, self._received, start_ns)
         self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
@@ -113,7 +120,7 @@ class ControllerNode:
         before_ns = received.errors.arrival_ns
         message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
-            received.lateral_error_m = message.lateral_error_m
+            received.lateral_error_m, received.heading_error_rad = message
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -123,6 +130,9 @@ class ControllerNode:
                 bus_history.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             received.vehicle = VehicleReading(*message)
+            self._motion.add(
+                message, received.heading_error_rad, self._wheel_rad, self._command_rad
+            )
             speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
@@ -165,7 +175,9 @@ class ControllerNode:
             self.finished = stops and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
-            self._safety.judge_validity(self._delay.echo_s(now_ns))
+            self._judge_signals(now_ns)
+            fits = self._fit is None or self._fit.fits
+            self._safety.judge_validity(self._delay.echo_s(now_ns), fits_model=fits)
             self._figures.on_validity(self._safety.validity)
             mode, skipped = self._supervisor.mode, self._control_timer.skipped
             frames.append(self._statuses.status(mode, self._law.output, skipped))
@@ -199,7 +211,9 @@ class ControllerNode:
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON: those of ``RunFigures``, and
 
-        ``failure``     the fault it has detected in itself, empty for none
+        ``failure``     the fault with which it cannot steer, empty for none
+        ``contradiction``  between the plant's signals, empty for none
+        ``model``       the vehicle as its yaw rate shows it; None without a box of [validity]
         ``stale``       how often each message exceeded its age limit
         ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
         ``delay``       from command to measurement, by echo and by estimate
@@ -212,6 +226,8 @@ class ControllerNode:
             "ticks": timer.index - timer.skipped,
             "skipped_ticks": timer.skipped,
             "failure": self._failure,
+            "contradiction": self._plausibility.contradiction,
+            "model": None if self._fit is None else self._fit.report(),
             "commands_sent": self._commands.sent.count,
             "plans_sent": self._commands.plans,
             "peak_steer_rad": self._figures.peak_steer_rad,
@@ -229,21 +245,44 @@ class ControllerNode:
 
     @property
     def _failure(self) -> str:
-        """The fault it has detected in itself, which is permanent."""
-        return self._law.failure or self._overruns.failure
+        """The fault with which it cannot steer, which is permanent."""
+        own = self._law.failure or self._overruns.failure
+        return own or (self._plausibility.contradiction if self._stops_if_implausible else "")
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
         code = status.status
-        self._steering = code
+        self._steering, self._wheel_rad = code, status.wheel_angle_rad
+        # A wheel that is limited, held or another's follows no command of this controller.
+        self._command_rad = self._wheel_rad
         if code is _NO_COMMAND:
             return
         echo = self._commands.sent.on_echo(status.applied_counter)
         if echo is not None:
-            sent_ns, is_first = echo
+            sent_ns, command_rad, is_first = echo
+            if code is _APPLYING:
+                self._command_rad = command_rad
             self._delay.echo.on_echo(sent_ns, now_ns)
             if is_first:
                 self._figures.on_effect(now_ns - sent_ns, now_ns)
+
+    def _judge_signals(self, now_ns: int) -> None:
+        """Compare the plant's signals with each other and with the vehicle of the settings."""
+        received, lasted_s = self._received, (now_ns - self._judged_ns) / NS_PER_S
+        self._judged_ns = now_ns
+        is_fresh = now_ns <= received.fresh_until_ns()
+        if not (
+            self._motion.count and lasted_s > 0.0 and is_fresh and self._supervisor.goes_forward
+        ):
+            self._motion = MotionSums()
+            self._plausibility.restart()
+            return
+        motion = self._motion.take(lasted_s)
+        self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
+        if self._plausibility.contradiction and self._stops_if_implausible:
+            self._supervisor.on_own_fault()
+        if self._fit is not None:
+            self._fit.step(motion)
 
     def _wanted_rad(self, now_ns: int, period: int) -> float:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
@@ -298,10 +337,12 @@ class ControllerNode:
 
     @property
     def _fault(self) -> ControllerFault:
-        """The fault it has detected in itself, as reported on the bus."""
+        """The same, as reported on the bus."""
         if self._law.is_distrusted:
             return ControllerFault.LAW_FAILED
-        return ControllerFault.OVERRUNS if self._overruns.failure else _NO_FAULT
+        if self._overruns.failure:
+            return ControllerFault.OVERRUNS
+        return ControllerFault.IMPLAUSIBLE if self._failure else _NO_FAULT
 
     @property
     def _must_stop(self) -> bool:

@@ -119,11 +119,14 @@ class SafetyReport:
         """How often each message has become stale."""
         return dict(self._went_stale)
 
-    def judge_validity(self, delay_s: float | None) -> None:
-        """Compare the speed and a delay, None if unknown, with the table."""
+    def judge_validity(self, delay_s: float | None, *, fits_model: bool) -> None:
+        """Compare the speed and a delay, None if unknown, with the table.
+
+        ``fits_model``  whether the vehicle is in the table's box, as far as is known
+        """
         received = self._received
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
-        self.validity = validity_of(self._table, speed_m_s, delay_s)
+        self.validity = validity_of(self._table, speed_m_s, delay_s, fits_model=fits_model)
 
     def on_tick(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> bool:
         """Find the facts of a tick; returns whether to report them before the next cycle."""

@@ -40,7 +40,7 @@ def controller_view(
 ) -> View:
     """Return the view.
 
-    ``failure``    the fault it has detected in itself, empty for none
+    ``failure``    the fault with which it cannot steer, empty for none
     ``counts``     what else has happened, beside what was received
     ``steer_rad``  the command sent last [rad]
     ``facts``      validity of the settings, and what is asked of the vehicle's drive
@@ -54,7 +54,7 @@ def controller_view(
         "second sender": second_sender_line(reception),
         "validity": in_words(facts.validity),
         "request": _REQUESTS[facts.motion_request],
-        "failure": failure and f"fault of this program: {failure}",
+        "failure": failure and f"fault: {failure}",
     }
     events = {
         **{f"frames rejected, {cause}": n for cause, n in reception.rejected.items()},

@@ -69,13 +69,15 @@ class Freshness(IntEnum):
 
 
 class ControllerFault(IntEnum):
-    """A fault that the controller has detected in itself."""
+    """A fault with which the controller cannot steer: of itself, or of what it is told."""
 
     NONE = 0
     OVERRUNS = 1
     """Too many ticks were late."""
     LAW_FAILED = 2
     """The law's output was not finite again after a restart of the law."""
+    IMPLAUSIBLE = 3
+    """The plant's signals contradict each other."""
 
 
 class SecondSender(IntEnum):
@@ -90,7 +92,7 @@ class SecondSender(IntEnum):
 
 
 class Validity(IntEnum):
-    """Whether speed and delay are within what the controller's settings were designed for."""
+    """Whether speed, delay and vehicle are what the controller's settings were designed for."""
 
     UNKNOWN = 0
     """The settings do not state it."""
@@ -98,6 +100,8 @@ class Validity(IntEnum):
     SPEED_LOW = 2
     SPEED_HIGH = 3
     DELAY_LONG = 4
+    MODEL_MISFIT = 5
+    """The yaw rate is that of no vehicle of the settings' box."""
 
 
 class MotionRequest(IntEnum):
@@ -105,7 +109,7 @@ class MotionRequest(IntEnum):
 
     NONE = 0
     SLOW_DOWN = 1
-    """Speed or delay are beyond what its settings were designed for."""
+    """Speed, delay or vehicle are beyond what its settings were designed for."""
     STOP = 2
     """The vehicle does not go forward, or nobody steers."""
 

@@ -73,7 +73,7 @@ RATES = (
 )
 """Control rate [Hz], sensor period [ms]; some sensors are the faster ones."""
 DRAWN_LAWS = ("practical_pd", "practical_pd_dob", "practical_pd_cdob", "practical_pd_ddob")
-QUIET_RAD = 3e-3
+QUIET_RAD = 5e-3
 """The steps of the signals on the wire alone keep the wheel moving by as much."""
 LIMITED_RAD = 0.3
 """What grows to here does so until the wheel's limits end it."""
@@ -152,7 +152,7 @@ def contradictions_of(loop: DrawnLoop) -> list[str]:
 def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A sample of 2,000 that were run once."""
+    """A sample of 2,000 run once: one mode grew too slowly, at 0.012 1/s, to leave the steps."""
     monkeypatch.setattr(check_figures_module, "DELAY_NS_MAX", 200 * MS)
     for other_figures in ("SHOWN_DELAYS_MS", "JITTER_MEANS_MS"):
         monkeypatch.setattr(check_figures_module, other_figures, ())

@@ -266,11 +266,11 @@ def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
     assert commands.on_echo(0) is None
     assert commands.on_echo(IN_FLIGHT_MAX + 1) is None
     assert commands.on_echo(60_000) is None
-    assert commands.on_echo(1) == (10, True)
-    assert commands.on_echo(1) == (10, False)
+    assert commands.on_echo(1) == (10, 0.0, True)
+    assert commands.on_echo(1) == (10, 0.0, False)
     commands.on_sent(0)  # in the place of the one echoed
     assert commands.on_echo(1) is None
-    assert commands.on_echo(IN_FLIGHT_MAX + 1) == (0, True)
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) == (0, 0.0, True)
 
 
 def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:

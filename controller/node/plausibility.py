@@ -1,0 +1,167 @@
+"""Whether the plant's signals agree with each other: what is wrong in them and no CRC can show.
+
+Each residual compares what two signals say of one motion, and forgets in FORGETS_S:
+
+    heading   Δψ' - (r - V ρ)                 curvature or yaw rate wrong, speed wrong
+    lateral   y' - (V Δψ + V β + l_s r)       lateral or heading error wrong, speed wrong
+    yaw       r - V δ/(L + K V²)              wheel angle or speed wrong
+    command   δ - u                           the wheel does not do what the echo names
+
+with SAE 2018-01-1086 (1), the steady V β = (l_r - m l_f V²/(c_r L)) r and the understeer gradient K
+of the nominal vehicle. Only the heading is compared without one, and the command only for a law
+that sends no plans. A residual is implausible beyond its floor, which noise and side wind reach,
+plus a share of all that moved, which other vehicles reach; the signals are so once they have been
+for DEBOUNCE_S longer than they have not. What moves too little to show is not found, and does
+little harm.
+
+Sums are taken with every VEHICLE_STATE, and judged with the controller's status.
+"""
+
+from math import exp
+from typing import NamedTuple
+
+from ...dbc.messages import VehicleState
+from ..filters.nominal_model import NominalVehicle
+from ..filters.settings import VehicleModelSettings
+from ..settings import ControllerSettings
+
+FORGETS_S = 1.0
+DEBOUNCE_S = 1.0
+
+
+class Bound(NamedTuple):
+    """Floor, in the unit of the residual times seconds, and share of what moved."""
+
+    floor: float
+    share: float
+
+
+BOUNDS = {
+    "heading": Bound(0.02, 0.1),  # rad
+    "lateral": Bound(0.05, 0.15),  # m
+    "yaw": Bound(0.1, 0.3),  # rad
+    "command": Bound(0.01, 0.08),  # rad s
+}
+_IN_WORDS = {
+    "heading": "heading error, yaw rate, speed and curvature contradict each other",
+    "lateral": "lateral error, heading error, yaw rate and speed contradict each other",
+    "yaw": "yaw rate, wheel angle and speed contradict each other",
+    "command": "the wheel angle is not that of the command in effect",
+}
+
+
+def nominal_vehicle(settings: ControllerSettings) -> NominalVehicle | None:
+    """Return the vehicle of the settings; None where there is only its transfer function."""
+    model = settings.nominal_model
+    return model.vehicle if isinstance(model, VehicleModelSettings) else None
+
+
+class Motion(NamedTuple):
+    """Means since the last judgement, and how long that is.
+
+    ``along_m_s``  V Δψ
+    ``turn_rad_s`` V ρ
+    """
+
+    lasted_s: float
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    turn_rad_s: float
+    along_m_s: float
+    wheel_rad: float
+    command_rad: float
+
+
+class MotionSums:
+    """Sums up what the plant reports, from one judgement to the next."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def add(
+        self, vehicle: VehicleState, heading_rad: float, wheel_rad: float, command_rad: float
+    ) -> None:
+        """Add a VEHICLE_STATE and the newest of the other messages."""
+        v, r, rho = vehicle
+        a, b, c, d, e, f = self._sums
+        a, b, c, d = a + v, b + r, c + v * rho, d + v * heading_rad
+        self._sums = a, b, c, d, e + wheel_rad, f + command_rad
+        self.count += 1
+
+    def take(self, lasted_s: float) -> Motion:
+        """Return the means of what was added, of which there is something, and begin anew."""
+        a, b, c, d, e, f = self._sums
+        n = self.count
+        motion = Motion(lasted_s, a / n, b / n, c / n, d / n, e / n, f / n)
+        self.count, self._sums = 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return motion
+
+
+class Plausibility:
+    """Judges the signals; ``contradiction`` is what is wrong with them, once that is known.
+
+    ``vehicle``   the nominal one, None if unknown
+    ``has_plans`` whether the commands are sent as plans
+    """
+
+    def __init__(self, vehicle: NominalVehicle | None, *, has_plans: bool) -> None:
+        self._vehicle = vehicle
+        self._names = [
+            name
+            for name, is_compared in (
+                ("heading", True),
+                ("lateral", vehicle is not None),
+                ("yaw", vehicle is not None),
+                ("command", not has_plans),
+            )
+            if is_compared
+        ]
+        self.contradiction = ""
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all residuals, as after a message that was missing."""
+        self._before: tuple[float, float] | None = None
+        self.residuals = dict.fromkeys(self._names, (0.0, 0.0))
+        self._beyond_s = dict.fromkeys(self._names, 0.0)
+
+    def step(self, motion: Motion, lateral_error_m: float, heading_error_rad: float) -> None:
+        """Judge the motion since the last step by the newest errors."""
+        before, self._before = self._before, (lateral_error_m, heading_error_rad)
+        if before is None:
+            return
+        kept = exp(-motion.lasted_s / FORGETS_S)
+        moved = self._moved(motion, lateral_error_m - before[0], heading_error_rad - before[1])
+        residuals, beyond_s = self.residuals, self._beyond_s
+        for name in self._names:
+            one, other = moved[name]
+            residual, activity = residuals[name]
+            residual = kept * (residual + one - other)
+            activity = kept * (activity + abs(one) + abs(other))
+            residuals[name] = residual, activity
+            floor, share = BOUNDS[name]
+            if abs(residual) > floor + share * activity:
+                beyond_s[name] += motion.lasted_s
+                if beyond_s[name] >= DEBOUNCE_S and not self.contradiction:
+                    self.contradiction = _IN_WORDS[name]
+            elif beyond_s[name]:
+                beyond_s[name] = max(beyond_s[name] - motion.lasted_s, 0.0)
+
+    def _moved(
+        self, motion: Motion, error_m: float, heading_rad: float
+    ) -> dict[str, tuple[float, float]]:
+        """Return by residual how far it moved by either signal."""
+        lasted_s, v, r, turn, along, wheel_rad, command_rad = motion
+        moved = {
+            "heading": (heading_rad + turn * lasted_s, r * lasted_s),
+            "command": (wheel_rad * lasted_s, command_rad * lasted_s),
+        }
+        if self._vehicle is not None:
+            m, _, c_f, c_r, l_f, l_r, l_s, _ = self._vehicle
+            length = l_f + l_r
+            side_m = l_r - m * l_f * v * v / (c_r * length)
+            steer_m = length + m / length * (l_r / c_f - l_f / c_r) * v * v
+            moved["lateral"] = (error_m - along * lasted_s, (side_m + l_s) * r * lasted_s)
+            moved["yaw"] = (r * lasted_s, v * wheel_rad / steer_m * lasted_s)
+        return moved

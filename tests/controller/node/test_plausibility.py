@@ -1,0 +1,191 @@
+"""What the plant's signals say of each other: by hand, with faults no CRC shows, without any."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire import Run, simulate
+from steer_by_wire.controller.node.plausibility import (
+    BOUNDS,
+    DEBOUNCE_S,
+    MotionSums,
+    Plausibility,
+)
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import VehicleState
+
+SPEED_M_S = 2.0
+STEP_S = 0.1
+ONSET_S = 3.0
+NOISE: dict[str, Any] = {
+    "plant.sensor_noise.lateral_error_m": 0.01,
+    "plant.sensor_noise.heading_error_rad": 0.002,
+    "plant.sensor_noise.yaw_rate_rad_s": 0.005,
+    "plant.latency.downlink.mean_s": 0.08,
+    "plant.latency.uplink.mean_s": 0.03,
+}
+
+
+# By hand: an angle of the path that turns at V ρ, and a vehicle that turns with it
+
+
+def contradiction_after(turned_s: float, curvature_factor: float) -> str:
+    """Return what is found of a turn of 0.1 1/m whose curvature is reported with a factor."""
+    watch, sums = Plausibility(None, has_plans=True), MotionSums()
+    curvature_1_m = 0.1
+    for _ in range(round(turned_s / STEP_S) + 1):
+        told_1_m = curvature_factor * curvature_1_m
+        sums.add(VehicleState(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m), 0.0, 0.0, 0.0)
+        watch.step(sums.take(STEP_S), 0.0, 0.0)
+    return watch.contradiction
+
+
+def test_a_turn_with_its_own_curvature_is_plausible_for_ever() -> None:
+    assert contradiction_after(100.0, 1.0) == ""
+
+
+def test_a_curvature_of_the_wrong_sign_is_found_after_the_debounce_and_not_before() -> None:
+    assert contradiction_after(DEBOUNCE_S - STEP_S, -1.0) == ""
+    assert contradiction_after(DEBOUNCE_S + STEP_S, -1.0).startswith("heading error, yaw rate")
+
+
+def test_a_steady_residual_is_found_from_its_floor_and_its_share_on() -> None:
+    """At rest it is the difference x over all that moved, which is the sum of both rates."""
+    floor, share = BOUNDS["heading"]
+    kept = math.exp(-STEP_S)
+    memory_s = STEP_S * kept / (1.0 - kept)
+    rate_rad_s = SPEED_M_S * 0.1
+    # |1 - f| rate m = floor + share (1 + f) rate m
+    factor = (1.0 + share + floor / (rate_rad_s * memory_s)) / (1.0 - share)
+    assert contradiction_after(60.0, 0.99 * factor) == ""
+    assert contradiction_after(60.0, 1.01 * factor) != ""
+
+
+def test_after_a_gap_the_watch_begins_anew() -> None:
+    watch, sums = Plausibility(None, has_plans=True), MotionSums()
+    for _ in range(60):
+        sums.add(VehicleState(SPEED_M_S, 0.2, -0.1), 0.0, 0.0, 0.0)
+        watch.step(sums.take(STEP_S), 0.0, 0.0)
+        watch.restart()
+    assert watch.contradiction == ""
+
+
+# With faults whose frames are valid
+
+
+def run(preset: str, faults: list[dict[str, Any]], seed: int = 1, **more: Any) -> Run:
+    onset = [{"onset_s": ONSET_S, "direction": "uplink", **fault} for fault in faults]
+    plant = "highway_nominal" if preset.startswith("highway") else "paper_nominal"
+    overrides = NOISE | {"plant.faults": onset} | more
+    return simulate(plant, preset, seed=seed, duration_s=12.0, overrides=overrides)
+
+
+def fault(kind: str, message: str, signal: str, magnitude: float = 1.0) -> dict[str, Any]:
+    return {"kind": kind, "message": message, "signal": signal, "magnitude": magnitude}
+
+
+CURVATURE = ("VEHICLE_STATE", "preview_curvature_1_m")
+STEER_TWICE = {
+    **fault("scale", "STEERING_COMMAND", "steer_rad", 2.0),
+    "direction": "downlink",
+}
+FOUND = {
+    "curvature of the wrong sign": (fault("scale", *CURVATURE, -1.0), "heading error, yaw rate"),
+    "speed ten times too high": (fault("scale", "VEHICLE_STATE", "speed_m_s", 10.0), ""),
+    "error of the wrong sign": (
+        fault("scale", "LATERAL_ERROR", "lateral_error_m", -1.0),
+        "lateral error, heading error",
+    ),
+    "heading error 0.1 rad off": (fault("offset", "LATERAL_ERROR", "heading_error_rad", 0.1), ""),
+    "steer doubled": (STEER_TWICE, "the wheel angle is not that of the command"),
+    "wheel angle doubled": (
+        fault("scale", "STEERING_STATUS", "wheel_angle_rad", 2.0),
+        "the wheel angle is not that of the command",
+    ),
+    "yaw rate of the wrong sign": (fault("scale", "VEHICLE_STATE", "yaw_rate_rad_s", -1.0), ""),
+}
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_wrong_signal_in_valid_frames_ends_in_safe_stop_and_is_reported(name: str) -> None:
+    wrong, reason = FOUND[name]
+    report = run("practical_pd_ddob", [wrong]).controller_report
+    assert report["failure"] == report["contradiction"] != ""
+    assert report["failure"].startswith(reason)
+    assert report["verdict"] == "fault"
+    assert report["mode_s"]["safe_stop"] > 0.0
+    assert not report["rejected"]
+
+
+def test_whoever_asks_for_reports_alone_keeps_steering() -> None:
+    more = {"controller.supervision.stops_if_implausible": False}
+    wrong = fault("scale", *CURVATURE, -1.0)
+    report = run("practical_pd_ddob", [wrong], **more).controller_report
+    assert report["contradiction"].startswith("heading error, yaw rate")
+    assert report["failure"] == ""
+    assert report["verdict"] == "in control"
+
+
+@pytest.mark.parametrize(("factor", "is_found"), [(2.0, True), (1.2, False)])
+def test_a_curvature_that_is_too_large_is_found_at_twice_and_not_at_a_fifth_more(
+    factor: float, is_found: bool
+) -> None:
+    wrong = fault("scale", *CURVATURE, factor)
+    report = run("practical_pd_ddob", [wrong]).controller_report
+    assert (report["contradiction"] != "") == is_found
+
+
+# Without any
+
+
+def ordinary(seed: int) -> tuple[str, str, dict[str, Any]]:
+    """Draw a preset, a vehicle of its box, network, noise, side wind and an offset."""
+    rng = np.random.default_rng([40, 8, seed])
+    presets = ("practical_pd", "practical_pid", "practical_pd_ddob", "practical_predictor")
+    fast = ("highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet")
+    is_fast = rng.random() < 0.5
+    preset = str(rng.choice(fast if is_fast else presets))
+    box = controller_preset(preset).validity
+    assert box is not None
+    assert box.speed_m_s is not None
+    assert box.virtual_mass_kg is not None
+    downlink_s = rng.uniform(0.0, 5e-4 * box.delay_ms_max)
+    uplink_s = rng.uniform(0.0, 3e-4 * box.delay_ms_max)
+    begin_s = rng.uniform(2.0, 8.0)
+    wind = {
+        "at_s": begin_s,
+        "side_force_n": rng.uniform(-1000.0, 1000.0),
+        "steering_offset_rad": rng.uniform(-0.01, 0.01),
+    }
+    overrides = {
+        "plant.vehicle.speed_m_s": rng.uniform(*box.speed_m_s),
+        "plant.vehicle.virtual_mass_kg": rng.uniform(*box.virtual_mass_kg),
+        "plant.actuator.lag_s": rng.uniform(0.0, 0.1),
+        "plant.sensor_noise.lateral_error_m": rng.uniform(0.0, 0.03),
+        "plant.sensor_noise.heading_error_rad": rng.uniform(0.0, 0.005),
+        "plant.sensor_noise.yaw_rate_rad_s": rng.uniform(0.0, 0.01),
+        "plant.disturbance.steps": [
+            wind,
+            {"at_s": begin_s + rng.uniform(1.0, 5.0), "side_force_n": 0.0},
+        ],
+    }
+    for line, mean_s in (("downlink", downlink_s), ("uplink", uplink_s)):
+        overrides |= {
+            f"plant.latency.{line}.model": "gamma",
+            f"plant.latency.{line}.mean_s": mean_s,
+            f"plant.latency.{line}.spread_s": mean_s * rng.uniform(0.05, 0.4),
+            f"plant.latency.{line}.loss": rng.uniform(0.0, 0.05),
+        }
+    return "highway_nominal" if is_fast else "paper_nominal", preset, overrides
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ordinary_runs_raise_no_alarm(seed: int) -> None:
+    plant, preset, overrides = ordinary(seed)
+    done = simulate(plant, preset, seed=seed, duration_s=15.0, overrides=overrides)
+    report = done.controller_report
+    assert report["contradiction"] == ""
+    assert report["model"]["fits"]
+    assert "model_misfit" not in report["validity_share"]
