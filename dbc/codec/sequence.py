@@ -310,7 +310,7 @@ class SequenceCheck:
         return SequenceResult.TAKEN_BACK
 
     def _note_second(self, caution: _Caution, now_ns: int) -> None:
-        """Note a frame of a second sender, for as long as which there is caution."""
+        """Note a frame of a second sender; caution lasts from it on."""
         caution.until_ns, self.second_sender_ns = now_ns + CAUTION_NS, now_ns
 
     def _newest_until(self, time_ns: int) -> list[int]:
