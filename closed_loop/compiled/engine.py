@@ -15,7 +15,6 @@ import numpy as np
 from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
-from ...plant_emulator.path.cg_deviation import deviation_behind_m
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.path.shapes import build_path
@@ -32,7 +31,8 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part
-from .compilation import compiled, compiled_fastmath
+from .along_path import cg_deviations_m
+from .compilation import compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import Inbox, Uplink, quantised
 from .loop import COMPLETE, LAW_FAILED, run_segment
@@ -330,34 +330,3 @@ def _road(settings: PathSettings, _parts: tuple[Part, ...]) -> Path:
     }
     arrays["pose"] = np.array([tuple(pose) for pose in path.pose], dtype=_POSE)
     return path._replace(**arrays)
-
-
-@compiled
-def cg_deviations_m(
-    path: Any, arc_length_m: Any, heading_error_rad: Any, lateral_error_m: Any, preview_m: float
-) -> Any:
-    """Return ``path.cg_deviation.cg_deviation_m`` of every sample, shape (samples,)."""
-    deviations_m = np.empty(len(arc_length_m))
-    for sample in range(len(arc_length_m)):
-        piece, along_m = _located(path, arc_length_m[sample])
-        end_piece, end_along_m = _located(path, arc_length_m[sample] - preview_m)
-        deviations_m[sample] = deviation_behind_m(
-            path,
-            piece,
-            along_m,
-            end_piece,
-            end_along_m,
-            heading_error_rad[sample],
-            lateral_error_m[sample],
-            preview_m,
-        )
-    return deviations_m
-
-
-@compiled
-def _located(path: Any, arc_length_m: Any) -> Any:
-    """Return the piece that holds a point, and the point's distance from the piece's start [m]."""
-    lap = arc_length_m // path.length_m if path.closed else 0.0
-    in_lap_m = arc_length_m - lap * path.length_m
-    piece = max(np.searchsorted(path.start_m, in_lap_m, "right") - 1, 0)
-    return piece, in_lap_m - path.start_m[piece]

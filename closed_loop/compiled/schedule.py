@@ -31,13 +31,14 @@ from ...dbc.messages import (
 )
 from ...dbc.reception import cycle_ns
 from ...plant_emulator.network.random_streams import Stream, first_uniforms
-from ...plant_emulator.sensors.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
+from ...plant_emulator.sensors.path_ahead import CURVATURES, VALUES, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import MotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings.plugin import Part
+from .along_path import curvatures_ahead_1_m
 from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
 from .network import Frames, normal_scores, passages
@@ -282,12 +283,10 @@ def _paths_ahead_1_m(
         return np.empty((0, VALUES))
     every = samples_per_vehicle_state(plant.sensor_period_ns)
     spacing = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
-    rows = [
-        curvatures_ahead_1_m(motion.path, motion.speed_m_s * (motion_ns / NS_PER_S), spacing)
-        for motion_ns in schedule.motion_ns[::every].tolist()
-    ]
+    places_m = motion.speed_m_s * (schedule.motion_ns[::every] / NS_PER_S)
+    rows = curvatures_ahead_1_m(motion.path, places_m, spacing, VALUES, *CURVATURES)
     resolution_1_m = resolutions(PathAhead)["curvature_0_1_m"]
-    return np.asarray(np.rint(np.array(rows) / resolution_1_m) * resolution_1_m)
+    return np.asarray(np.rint(rows / resolution_1_m) * resolution_1_m)
 
 
 def quantised_speed_m_s(speed_m_s: float) -> float:

@@ -8,7 +8,7 @@ from ..path.path import Path, curvature
 VALUES = sum(name.startswith("curvature_") for name in PathAhead._fields)
 _SPACINGS = limits(PathAhead)["path_spacing_m"]
 _RESOLUTION_M = resolutions(PathAhead)["path_spacing_m"]
-_CURVATURES = limits(PathAhead)["curvature_0_1_m"]
+CURVATURES = limits(PathAhead)["curvature_0_1_m"]
 
 
 def spacing_m(speed_m_s: float, reach_s: float) -> float:
@@ -20,7 +20,7 @@ def spacing_m(speed_m_s: float, reach_s: float) -> float:
 
 def curvatures_ahead_1_m(path: Path, arc_length_m: float, spacing_m: float) -> list[float]:
     """Return the values, clamped to the range of their signals."""
-    low, high = _CURVATURES
+    low, high = CURVATURES
     return [
         min(max(curvature(path, arc_length_m + index * spacing_m), low), high)
         for index in range(VALUES)
