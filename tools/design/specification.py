@@ -96,12 +96,13 @@ class CourseTable(Settings):
     """`[course]`: the paths to be driven, each from rest on it and for the same time.
 
     ``friction``           the least of the roads that the vehicle's virtual masses stand for
-    ``friction_share_max``  how much of it the bends may need at the highest speed
+    ``friction_share_max``  how much of it the bends may need at the highest speed; none: any, with
+                           a warning above 1
     """
 
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
     friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
-    friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     paths: Annotated[tuple[PathSettings, ...], Field(min_length=1, max_length=20)]
 
 

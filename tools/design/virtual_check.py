@@ -116,11 +116,13 @@ def course_line(spec: Specification, vehicle: VehicleFile) -> str:
         f"the course asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at {speed_m_s:.4g}"
         f" m/s, {share:.2f} of what friction {course.friction:g} gives"
     )
-    if share > course.friction_share_max:
+    if course.friction_share_max is not None and share > course.friction_share_max:
         raise SettingsError(
             f"{line}; at most {course.friction_share_max:g} is allowed: choose a gentler path or a"
             " lower speed"
         )
+    if share > 1.0:
+        return f"warning: {line}: no car follows it, only the linear model does"
     return line
 
 

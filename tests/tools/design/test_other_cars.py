@@ -1,0 +1,154 @@
+"""Cars that nobody here tuned for, designed and then held in a simulator written apart.
+
+The simulator shares no line with the project: SAE 2018-01-1086 (1) by scipy's solve_ivp, the PD as
+one line of arithmetic a tick. All corners and delays are one system of differential equations.
+"""
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.design import __main__ as design_gains
+from tests.support.same_process import same_process as same_process
+
+Array = NDArray[np.float64]
+CITY_CAR = {
+    "vehicle": "m = 950 J = 1150 cf = 85e3 cr = 105e3 lf = 0.95 lr = 1.25 ls = 2.0 V = 2.8",
+    "speed_m_s": (2.0, 3.6),
+    "virtual_mass_kg": (850.0, 1500.0),
+}
+SEDAN = {
+    "vehicle": "m = 1600 J = 2700 cf = 120e3 cr = 150e3 lf = 1.25 lr = 1.5 ls = 2.0 V = 5.6",
+    "speed_m_s": (4.2, 7.0),
+    "virtual_mass_kg": (1400.0, 2600.0),
+}
+BUS = {
+    "vehicle": "m = 12000 J = 110e3 cf = 450e3 cr = 700e3 lf = 3.3 lr = 2.4 ls = 4.0 V = 11.1",
+    "speed_m_s": (30.0 / 3.6, 50.0 / 3.6),
+    "virtual_mass_kg": (10000.0, 16000.0),
+}
+KEYS = {
+    "m": "virtual_mass_kg",
+    "J": "yaw_inertia_kg_m2",
+    "cf": "front_cornering_stiffness_n_rad",
+    "cr": "rear_cornering_stiffness_n_rad",
+    "lf": "front_axle_distance_m",
+    "lr": "rear_axle_distance_m",
+    "ls": "preview_distance_m",
+    "V": "speed_m_s",
+}
+SPEC = """
+name = "car"
+laws = ["pd"]
+peak_sensitivity_max = 3
+noise_gain_rad_m_max = 3
+delay = {{ ms_max = 100, step_ms = 50, margin_ms = 50 }}
+d_stability = {{ settling_1_s = 0.3, bandwidth_rad_s = 15, cone_angle_deg = 120 }}
+search = {{ starts = 1, generations = 25 }}
+[course]
+duration_s = 20
+friction_share_max = 0.3
+paths = [{{ kind = "circle", radius_m = {radius_m} }}]
+"""
+RATE_HZ, DURATION_S = 100, 20
+DELAY_TICKS = (0, 10)
+
+
+def numbers(car: dict[str, Any]) -> dict[str, float]:
+    words = car["vehicle"].replace(" = ", "=").split()
+    return {key: float(value) for key, value in (word.split("=") for word in words)}
+
+
+def written(car: dict[str, Any], radius_m: float, folder: Path) -> list[str]:
+    """Write vehicle and specification; returns the words of the command."""
+    lines = ["[vehicle]", *(f"{KEYS[key]} = {value}" for key, value in numbers(car).items())]
+    ranges = [f"{key} = {list(car[key])}" for key in ("speed_m_s", "virtual_mass_kg")]
+    (folder / "car.toml").write_text("\n".join([*lines, "[uncertainty]", *ranges]))
+    (folder / "spec.toml").write_text(SPEC.format(radius_m=radius_m))
+    return [str(folder / "car.toml"), "--spec", str(folder / "spec.toml"), "--out", str(folder)]
+
+
+def simulated_m(car: dict[str, Any], radius_m: float, gains: tuple[float, ...]) -> Array:
+    """Return the lateral error at the ticks, shape (ticks, corners * delays)."""
+    corners = [(v, m) for v in car["speed_m_s"] for m in car["virtual_mass_kg"]]
+    v, m, late = np.array([(*one, ticks) for one in corners for ticks in DELAY_TICKS]).T
+    c = numbers(car)
+    turning = c["lr"] * c["cr"] - c["lf"] * c["cf"]
+    damping = c["lf"] ** 2 * c["cf"] + c["lr"] ** 2 * c["cr"]
+
+    def slope(_t: float, state: Array, steer: Array) -> Array:
+        beta, r, psi, _y = state.reshape(4, -1)
+        return np.concatenate(
+            [
+                -(c["cf"] + c["cr"]) / (m * v) * beta
+                + (turning / (m * v**2) - 1.0) * r
+                + c["cf"] / (m * v) * steer,
+                (turning * beta - damping / v * r + c["lf"] * c["cf"] * steer) / c["J"],
+                r - v / radius_m,
+                v * beta + c["ls"] * r + v * psi,
+            ]
+        )
+
+    k_p, k_d, corner_rad_s = gains
+    share = np.exp(-corner_rad_s / RATE_HZ)
+    state, smooth = np.zeros(4 * len(v)), np.zeros(len(v))
+    sent = deque([np.zeros(len(v))] * (max(DELAY_TICKS) + 1), max(DELAY_TICKS) + 1)
+    errors = []
+    for _ in range(DURATION_S * RATE_HZ):
+        y = state[-len(v) :]
+        errors.append(y)
+        sent.append(-k_p * y - k_d * corner_rad_s * (y - smooth))
+        smooth = share * smooth + (1.0 - share) * y
+        acting = np.where(late == 0, sent[-1], sent[0])
+        state = solve_ivp(slope, (0.0, 1.0 / RATE_HZ), state, args=(acting,), rtol=1e-6).y[:, -1]
+    return np.array(errors)
+
+
+@pytest.mark.usefixtures("same_process")
+@pytest.mark.parametrize(
+    ("car", "radius_m"),
+    [(CITY_CAR, 15.0), (SEDAN, 30.0), (BUS, 150.0)],
+    ids=["a small city car", "a sedan", "a bus of 12 t at 30 to 50 km/h"],
+)
+def test_a_car_that_is_designed_is_held_in_a_simulator_written_apart(
+    car: dict[str, Any], radius_m: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = design_gains.main(written(car, radius_m, tmp_path))
+    printed = capsys.readouterr()
+    assert status == 0, printed.err
+    preset = load_settings(ControllerSettings, None, tmp_path / "car_pd.toml").pd
+    assert preset is not None
+    assert preset.derivative_filter_rad_s is not None
+    gains = (
+        preset.proportional_gain_rad_m,
+        preset.derivative_gain_rad_s_m,
+        preset.derivative_filter_rad_s,
+    )
+    error_m = simulated_m(car, radius_m, gains)
+    (said,) = (line for line in printed.out.splitlines() if line.startswith("  RMS error"))
+    rms_m = np.sqrt(np.square(error_m).mean(axis=0))
+    assert rms_m.max() == pytest.approx(float(said.split()[2]), rel=0.002)
+    settled = np.abs(error_m[-5 * RATE_HZ :])
+    assert (settled.max(axis=0) < 1.05 * settled.min(axis=0) + 1e-3).all()  # nothing swings
+
+
+def test_a_sports_car_on_the_road_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """60 to 90 km/h, on a course that is gentle enough for half of that."""
+    sports = {
+        "vehicle": "m = 1450 J = 2100 cf = 160e3 cr = 240e3 lf = 1.35 lr = 1.2 ls = 2.0 V = 20.8",
+        "speed_m_s": (60.0 / 3.6, 90.0 / 3.6),
+        "virtual_mass_kg": (1300.0, 2400.0),
+    }
+    assert design_gains.main(written(sports, 150.0, tmp_path)) == 2
+    said = capsys.readouterr().err
+    assert "4.17 m/s² at 25 m/s, 0.42 of what friction 1 gives; at most 0.3" in said
+    assert not (tmp_path / "car_pd.toml").exists()
