@@ -1,5 +1,8 @@
 """Quantiles over seeds: by hand, their interval by its definition, and as a page."""
 
+import math
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -91,3 +94,41 @@ def test_the_interval_leaves_a_fortieth_on_either_side(counted: tuple[int, int])
     if count < runs:
         assert binom.cdf(count, runs, min(0.01 * high + edge, 1.0)) <= 0.025
         assert binom.cdf(count, runs, max(0.01 * high - edge, 0.0)) >= 0.025
+
+
+PAGE = Path(__file__).parents[3] / "docs" / "packet.md"
+
+
+def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None:
+    """The first forty of the thousand seeds, computed anew."""
+    shipped = Path(__file__).parents[3] / "closed_loop" / "studies" / "compare_at_speed.toml"
+    text = shipped.read_text(encoding="utf-8")
+    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", "[0.2, 0.4]").replace("= 1000", "= 40")
+    study = read_study(computed(tmp_path, few))
+    rows = read_rows(study)
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in PAGE.read_text(encoding="utf-8").splitlines()
+        if line.count("|") == 11 and " to " in line
+    ]
+    assert len(lines) == 3 * 2 * 4
+    for network, mean_s, law, *figures in lines:
+        at = (
+            (rows.factors["network"] == network)
+            & (rows.factors["mean_s"] == float(mean_s))
+            & (rows.controller == study.names.index(law))
+        )
+        peak_m = rows.peak_m[at]
+        assert len(peak_m) == 40
+        median_m, _, _, worst_m = (
+            math.inf if figure == "lost" else float(figure) for figure in figures[:4]
+        )
+        half_digit = 0.00501
+        assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
+        if median_m < math.inf:  # 40 of 1,000: outside 5 to 35 with a probability of 1e-6
+            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 5
+            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 5
+        share = float(figures[-1].split()[0])
+        count = np.count_nonzero(peak_m > 0.5)
+        assert binom.cdf(count, 40, 0.01 * share + 5e-4) > 1e-6
+        assert binom.sf(count - 1, 40, 0.01 * share + 5e-4) > 1e-6
