@@ -71,40 +71,44 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
         for vehicle in box.corners(model.vehicle):
             changed = {key: getattr(vehicle, key) for key in box.given()}
             progress(f"stable delays at {in_words(changed)}")
-            stable = _stable_delays_of(settings, vehicle, limit_ns, responses)
+            stable = stable_delays_of(loop_around(settings, vehicle, responses), limit_ns)
             corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
     return figures | {"delay_max_s": delay_max_s, "corners": corners}
 
 
-def _stable_delays_of(
-    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int, responses: Responses
-) -> tuple[DelayInterval, ...]:
-    """Return the stable delays of a law around another vehicle than its nominal one."""
+Loop = SampledLoop | PeriodicLoop
+
+
+def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Responses) -> Loop:
+    """Return the loop of a law around another vehicle than its nominal one.
+
+    Raises ValueError where the two periods have no common multiple.
+    """
     design = design_law(linear(settings))
     law = design.looking_back
     if law is None:
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
-        model = steer_to_lateral_error(vehicle)
-        return _stable_delays_around(settings, design, model, limit_ns, responses)
+        return _loop_of(settings, design, steer_to_lateral_error(vehicle), known)
     periods = law.state_period_ns, law.request_periods
-    around = PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, responses)
-    return stable_constant_delays(around, limit_ns)
+    return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, known)
 
 
-def _stable_delays_around(
+def _loop_of(
     settings: ControllerSettings,
     design: LawDesign,
     model: TransferFunction,
-    limit_ns: int,
     responses: Responses | None = None,
-) -> tuple[DelayInterval, ...]:
-    """Return the stable delays of a law that does not look back.
-
-    Raises ValueError where the two periods have no common multiple.
-    """
+) -> Loop:
+    """Return the loop of a law that does not look back."""
     if not _has_two_rates(settings):
-        return stable_delays(SampledLoop(design, model, settings.period_ns), limit_ns)
-    loop = PeriodicLoop(design, settings.loop_delay, LoopModel(model), responses=responses)
+        return SampledLoop(design, model, settings.period_ns)
+    return PeriodicLoop(design, settings.loop_delay, LoopModel(model), responses=responses)
+
+
+def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[DelayInterval, ...]:
+    """Return the stable delays of either loop."""
+    if isinstance(loop, SampledLoop):
+        return stable_delays(loop, limit_ns)
     return stable_constant_delays(loop, limit_ns)
 
 
@@ -194,7 +198,7 @@ def _looking_back(
             progress(f"stable delays of {name}")
             fallback = design_law(settings.model_copy(update={"law": name}))
             fallback_ns = _delay_ns_max(settings, fallback)
-            stable = _stable_delays_around(settings, fallback, settings.model, fallback_ns)
+            stable = stable_delays_of(_loop_of(settings, fallback, settings.model), fallback_ns)
             delays = _delays(stable, fallback_ns)
             figures["fallback"] = {"law": name, "when": when, "stable_delays": delays}
         loop = PeriodicLoop(

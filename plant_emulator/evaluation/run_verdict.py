@@ -24,7 +24,7 @@ every run, whatever its other figures.
 An oscillation of the lateral error is one of two things:
 
     regular   the standard deviation of the half periods is at most ``irregularity`` of their mean,
-              and the amplitude is ``amplitude_m`` or more
+              and the amplitude is ``amplitude_m`` or more; GROWING_SHARE of it where it grows
     a swing   of ``swing_m`` or more, without a rhythm or too slow for the window to show one; it
               exceeds mean and trend (the window's largest error is at most CREST_MAX times the
               amplitude), and had an amplitude of ``amplitude_m`` or more in the window before
@@ -54,6 +54,8 @@ from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, fast_half, window_figures
 from .followed_point import FollowedPoint
 
+GROWING_SHARE = 0.25
+"""Of the amplitude of an oscillation, from which a regular one that grows is unstable already."""
 CREST_MAX = 3.0
 """Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
 where it dies away to a fifth within the window."""
@@ -153,7 +155,10 @@ def verdicts(
     amplitude_m, before_m = column("amplitude_m"), column("amplitude_before_m")
     peak_m, peak_before_m = column("end_peak_m"), column("end_peak_before_m")
     # Comparisons with NaN are false: without the figure a run does not show the behaviour.
-    is_regular = (amplitude_m >= rules.amplitude_m) & (column("irregularity") <= rules.irregularity)
+    has_rhythm = column("irregularity") <= rules.irregularity
+    is_regular = has_rhythm & (amplitude_m >= rules.amplitude_m)
+    grows = amplitude_m >= rules.growth * before_m
+    begins = grows & has_rhythm & (amplitude_m >= GROWING_SHARE * rules.amplitude_m)
     swings = amplitude_m >= rules.swing_m
     is_about_path = (peak_m <= CREST_MAX * amplitude_m) & (before_m >= rules.amplitude_m)
     oscillates = is_regular | (swings & is_about_path)
@@ -161,8 +166,11 @@ def verdicts(
         column("wheel_amplitude_rad"),
         column("wheel_amplitude_before_rad"),
     )
-    is_wheel_regular = (wheel_rad >= rules.wheel_amplitude_rad) & (
-        column("wheel_irregularity") <= rules.irregularity
+    wheel_has_rhythm = column("wheel_irregularity") <= rules.irregularity
+    is_wheel_regular = wheel_has_rhythm & (wheel_rad >= rules.wheel_amplitude_rad)
+    wheel_grows = wheel_rad >= rules.growth * wheel_before_rad
+    wheel_begins = (
+        wheel_grows & wheel_has_rhythm & (wheel_rad >= GROWING_SHARE * rules.wheel_amplitude_rad)
     )
     wheel_swings = wheel_rad >= rules.wheel_swing_rad
     wheel_oscillates = is_wheel_regular | (
@@ -179,8 +187,10 @@ def verdicts(
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
         Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
-        | (oscillates & (amplitude_m >= rules.growth * before_m))
-        | (wheel_oscillates & (wheel_rad >= rules.growth * wheel_before_rad)),
+        | (oscillates & grows)
+        | (wheel_oscillates & wheel_grows)
+        | begins
+        | wheel_begins,
         Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))
         | (wheel_oscillates & (wheel_rad >= rules.sustained * wheel_before_rad)),
         Verdict.DRIFTS: drifts,

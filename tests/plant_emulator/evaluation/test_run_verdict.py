@@ -249,6 +249,8 @@ def test_a_wheel_that_slams_does_not_hold_though_the_vehicle_cannot_follow() -> 
         (0.018 * np.sin(20.0 * TIME_S), Verdict.HOLDS),
         (0.022 * np.sin(20.0 * TIME_S), Verdict.LIMIT_CYCLE),
         (1e-3 * np.exp(0.06 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.UNSTABLE),
+        (2e-4 * np.exp(0.06 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.UNSTABLE),
+        (1e-4 * np.exp(0.06 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.HOLDS),
         (0.3 * np.exp(-0.05 * TIME_S) * np.sin(20.0 * TIME_S), Verdict.HOLDS),
         (0.4 * np.sin(0.4 * TIME_S), Verdict.HOLDS),  # a path that bends
         (0.1 * np.random.default_rng(1).standard_normal(6001), Verdict.HOLDS),
