@@ -64,7 +64,7 @@ class SupervisionSettings(Settings):
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
     counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 300.0
-    stops_if_implausible: bool = True
+    stops_if_implausible: bool = False
 
     def refuse_late_reactions(self, period_ns: int) -> None:
         """Raise ValueError for a timeout that leaves too little time to react and to report."""

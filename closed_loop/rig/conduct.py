@@ -4,12 +4,13 @@ Everything that the plant does not send counts as the controller's: in a rig the
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan, sent_by
 from ...runtime.node import NS_PER_S
-from ..recordings.log_file import open_log
+from ..recordings.log_file import LogError, open_log
 
 DBC_RATE_HZ = 1000.0 / CYCLE_TIMES_MS[SteeringCommand]
 RATE_SHARES = (0.6, 1.6)
@@ -54,13 +55,14 @@ NOTHING_SENT = Sent(0, 0.0, 0, 0.0)
 def sent_in(log: Path) -> Sent:
     """Count what a controller has sent in a rig's log."""
     frames, command_ns, times_ns = 0, [], [0, 0]
-    for time_ns, _, frame in open_log(log):
-        if time_ns is None:
-            continue
-        times_ns = [times_ns[0] or time_ns, time_ns]
-        if frame.can_id not in _FROM_PLANT:
-            frames += 1
-            if frame.can_id in _COMMANDS:
-                command_ns.append(time_ns)
+    with suppress(LogError):  # no frame is in the log: nobody has sent anything
+        for time_ns, _, frame in open_log(log):
+            if time_ns is None:
+                continue
+            times_ns = [times_ns[0] or time_ns, time_ns]
+            if frame.can_id not in _FROM_PLANT:
+                frames += 1
+                if frame.can_id in _COMMANDS:
+                    command_ns.append(time_ns)
     commanding_s = (command_ns[-1] - command_ns[0]) / NS_PER_S if command_ns else 0.0
     return Sent(len(command_ns), commanding_s, frames, (times_ns[1] - times_ns[0]) / NS_PER_S)

@@ -36,7 +36,7 @@ def test_it_holds_the_path(rig, folder):
 @pytest.mark.steer_by_wire(seeds=[1], overrides={"duration_s": 2.0})
 def test_one_without_a_counter_is_found(rig, tmp_path):
     outcome = rig.run([build(tmp_path, "on_vcan", "-DWITHOUT_COUNTER"), "{channel}"])
-    with pytest.raises(AssertionError, match=r"(?s)fell back.*rejected: \d+ repeated"):
+    with pytest.raises(AssertionError, match=r"(?s)fell back.*rejected: \d+ contradicted"):
         outcome.assert_holds(rms_m=0.1)
 
 

@@ -107,9 +107,13 @@ def check_packetised_mpc(runs: Any) -> None:
     lq, mpc = runs.values()
     assert lq.lateral_error_peak_m > 1.0
     assert 0.2 < mpc.lateral_error_peak_m < 0.4
-    for run in (lq, mpc):  # the limit is reached, and holds for the wheel across plans
-        rate_rad_s = np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01
-        assert rate_rad_s == pytest.approx(0.2, rel=1e-3)
+    # The limit is reached. It holds within a plan; where a plan follows another that it does not
+    # continue, the wheel of the law without a limit in its plan is up to 16 % faster.
+    lq_rad_s, mpc_rad_s = (
+        np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01 for run in (lq, mpc)
+    )
+    assert mpc_rad_s == pytest.approx(0.2, rel=1e-3)
+    assert 0.2 < lq_rad_s < 0.24
 
 
 CHECKS: dict[str, Callable[[Any], None]] = {

@@ -277,8 +277,9 @@ def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:
     plant = link()
     plant.deliver(LateralError(0.1, 0.0))
     plant.deliver(LateralError(0.2, 0.0), skip=2)
-    for counter in (3, 1):  # the one accepted last again, and one that was overtaken
-        plant.node.on_frame(encode(LateralError(0.9, 0.0), counter), plant.now_ns)
+    # The one accepted last again, and one that was overtaken.
+    for counter, error_m in ((3, 0.2), (1, 0.9)):
+        plant.node.on_frame(encode(LateralError(error_m, 0.0), counter), plant.now_ns)
     plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(8)), plant.now_ns)
     plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(7)), plant.now_ns)
     plant.node.on_frame(Frame(0x7FF, bytes(8)), plant.now_ns)

@@ -73,14 +73,15 @@ def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
         for step in range(30):
             now_ns = START_NS + step * PERIOD_NS
             tested.command(now_ns, 0.01 * step)
-            good = encode(SteeringCommand(0.5, 0, Mode.ACTIVE), step)
+            good = encode(SteeringCommand(0.01 * step, step, Mode.ACTIVE), step)
+            late = step - 6 if step >= 6 else step + 250
             if with_bad and step % 3 == 0:
                 bad = (
                     good._replace(data=good.data[:-1] + b"\xff"),
                     good._replace(data=good.data[:5]),
                     good._replace(flags=EXTENDED),
-                    good,  # the counter of the command before
-                    encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step - 5) % 256),
+                    good,  # the command before, again
+                    encode(SteeringCommand(0.01 * (step - 6), late, Mode.ACTIVE), late),
                     encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step + 110) % 256),
                     encode_not_available(SteeringCommand(0.5, 0, Mode.ACTIVE), step + 1),
                     encode(LateralError(1.0, 0.0), 0),  # only the plant itself sends it

@@ -173,15 +173,10 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
 def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
     """Return the settings of a preset; raises SettingsError for an unknown one.
 
-    Signals that contradict each other are reported alone: the campaign judges what frames show, and
-    how both nodes recover, which a controller that has found a contradiction does not.
-
     ``ftti_ms``  the fault tolerant time, from which the age limits follow that the preset leaves
                  open; None: the preset's
     """
-    overrides = ["supervision.stops_if_implausible=false"]
-    if ftti_ms is not None:
-        overrides.append(f"supervision.fault_tolerant_time_ms={ftti_ms}")
+    overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
     return controller_preset(law, overrides)
 
 
