@@ -29,6 +29,8 @@ WINDOW_SHARE_MAX = 0.25
 """Share of the run: the two windows at its end leave the first half to settle."""
 HALF_PERIODS_MIN = 4
 """Fewer half periods are no oscillation: its figures are then NaN."""
+WHEEL_HALF_PERIODS_MIN = 12
+"""The same for the wheel, which noise moves too: in fewer it has a rhythm by chance."""
 SAMPLES_MIN = 8
 """A window needs as many samples."""
 FAST_S = 1.0
@@ -66,7 +68,9 @@ def window_figures(
         peak_m = largest(error_m, 0, samples)
         return WindowFigures(nan, nan, nan, nan, nan, nan, nan, peak_m, nan, nan, nan, nan, nan)
     first, middle = samples - 2 * window, samples - window
-    before, last, omega_rad_s, irregularity = oscillation(error_m, first, window, period_s)
+    before, last, omega_rad_s, irregularity = oscillation(
+        error_m, first, window, period_s, HALF_PERIODS_MIN
+    )
     wheel_amplitude_rad, wheel_before_rad, wheel_omega_rad_s, wheel_irregularity = (
         nan,
         nan,
@@ -77,7 +81,7 @@ def window_figures(
     if len(wheel_rad) >= 2 * (window + half):
         fast_rad = fast_motion(wheel_rad, 2 * window, half)
         wheel_before, wheel_last, wheel_omega_rad_s, wheel_irregularity = oscillation(
-            fast_rad, 0, window, period_s
+            fast_rad, 0, window, period_s, WHEEL_HALF_PERIODS_MIN
         )
         wheel_amplitude_rad, wheel_before_rad = wheel_last[2], wheel_before[2]
     return WindowFigures(
@@ -118,9 +122,12 @@ def fast_motion(values: Sequence[float], count: int, half: int) -> list[float]:
 
 
 def oscillation(
-    values: Sequence[float], first: int, window: int, period_s: float
+    values: Sequence[float], first: int, window: int, period_s: float, halves_min: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float]:
-    """Return the lines fitted to two windows, and frequency and irregularity of what is left."""
+    """Return the lines fitted to two windows, and frequency and irregularity of what is left.
+
+    ``halves_min``  half periods that both figures need; NaN with fewer
+    """
     middle = first + window
     before = fitted_line(values, first, window)
     last = fitted_line(values, middle, window)
@@ -133,7 +140,7 @@ def oscillation(
         total += length
         square += squares
     omega_rad_s, irregularity = math.nan, math.nan
-    if halves >= HALF_PERIODS_MIN:
+    if halves >= halves_min:
         mean = total / halves
         omega_rad_s = math.pi / (mean * period_s)
         irregularity = math.sqrt(max(square / halves - mean * mean, 0.0)) / mean
