@@ -8,7 +8,7 @@
 '12.3 mm'
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
@@ -20,6 +20,7 @@ from ..controller.settings import shared_vehicle as nominal_vehicle
 from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
+from ..runtime.array_types import FloatArray
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.command_line import installation
 from ..runtime.node import NEVER_NS, NS_PER_S
@@ -49,6 +50,22 @@ _SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
     }
 )
 """What the settings of each side are called, and the package with its presets."""
+
+_DOWNLINK = "plant.latency.downlink"
+SHORT: Mapping[str, str] = MappingProxyType(
+    {
+        "seed": "plant.seed",
+        "duration_s": "plant.duration_s",
+        "law": "controller.law",
+        "latency_s": f"{_DOWNLINK}.mean_s",
+        "jitter_s": f"{_DOWNLINK}.spread_s",
+        "loss": f"{_DOWNLINK}.loss",
+        "latencies": f"{_DOWNLINK}.latencies_s",
+    }
+)
+"""Settings that have a name of their own in Python."""
+GAMMA: Mapping[str, str] = MappingProxyType({f"{_DOWNLINK}.model": "gamma"})
+"""What ``jitter_s`` sets beside its key."""
 
 S = TypeVar("S", bound=Settings)
 
@@ -82,6 +99,7 @@ def simulate(
     latency_s: float | None = None,
     jitter_s: float | None = None,
     loss: float | None = None,
+    latencies: Sequence[float] | FloatArray | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
     engine: Engine = "virtual",
     bus: str | Path | Mapping[str, Any] | BusSettings | None = None,
@@ -95,6 +113,8 @@ def simulate(
     ``law``           of the controller; None keeps what its settings say
     ``latency_s``, ``jitter_s``, ``loss``   of the commands: mean latency, standard deviation of a
                       gamma distribution, share of lost frames, 0 to 1; None keeps them
+    ``latencies``     of the commands one by one [s], shape (frames,), in place of the first two;
+                      after the last the first again
     ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``; a part of
                       your own, as a ``LatencyModel``, stands for its place ``module:ATTRIBUTE``
     ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
@@ -111,26 +131,19 @@ def simulate(
     steer_by_wire.runtime.settings.settings.SettingsError: overrides of plant: \
 actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     """
-    downlink = "plant.latency.downlink"
     own = {
-        "plant.seed": seed,
-        "plant.duration_s": duration_s,
-        "controller.law": law,
-        f"{downlink}.mean_s": latency_s,
-        f"{downlink}.model": "gamma" if jitter_s else None,
-        f"{downlink}.spread_s": jitter_s,
-        f"{downlink}.loss": loss,
+        "seed": seed,
+        "duration_s": duration_s,
+        "law": law,
+        "latency_s": latency_s,
+        "jitter_s": jitter_s,
+        "loss": loss,
+        "latencies": None if latencies is None else list(latencies),
     }
-    try:
-        given = by_place({**overrides, **{key: it for key, it in own.items() if it is not None}})
-    except ValueError as error:
-        raise SettingsError(f"overrides: {error}") from error
-    values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
-    for key, value in given.items():
-        side, _, name = key.partition(".")
-        if side not in values or not name:
-            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
-        values[side][name] = value
+    given = {**overrides, **{SHORT[key]: it for key, it in own.items() if it is not None}}
+    if jitter_s:
+        given |= GAMMA
+    values = by_side(given)
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
     drives = settings_of(ControllerSettings, controller, values["controller"], of_controller)
@@ -146,6 +159,17 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     return _run_compiled(*settings)
 
 
+def by_side(overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return overrides by side, plant and controller; raises SettingsError for other keys."""
+    values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
+    for key, value in overrides.items():
+        side, _, name = key.partition(".")
+        if side not in values or not name:
+            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
+        values[side][name] = value
+    return values
+
+
 def settings_of(
     model: type[S],
     given: str | Path | S,
@@ -154,7 +178,7 @@ def settings_of(
 ) -> S:
     """Return the settings of one side, plant or controller, as ``simulate`` takes them.
 
-    ``values``  overrides, by ``table.key``
+    ``values``  overrides, by ``table.key``; a part stands for its place
     ``shared``  table of the vehicle's file, in place of the same of a preset or file
 
     Raises SettingsError.
@@ -173,7 +197,12 @@ def settings_of(
             f"{side} is of type {type(given).__name__} (allowed: name of a preset, path of a"
             f" settings file, {model.__name__})"
         )
-    return with_values(settings, values, f"overrides of {side}") if values else settings
+    where = f"overrides of {side}"
+    try:
+        placed = by_place(values)
+    except ValueError as error:
+        raise SettingsError(f"{where}: {error}") from error
+    return with_values(settings, placed, where) if values else settings
 
 
 def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:

@@ -5,7 +5,10 @@ per control period, so each has a table of its own; an array of a table has shap
 """
 
 import csv
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +16,7 @@ import numpy as np
 
 from ..controller.node.run_figures import ControlSample
 from ..controller.settings import ControllerSettings
+from ..plant_emulator.evaluation.report_in_words import verdict_text
 from ..plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
 from ..plant_emulator.path.shapes import build_path
 from ..plant_emulator.settings import PlantSettings
@@ -152,6 +156,18 @@ class Run(NamedTuple):
             f" {self.plant_settings.duration_s:g} s, {self.engine}: {self.outcome};"
             f" {self._errors_in_words}>"
         )
+
+    def _repr_html_(self) -> str:
+        """Return picture and verdict, as a notebook shows a run; without matplotlib a line."""
+        verdict = verdict_text(self.plant_report) if self.plant_report else self.outcome
+        shown = f"<p><b>{escape(verdict)}</b></p>"
+        try:
+            figure = self.plot()
+        except ValueError:
+            return f"{shown}<pre>{escape(repr(self))}</pre>"
+        figure.savefig(png := BytesIO(), format="png")
+        source = f"data:image/png;base64,{b64encode(png.getvalue()).decode()}"
+        return f'{shown}<img src="{source}" alt="{escape(repr(self))}" style="max-width:100%">'
 
     @property
     def _errors_in_words(self) -> str:

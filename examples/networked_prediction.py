@@ -27,13 +27,16 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.history.echo_delay import LoopDelayParams
-from steer_by_wire.controller.history.plan import VALUES
-from steer_by_wire.controller.law_interface import Schedule
-from steer_by_wire.controller.laws.assembly import vehicle_of
-from steer_by_wire.controller.laws.packet import plan_times
-from steer_by_wire.controller.prediction.gains import noise_covariances, sampled_vehicles
-from steer_by_wire.controller.prediction.vehicle_estimator import command_from
+from steer_by_wire.law_parts import (
+    PLAN_VALUES,
+    LoopDelayParams,
+    Schedule,
+    command_from,
+    noise_covariances,
+    plan_times,
+    sampled_vehicles,
+    vehicle_of,
+)
 
 Array = NDArray[np.float64]
 H = np.eye(4)[[3, 2]]  # y and Δψ are measured
@@ -87,18 +90,18 @@ def step(p: Params, before: State, observed: LawInput) -> tuple[State, LawOutput
             y = history.lateral_error_m[at], history.heading_error_rad[at]
             x = x + p.observer @ (y - H @ x)
     first, spacing, acting = plan_times(p.loop_delay, p.reserve_samples, loop_delay, sample)
-    acts, z, values = first + acting * spacing, x, [0.0] * max(VALUES, acting + 1)
+    acts, z, values = first + acting * spacing, x, [0.0] * max(PLAN_VALUES, acting + 1)
     for k in range(sample, first + len(values) * spacing):
         u = command_from(p.loop_delay, loop_delay, history, k) if k < acts else -float(p.k @ z)
         if k == sample or (k - first) % spacing == 0:
             values[(k - first) // spacing] = u
         z = p.f @ z + p.g * u
-    acting_rad, row = values[acting], [float(first), float(spacing), *values[:VALUES]]
+    acting_rad, row = values[acting], [float(first), float(spacing), *values[:PLAN_VALUES]]
     return State(sample, x, acting, row), LawOutput(acting_rad, 0.0, 0.0, float(x[3]))
 
 
 def plan(_p: Params, x: State, observed: LawInput) -> int:
-    if x.acting >= VALUES or not observed.link.is_measured:
+    if x.acting >= PLAN_VALUES or not observed.link.is_measured:
         return -1
     observed.history.plans[observed.link.tick & observed.history.plan_mask][:] = x.row
     return x.acting

@@ -19,12 +19,15 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
-from steer_by_wire import Law, LawInput, LawOutput, Run, Settings, simulate
-from steer_by_wire.controller.filters.discretization import design_pd
-from steer_by_wire.controller.filters.pd import PdParams, pd_at_rest, pd_step
-from steer_by_wire.controller.filters.sections import SectionState
-from steer_by_wire.controller.laws import last_command
-from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, Settings, simulate
+from steer_by_wire.law_parts import (
+    PdParams,
+    SectionState,
+    design_pd,
+    last_command,
+    pd_at_rest,
+    pd_step,
+)
 
 
 class OwnTable(Settings):  # [own_law] of a settings file; C(s) is that of [pd]
@@ -44,7 +47,7 @@ class State(NamedTuple):
     wanted_rad: float
 
 
-def design(settings: LawSettings) -> Params:
+def design(settings: ControllerSettings) -> Params:
     own, period_s = settings.table_of(OwnTable), settings.period_s
     pd = design_pd(settings.pd, period_s)
     return Params(pd, own.integral_gain_rad_s_m * period_s, period_s / own.tracking_time_s)

@@ -19,7 +19,7 @@ with angle and rate limited: least distance programming, Lawson and Hanson 1974.
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,32 +27,37 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
-from steer_by_wire.controller.law_interface import (
+from steer_by_wire.law_parts import (
+    LAWS,
     NO_HISTORY,
     NO_LOOP_DELAY,
+    EstimatorState,
     History,
     LoopDelay,
     Schedule,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    measured_gains,
+    predict,
+    steer_for,
+    step_on_path,
 )
-from steer_by_wire.controller.laws import packet
-from steer_by_wire.controller.laws.predictor import PredictorState
-from steer_by_wire.controller.prediction import vehicle_estimator
-from steer_by_wire.controller.prediction.measured_vehicle import measured_gains
-from steer_by_wire.controller.prediction.prediction import predict, steer_for
 
+PACKET = LAWS["packet"]
 Array = NDArray[np.float64]
-Cost = tuple[vehicle_estimator.VehicleGains, float, int]  # model, k, samples between two values
-REST = vehicle_estimator.estimator_at_rest(0.0)
+Cost = tuple[VehicleGains, float, int]  # model, k, samples between two values
+REST = estimator_at_rest(0.0)
 TAIL = 150  # samples after the plan, with the predictor's feedback
 
 
 class State(NamedTuple):
-    inside: PredictorState
+    inside: Any  # state of packet
     acting: int
 
 
 class Params(NamedTuple):
-    inside: packet.PacketParams
+    inside: Any  # of packet
     weight_rad_m: float  # k
     angle_rad: float
     step_rad: float  # in one sample
@@ -61,7 +66,7 @@ class Params(NamedTuple):
 def terms(
     cost: Cost,
     plan: Array,
-    z: vehicle_estimator.EstimatorState = REST,
+    z: EstimatorState = REST,
     loop_delay: LoopDelay = NO_LOOP_DELAY,
     history: History = NO_HISTORY,
 ) -> Array:
@@ -82,7 +87,7 @@ def terms(
         u = float(planned[k]) if k <= ends else steer_for(g, z, inf)
         u_ss = per_curvature * z.curvature_1_m - z.offset_rad
         found += [weight_rad_m * z.lateral_error_m, u - u_ss]
-        z = vehicle_estimator.step_on_path(g, loop_delay, history, z, u)
+        z = step_on_path(g, loop_delay, history, z, u)
     return np.array(found)
 
 
@@ -90,24 +95,22 @@ def terms(
 def factors(cost: Cost, count: int) -> tuple[Array, Array, Array, Array]:
     """Return Q and R of the terms by the plan's values, Qᵀ of those by the state, R⁻¹ by limits."""
     q, r = np.linalg.qr(np.array([terms(cost, one) for one in np.eye(count)]).T)
-    states = [vehicle_estimator.EstimatorState(0, *one) for one in np.eye(len(REST) - 1).tolist()]
+    states = [EstimatorState(0, *one) for one in np.eye(len(REST) - 1).tolist()]
     by_state = q.T @ np.array([terms(cost, np.zeros(count), z) for z in states]).T
     limited = np.vstack((np.eye(count), np.eye(count) - np.eye(count, k=-1)))
     return q, r, by_state, limited @ np.linalg.inv(r)
 
 
-def planned(p: Params, x: PredictorState, observed: LawInput) -> int:
+def planned(p: Params, x: Any, observed: LawInput) -> int:
     """Replace the values that ``packet`` plans, from the one that acts first on."""
-    acting = packet.packet_plan(p.inside, x, observed)
+    acting = PACKET.plan(p.inside, x, observed) if PACKET.plan else -1
     if acting < 0:
         return acting
     loop_delay, history, of = observed.link, observed.history, p.inside.predictor
     row = history.plans[loop_delay.tick & history.plan_mask]
     spacing, acts, count = int(row[1]), int(row[0] + acting * row[1]), len(row) - 2 - acting
     g = measured_gains(of.measured, x.measured)
-    z = vehicle_estimator.estimate_to(
-        of.loop_delay, g, x.estimate, loop_delay, history, loop_delay.error_sample
-    )
+    z = estimate_to(of.loop_delay, g, x.estimate, loop_delay, history, loop_delay.error_sample)
     z = predict(of.loop_delay, g, z, loop_delay, history, float(acts - z.sample))
     cost = g, p.weight_rad_m, spacing
     q, r, by_state, limited = factors(cost, count)
@@ -126,7 +129,7 @@ def planned(p: Params, x: PredictorState, observed: LawInput) -> int:
 
 
 def step(p: Params, x: State, observed: LawInput) -> tuple[State, LawOutput]:
-    inside, output = packet.packet_step(p.inside, x.inside, observed)
+    inside, output = PACKET.step(p.inside, x.inside, observed)
     acting = planned(p, inside, observed)
     if acting >= 0:
         row = observed.history.plans[observed.link.tick & observed.history.plan_mask]
@@ -139,17 +142,17 @@ def plan(_p: Params, x: State, _observed: LawInput) -> int:
 
 
 def at_rest(p: Params, lateral_error_m: float) -> State:
-    return State(packet.packet_at_rest(p.inside, lateral_error_m), -1)
+    return State(PACKET.at_rest(p.inside, lateral_error_m), -1)
 
 
 def design(settings: ControllerSettings) -> Schedule:
-    inside, period_s = packet.design_packet(settings), settings.link.sensor_period_s
+    inside, period_s = PACKET.design(settings), settings.link.sensor_period_s
     limits = settings.limits.steer_rad_max, settings.limits.steer_rate_rad_s_max * period_s
     k = settings.predictor.steer_per_error_rad_m
     return Schedule(lambda speed_m_s: Params(inside.at(speed_m_s), k, *limits))
 
 
-LAW = packet.LAW._replace(  # [own_law] is as [packet]
+LAW = PACKET._replace(  # [own_law] is as [packet]
     step=step, at_rest=at_rest, design=design, after_hold=None, plan=plan, looking_back=None
 )
 SLOW_WHEEL = {

@@ -130,6 +130,8 @@ def _network(settings: PlantSettings) -> Iterator[str]:
 def _latency(line: LatencySettings) -> str:
     if line.trace_file is not None:
         return f"as in {line.trace_file}"
+    if line.latencies_s:
+        return f"{len(line.latencies_s)} latencies, one after the other"
     if line.schedule:
         return f"a schedule of {len(line.schedule)} points"
     p50_ms, p99_ms = (1e3 * line.quantile(u, line.mean_s, line.spread_s) for u in (0.5, 0.99))

@@ -10,9 +10,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .closed_loop.check import Check, check
     from .closed_loop.simulate import controller_presets, plant_presets, simulate
     from .closed_loop.simulated_run import ControllerTable, PlantTable, Run, Track
-    from .closed_loop.studies.run_study import run_study
+    from .closed_loop.studies.run_study import run_study, sweep
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
@@ -50,13 +51,15 @@ _NAMES = {
     "runtime.settings": ("Settings", "SettingsError"),
     "closed_loop.simulated_run": ("ControllerTable", "PlantTable", "Run", "Track"),
     "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
-    "closed_loop.studies.run_study": ("run_study",),
+    "closed_loop.studies.run_study": ("run_study", "sweep"),
+    "closed_loop.check": ("Check", "check"),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name comes from. It is imported at its first use: importing the package itself takes
 the standard library alone."""
 
 __all__ = [
+    "Check",
     "ControllerSettings",
     "ControllerTable",
     "DisturbanceModel",
@@ -77,12 +80,14 @@ __all__ = [
     "VehicleModel",
     "VehicleParams",
     "VehicleState",
+    "check",
     "controller_presets",
     "path_of_curvature",
     "path_through",
     "plant_presets",
     "run_study",
     "simulate",
+    "sweep",
 ]
 
 

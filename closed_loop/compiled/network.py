@@ -20,7 +20,7 @@ from ...plant_emulator.network.latency_distributions import (
     Distribution,
     uniform_of_score,
 )
-from ...plant_emulator.network.latency_over_time import profile_at, read_trace
+from ...plant_emulator.network.latency_over_time import profile_at
 from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from ...plant_emulator.network.random_streams import Stream, first_uniforms
 from ...plant_emulator.network.settings import LatencySettings, Order
@@ -104,7 +104,7 @@ def _is_lossy(settings: LatencySettings) -> bool:
 
 
 def _has_jitter(settings: LatencySettings) -> bool:
-    return settings.trace_file is None and settings.model is not Distribution.CONSTANT
+    return not settings.has_trace and settings.model is not Distribution.CONSTANT
 
 
 def _network(settings: LatencySettings, frames: Frames) -> _Network:
@@ -176,8 +176,8 @@ def _latencies_ns(
     wanted: IntArray,
 ) -> IntArray:
     """Return the latency of the frames ``wanted`` [ns]; ``u``, ``motion_ns`` are of all frames."""
-    if settings.trace_file is not None:
-        trace = read_trace(settings.trace_file)
+    trace = settings.trace()
+    if trace is not None:
         seconds = [
             trace.latency_s(frame, time_ns / NS_PER_S)
             for frame, time_ns in zip(wanted.tolist(), motion_ns[wanted].tolist(), strict=True)

@@ -97,6 +97,7 @@ def _lost(
             "duplicates": 0.0,
             "order": Order.AS_ARRIVES,
             "trace_file": None,
+            "latencies_s": (),
             "schedule": tuple(
                 point.model_copy(update={"mean_s": 0.0, "spread_s": 0.0}) for point in line.schedule
             ),

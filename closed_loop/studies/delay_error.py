@@ -48,7 +48,7 @@ class DelayListener:
         self._half_period_ns = 0.5 * controller.period_ns
         lines = plant.latency.downlink, plant.latency.uplink
         is_constant = all(
-            line.model is Distribution.CONSTANT and line.trace_file is None and not line.schedule
+            line.model is Distribution.CONSTANT and not line.has_trace and not line.schedule
             for line in lines
         )
         self._configured_s = sum(line.mean_s for line in lines) if is_constant else None

@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...controller.laws.assembly import design_law
+from ...runtime.settings import with_values
+from ..simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
 from .compiled_runs import Computer
 from .figures import COLUMNS, Figures, verdicts
 from .result_files import Store
 from .scenario import Scenarios
-from .study import load_study
+from .study import COLUMNS_TAKEN, Study, load_study, make_study
+from .study_file import BaseSettings, StudySettings
 from .workers import Block, ShouldStop, Workers
 
 BLOCK_RUNS = 64
@@ -121,7 +124,54 @@ def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
     ``results.parquet`` of ``steer-by-wire study``; in the same order and the same to the last bit.
     Nothing is stored. Raises SettingsError.
     """
-    scenarios = Scenarios(load_study(Path(file)))
+    return _computed(load_study(Path(file)))
+
+
+def sweep(
+    over: Mapping[str, Sequence[Any] | NDArray[Any]],
+    *,
+    plant: str = "paper_nominal",
+    controllers: Sequence[str] = ("practical_pd_ddob",),
+    replicates: int = 1,
+    seed: int = 1,
+    overrides: Mapping[str, Any] = NO_OVERRIDES,
+) -> Mapping[str, NDArray[Any]]:
+    """Run every combination of values; returns columns of shape (runs,) as ``run_study``.
+
+    ``over``         values by a short name of ``simulate``, as latency_s, or by
+                     ``plant.table.key`` or ``controller.table.key``; the last part of the name
+                     names the column, or all of it, as plant_duration_s, where that name is taken
+    ``plant``, ``controllers``  presets
+    ``replicates``   runs of each combination and controller, each with its own seed from ``seed``
+    ``overrides``    other settings, named as in ``over``
+
+    ``pandas.DataFrame(sweep(...))`` is a frame. Raises SettingsError.
+
+    >>> table = sweep({"latency_s": [0.0, 0.1]}, overrides={"duration_s": 5.0})
+    >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
+    ['11.9 mm', '12.4 mm']
+    """
+    fixed = {SHORT.get(key, key): value for key, value in overrides.items()}
+    if "jitter_s" in {*over, *overrides}:
+        fixed |= GAMMA
+    base = BaseSettings(plant_preset=plant, controllers=tuple(controllers), **by_side(fixed))
+    factors = [
+        {"key": SHORT.get(key, key), "name": _column(key, over), "values": list(values)}
+        for key, values in over.items()
+    ]
+    varied = {"factors": factors, "sampling": {"replicates": replicates, "seed": seed}}
+    settings = with_values(StudySettings(base=base), varied, "sweep")
+    return _computed(make_study(settings, "sweep", Path()))
+
+
+def _column(key: str, over: Iterable[str]) -> str:
+    name = key.rpartition(".")[2]
+    is_free = name not in COLUMNS_TAKEN and sum(it.rpartition(".")[2] == name for it in over) == 1
+    return name if is_free else SHORT.get(key, key).replace(".", "_")
+
+
+def _computed(study: Study) -> Mapping[str, NDArray[Any]]:
+    scenarios = Scenarios(study)
     scenarios.check()
     runs = range(scenarios.study.runs)
     done = Computer(scenarios).compute(runs, lambda: False)

@@ -15,7 +15,7 @@ from itertools import islice
 
 from ...runtime.node import NS_PER_S
 from .latency_distributions import QUANTILES, Distribution, correlated_score, uniform_of_score
-from .latency_over_time import profile_at, read_trace
+from .latency_over_time import profile_at
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from .settings import LatencySettings
 
@@ -40,7 +40,7 @@ class LatencyDraw:
         self._duplicate_uniforms = duplicate_uniforms
         self._quantile = settings.quantile
         self._schedule = settings.profile
-        self._trace = None if settings.trace_file is None else read_trace(settings.trace_file)
+        self._trace = settings.trace()
         self._mean_s = settings.mean_s
         self._spread_s = settings.spread_s
         self._loss = self._loss_params(settings.loss)

@@ -24,7 +24,7 @@ from ...runtime.settings.plugin import (
     plugin_table,
 )
 from .latency_distributions import QUANTILES, Distribution, Quantile
-from .latency_over_time import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
+from .latency_over_time import LATENCY_S_MAX, ProfilePoint, Shape, Trace, read_trace
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -124,6 +124,8 @@ class LatencySettings(Settings):
     schedule_shape: Shape = Shape.STEP
     trace_file: Path | None = None
     """Recorded latencies (CSV: latency_s, or time_s,latency_s); replaces the model."""
+    latencies_s: tuple[LatencySeconds, ...] = Field((), max_length=1_000_000)
+    """The same in place: of one frame after the other; after the last the first again."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -136,19 +138,34 @@ class LatencySettings(Settings):
                 raise ValueError(
                     f"schedule must rise in time: {later.time_s} s follows {earlier.time_s} s"
                 )
-        if self.trace_file is not None:
-            if self.schedule:
-                raise ValueError("schedule and trace_file exclude each other")
-            try:
-                read_trace(self.trace_file)
-            except OSError as error:
-                raise ValueError(
-                    f"trace_file {self.trace_file} cannot be read: {error.strerror}"
-                ) from error
+        given = {
+            "schedule": self.schedule,
+            "trace_file": self.trace_file,
+            "latencies_s": self.latencies_s,
+        }
+        if len(several := [name for name, value in given.items() if value]) > 1:
+            raise ValueError(f"{' and '.join(several)} exclude each other")
+        try:
+            self.trace()
+        except OSError as error:
+            raise ValueError(
+                f"trace_file {self.trace_file} cannot be read: {error.strerror}"
+            ) from error
         if not isinstance(self.model, Distribution):
             for u in _TRIED:
                 self.quantile(u, self.mean_s, self.spread_s)
         return self
+
+    @property
+    def has_trace(self) -> bool:
+        """Whether the latencies are given one by one."""
+        return self.trace_file is not None or bool(self.latencies_s)
+
+    def trace(self) -> Trace | None:
+        """Return the latencies that are given one by one, if any; raises OSError, ValueError."""
+        if self.trace_file is not None:
+            return read_trace(self.trace_file)
+        return Trace(self.latencies_s) if self.latencies_s else None
 
     @property
     def profile(self) -> tuple[ProfilePoint, ...]:

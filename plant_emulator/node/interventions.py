@@ -187,7 +187,7 @@ def _one_model(own: LatencySettings, configs: Sequence[LatencyConfig]) -> str | 
 
     Without spread every model of ours is the constant.
     """
-    if own.schedule or own.trace_file is not None:
+    if own.schedule or own.has_trace:
         return None
     models = {Distribution[config.model.name].value for config in configs if config.spread_s > 0.0}
     if own.spread_s > 0.0 or not isinstance(own.model, Distribution):

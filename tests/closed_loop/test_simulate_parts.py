@@ -83,3 +83,21 @@ def test_the_network_is_given_by_what_one_thinks_of() -> None:
     assert downlink.model == "gamma"
     constant = simulate(duration_s=0.5, latency_s=0.08, jitter_s=0.0)
     assert constant.plant_settings.latency.downlink.model == "constant"
+
+
+@pytest.mark.parametrize("engine", ["virtual", "compiled"])
+def test_latencies_given_one_by_one_are_those_of_the_commands(engine: Any) -> None:
+    latencies_s = np.linspace(0.03, 0.001, 30)  # none overtakes another
+    run = simulate(duration_s=2.0, latencies=latencies_s, engine=engine)
+    met_s = run.plant.downlink_latency_s
+    assert set(np.round(met_s[np.isfinite(met_s)], 9)) <= set(np.round(latencies_s, 9))
+    assert len(set(np.round(met_s, 6))) > 10
+    assert run.plant_settings.latency.downlink.latencies_s == tuple(latencies_s)
+
+
+def test_latencies_given_one_by_one_exclude_a_schedule() -> None:
+    schedule = {"plant.latency.downlink.schedule": [{"time_s": 0.0, "mean_s": 0.1}]}
+    with pytest.raises(SettingsError, match="schedule and latencies_s exclude each other"):
+        simulate(latencies=[0.1], overrides=schedule)
+    with pytest.raises(SettingsError, match=r"latencies_s\[0\] = -0\.1 should be greater"):
+        simulate(latencies=[-0.1])

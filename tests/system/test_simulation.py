@@ -2,8 +2,11 @@
 
 import doctest
 import json
+import re
 import subprocess
 import sys
+from base64 import b64decode
+from html import escape
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +18,7 @@ import pytest
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.runtime.program.report import json_text
 from steer_by_wire.tools.run.__main__ import main as run_closed_loop
@@ -55,6 +59,19 @@ def test_a_run_shows_itself_in_one_line_with_its_error(run: Run) -> None:
     assert "\n" not in shown
     assert f"preview point RMS {1e3 * run.lateral_error_rms_m:.1f} mm" in shown
     assert str(run.controller_settings.law) in shown
+
+
+def test_a_notebook_shows_verdict_and_picture(
+    run: Run, compiled: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = run._repr_html_()
+    assert f"<b>{verdict_text(run.plant_report)}</b>" in shown
+    picture = re.search('src="data:image/png;base64,([^"]+)"', shown)
+    assert picture is not None
+    assert b64decode(picture[1]).startswith(b"\x89PNG")
+    assert "<b>complete</b>" in compiled._repr_html_()
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert f"<pre>{escape(repr(run))}</pre>" in run._repr_html_()
 
 
 def test_the_figures_are_those_of_the_report(run: Run, compiled: Run) -> None:
@@ -250,7 +267,9 @@ def test_every_public_name_is_there_and_has_a_docstring() -> None:
     "name",
     [
         "steer_by_wire",
+        "steer_by_wire.closed_loop.check",
         "steer_by_wire.closed_loop.simulate",
+        "steer_by_wire.closed_loop.studies.run_study",
         "steer_by_wire.plant_emulator.path.shapes",
         "steer_by_wire.plant_emulator.path.waypoints",
     ],

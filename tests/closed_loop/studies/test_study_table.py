@@ -1,12 +1,13 @@
 """A study run from Python gives what the program stores, run by run."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pyarrow import parquet
 
-from steer_by_wire import SettingsError, run_study
+from steer_by_wire import SettingsError, run_study, simulate, sweep
 from tests.support.small_study import STUDY, complete
 
 
@@ -35,3 +36,61 @@ def test_a_study_file_that_cannot_be_run_is_refused_in_one_line(tmp_path: Path) 
         run_study(file)
     with pytest.raises(SettingsError, match=r"no\.toml: cannot be read"):
         run_study("no.toml")
+
+
+def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate() -> None:
+    table = sweep(
+        {"latency_s": np.array([0.0, 0.1]), "jitter_s": [0.0, 0.02]},
+        controllers=["practical_pd", "practical_pid"],
+        replicates=2,
+        overrides={"duration_s": 3.0, "controller.rate_hz": 50},
+    )
+    assert {len(column) for column in table.values()} == {2 * 2 * 2 * 2}
+    row = int(
+        np.flatnonzero(
+            (table["controller"] == "practical_pid")
+            & (table["latency_s"] == 0.1)
+            & (table["jitter_s"] == 0.0)
+        )[0]
+    )
+    run = simulate(
+        controller="practical_pid",
+        duration_s=3.0,
+        latency_s=0.1,
+        overrides={"controller.rate_hz": 50},
+        engine="compiled",
+    )
+    assert table["rms_m"][row] == run.lateral_error_rms_m
+    assert len(np.unique(table["rms_m"])) > len(np.unique(table["rms_m"][table["jitter_s"] == 0]))
+
+
+@pytest.mark.parametrize(
+    ("over", "columns"),
+    [
+        ({"law": ["pd", "pd_dob"]}, {"controller_law"}),
+        ({"duration_s": [1.0, 2.0]}, {"plant_duration_s"}),
+        (
+            {"plant.latency.uplink.loss": [0.1], "loss": [0.0, 0.1]},
+            {"plant_latency_uplink_loss", "plant_latency_downlink_loss"},
+        ),
+    ],
+)
+def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set[str]) -> None:
+    assert columns <= set(
+        sweep(over, overrides={} if "duration_s" in over else {"duration_s": 1.0})
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ({"over": {"plant.sed": [1]}}, r"sweep: factor sed: .*sed"),
+        ({"over": {"loss": [2.0]}}, r"loss = 2\.0 should be less than or equal to 1"),
+        ({"over": {}, "controllers": ["practical_p"]}, r"practical_p.*did you mean practical_pd"),
+        ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
+    ],
+)
+def test_a_sweep_that_cannot_be_run_is_refused_in_one_line(arguments: Any, line: str) -> None:
+    with pytest.raises(SettingsError, match=line) as refused:
+        sweep(**arguments)
+    assert len(str(refused.value).splitlines()) == 1

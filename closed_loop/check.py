@@ -1,0 +1,67 @@
+"""The analysis of a controller's loop from Python: what ``steer-by-wire check`` prints, as figures.
+
+>>> import steer_by_wire
+>>> checked = steer_by_wire.check("practical_pd")
+>>> f"{checked.verdict}, {1e3 * checked.delay_margin_s:.2f} ms"
+'stable, 577.24 ms'
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..controller.analysis.check_figures import check_figures
+from ..controller.analysis.check_verdict import CheckVerdict, found_in
+from ..controller.analysis.sampled_loop import StabilityMargins
+from ..controller.law_interface import Law
+from ..controller.settings import ControllerSettings, shared_vehicle
+from .simulate import NO_OVERRIDES, settings_of
+
+
+class Check(NamedTuple):
+    """The verdict on a loop, and the figures behind it.
+
+    ``delay_margin_s``  constant delay at which stability is first lost, infinite beyond the search;
+                        None where there is no analysis
+    ``analysis``        all figures, as ``steer-by-wire check --json`` writes them
+    """
+
+    verdict: CheckVerdict
+    delay_margin_s: float | None
+    reason: str
+    settings: ControllerSettings
+    analysis: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        """Return the verdict in one line."""
+        return f"<Check of {self.settings.law}: {self.verdict}: {self.reason}>"
+
+    @property
+    def stable_delays_s(self) -> list[tuple[float, float]]:
+        """Stretches of constant delays at which the loop is stable [s]; none without analysis."""
+        delays = self.analysis.get("stable_delays", {"intervals_s": []})
+        return [(first_s, last_s) for first_s, last_s in delays["intervals_s"]]
+
+    @property
+    def margins(self) -> StabilityMargins | None:
+        """The margins without delay; None where not stable, or where the law looks back."""
+        margins = self.analysis.get("margins")
+        return None if margins is None else StabilityMargins(**margins)
+
+
+def check(
+    controller: str | Path | ControllerSettings = "practical_pd_ddob",
+    *,
+    vehicle: str | Path | None = None,
+    law: str | Law | None = None,
+    overrides: Mapping[str, Any] = NO_OVERRIDES,
+) -> Check:
+    """Return the stability of the loop around the nominal plant and the corners of [validity].
+
+    Arguments are as for ``simulate``; overrides are named ``table.key``. Raises SettingsError.
+    """
+    values = {**overrides, **({} if law is None else {"law": law})}
+    shared = shared_vehicle(None if vehicle is None else Path(vehicle))
+    settings = settings_of(ControllerSettings, controller, values, shared)
+    figures = check_figures(settings, lambda _what: None)
+    return Check(*found_in(figures), settings, figures)

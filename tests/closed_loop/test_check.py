@@ -1,0 +1,35 @@
+"""``check`` of the library: the figures of the command, by the names a user asks for."""
+
+import json
+
+import pytest
+
+from steer_by_wire import SettingsError, check
+from steer_by_wire.controller.program import check_main
+
+
+def test_the_library_says_what_the_command_says(capsys: pytest.CaptureFixture[str]) -> None:
+    checked = check("practical_pd", overrides={"rate_hz": 50})
+    assert check_main(["--preset", "practical_pd", "--rate-hz", "50", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (checked.verdict, checked.reason) == (printed["verdict"], printed["reason"])
+    assert checked.delay_margin_s == printed["delay_margin_s"]
+    assert [list(each) for each in checked.stable_delays_s] == (
+        printed["analysis"]["stable_delays"]["intervals_s"]
+    )
+    margins = checked.margins
+    assert margins is not None
+    assert margins.gain_max == printed["analysis"]["margins"]["gain_max"]
+    assert f"{checked.verdict}: {checked.reason}" in repr(checked)
+
+
+def test_a_loop_that_is_not_stable_has_no_margins_and_no_stable_delays() -> None:
+    checked = check("practical_pd", overrides={"pd.proportional_gain_rad_m": 500.0})
+    assert (checked.verdict, checked.delay_margin_s) == ("not stable", 0.0)
+    assert checked.margins is None
+    assert checked.stable_delays_s == []
+
+
+def test_an_unknown_law_is_refused_in_one_line() -> None:
+    with pytest.raises(SettingsError, match=r"overrides of controller: law = \"pdd\" [^\n]*$"):
+        check(law="pdd")
