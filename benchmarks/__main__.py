@@ -1,6 +1,6 @@
 """Measures how fast the programs are on this machine, against the targets.
 
-    python -m benchmarks loop [--against SAVED]   control steps, frames, virtual time, starts
+    python -m benchmarks loop [--against SAVED]   control steps, frames, virtual time, programs
     python -m benchmarks batch                    compiled runs
     python -m benchmarks bus [--no-can]           the controller on a bus, beside C and bare Python
 

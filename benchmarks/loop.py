@@ -1,4 +1,4 @@
-"""Times laws, frames, the controller node, the loop in virtual time, and starts of the programs."""
+"""Times laws, frames, the controller node, the loop in virtual time and lockstep, and starts."""
 
 import argparse
 import math
@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.comparison import comparison_text, ratios_of, read_ratios
+from benchmarks.lockstep import lockstep_lines, missing_tools
 from benchmarks.measurement import Line, Measured, Target, calibration, line_record, timed
 from benchmarks.starts import heavy_modules, startup_lines
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
@@ -62,11 +63,15 @@ def measure(options: argparse.Namespace) -> Measured:
         *virtual_time_lines(),
         *startup_lines(),
     ]
+    missing = missing_tools()
+    lines += [] if missing else lockstep_lines()
     heavy = heavy_modules()
     notes = [
         f"heavy modules {program} imports (target: none): {', '.join(modules) or 'none'}"
         for program, modules in heavy.items()
     ]
+    if missing:
+        notes.append(f"lockstep was not measured: this machine has no {', '.join(missing)}")
     if before is not None:
         now = ratios_of([line_record(line, fixed.median) for line in lines])
         notes.append(comparison_text(before, now))

@@ -1,8 +1,11 @@
 """The node that a program in lockstep is on the bus."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+from ...controller.node.node import ControllerNode
+from ...controller.settings import ControllerSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ..processes import ProcessError
@@ -73,3 +76,20 @@ class LockstepNode:
     def report(self) -> Mapping[str, Any]:
         """Return its counts, and how the program failed, if it did."""
         return {"program": self._program.name, **self._counts, "failure": self.failure}
+
+
+@contextmanager
+def controller_node(
+    controller: ControllerSettings | Sequence[str], samples_max: int = 0
+) -> Iterator[ControllerNode | LockstepNode]:
+    """Make the controller of a run that begins at 0, by its settings or a program's words.
+
+    ``samples_max``  how many samples our own keeps
+
+    Raises ProcessError when the program cannot be started.
+    """
+    if isinstance(controller, ControllerSettings):
+        yield ControllerNode(controller, 0, samples_max)
+        return
+    with LockstepProgram(controller) as program:
+        yield LockstepNode(program, 0)

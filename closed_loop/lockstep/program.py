@@ -42,8 +42,9 @@ class LockstepProgram:
         self.pid = self._process.pid
         self._input = cast(IO[bytes], self._process.stdin)
         self._output = cast(IO[bytes], self._process.stdout)
-        self._poll = select.poll()
-        self._poll.register(self._output, select.POLLIN)
+        self._writable, self._readable = select.poll(), select.poll()
+        self._writable.register(self._input, select.POLLOUT)
+        self._readable.register(self._output, select.POLLIN)
 
     def __enter__(self) -> Self:
         return self
@@ -60,6 +61,10 @@ class LockstepProgram:
 
     def exchange(self, record: Record) -> Record:
         """Send a record; returns the answer. Raises ProcessError when there is none to use."""
+        if not self._writable.poll(1e3 * ANSWER_TIMEOUT_S):
+            raise ProcessError(
+                f"{self.name}: has not read its standard input within {ANSWER_TIMEOUT_S:g} s"
+            )
         with suppress(BrokenPipeError):  # what it has printed, or how it has ended, says more
             self._input.write(pack(record))
         answer = b""
@@ -73,7 +78,7 @@ class LockstepProgram:
 
     def _more(self, received: int) -> bytes:
         """Return at least one byte of an answer of which so many have been received."""
-        if not self._poll.poll(1e3 * ANSWER_TIMEOUT_S):
+        if not self._readable.poll(1e3 * ANSWER_TIMEOUT_S):
             got = f"{received} of {RECORD_BYTES} bytes of an answer"
             raise ProcessError(f"{self.name}: {got} within {ANSWER_TIMEOUT_S:g} s")
         if part := self._output.read(RECORD_BYTES - received):

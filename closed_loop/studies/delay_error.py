@@ -40,7 +40,10 @@ class DelayErrors(NamedTuple):
 
 
 class DelayListener:
-    """Receives all frames of a run that starts at 0."""
+    """Receives all frames of a run that starts at 0.
+
+    ``sent_rad``  the commands
+    """
 
     def __init__(self, plant: PlantSettings, controller: ControllerSettings) -> None:
         self._sample_ns = plant.sensor_period_ns
@@ -54,6 +57,7 @@ class DelayListener:
         self._configured_s = sum(line.mean_s for line in lines) if is_constant else None
         self._reported: list[tuple[float, float]] = []
         self._sent_ns: dict[int, int] = {}
+        self.sent_rad: list[float] = []
         self._down_ns: list[int] = []
         self._state_ns = self._state_up_ns = 0
         self._up_sum_ns = self._up_time_ns = 0
@@ -69,6 +73,7 @@ class DelayListener:
             self._reported.append(_reported_s(message))
         elif isinstance(message, messages.SteeringCommand):
             self._sent_ns[message.command_counter] = time_ns
+            self.sent_rad.append(message.steer_rad)
         elif isinstance(message, messages.SteeringStatus):
             self._status_number = _next(self._status_number, counter)
             sent_ns = self._sent_ns.get(message.applied_counter)

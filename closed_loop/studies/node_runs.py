@@ -1,16 +1,20 @@
 """Runs of a study over a bus: the two nodes in virtual time.
 
 Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, rest bus,
-errors and clocks, the nodes themselves run on it, some thousand times slower.
+errors and clocks, the nodes themselves run on it, some thousand times slower. There the controller
+may be a program in lockstep: its commands are known from the bus.
 """
 
 from contextlib import suppress
 from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 
+from ...controller.node.node import ControllerNode
 from ...dbc.messages import LateralError, limits
 from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
+from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
 from ...plant_emulator.path.path import Path
 from ...runtime.array_types import FloatArray
@@ -18,14 +22,23 @@ from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time import Wire
+from ..lockstep.node import LockstepNode, controller_node
 from ..pair_result import Trace
 from ..virtual_bus import shared_bus, with_clocks
-from ..virtual_pair import VirtualPair, make_virtual_pair, run_virtual_nodes
-from .delay_error import DelayErrors, DelayListener
+from ..virtual_pair import make_virtual_plant, run_virtual_nodes
+from .delay_error import DelayListener
 from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
 from .scenario import Pair
 
 TICKS_MAX = 10_000_000
+
+
+class Ran(NamedTuple):
+    """Both nodes after their run over a bus, and what a listener has heard there."""
+
+    plant: PlantNode
+    controller: ControllerNode | LockstepNode
+    listener: DelayListener
 
 
 def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
@@ -33,23 +46,26 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
 
     The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
-    made, delay_errors = _ran(pair, bus)
-    trace, report = Trace.of_node(made.plant), made.plant.report()
+    plant, controller, listener = _ran(pair, bus)
+    trace, report = Trace.of_node(plant), plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
         return RunEnd.NO_START
     has_left, samples = range_left(trace)
-    sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
+    if isinstance(controller, ControllerNode):
+        sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples])
+    else:
+        sent_rad = np.array(listener.sent_rad)
     run_rules = rules_of(rules, pair.plant, pair.controller)
-    followed_m = followed_error_m(made.plant.path, trace, run_rules.behind_preview_m)
+    followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
     figures = figures_of_trace(run_rules, trace, followed_m, samples, sent_rad)
-    row[: len(figures)] = figures._replace(**delay_errors._asdict())
+    row[: len(figures)] = figures._replace(**listener.errors._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
     if has_left:
         return RunEnd.LEFT_RANGE
-    return RunEnd.LAW_FAILED if made.controller.report()["failure"] else RunEnd.COMPLETE
+    return RunEnd.LAW_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
 
 
 def range_left(trace: Trace) -> tuple[bool, int]:
@@ -85,17 +101,17 @@ def figures_of_trace(
     )
 
 
-def _ran(pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
-    """Return both nodes after their run over a bus, and the errors of the delay they reported."""
+def _ran(pair: Pair, bus: BusSettings) -> Ran:
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
             return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
     return _ran_over(shared_bus(bus, pair.plant.seed), pair, bus)
 
 
-def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> tuple[VirtualPair, DelayErrors]:
-    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
-    nodes = with_clocks(made.edge, made.controller, bus)
+def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
+    plant, edge = make_virtual_plant(pair.plant)
     listener = DelayListener(pair.plant, pair.controller)
-    run_virtual_nodes(*nodes, wire, None, lambda: False, listener.on_wire)
-    return made, listener.errors
+    with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
+        nodes = with_clocks(edge, controller, bus)
+        run_virtual_nodes(*nodes, wire, None, lambda: False, listener.on_wire)
+    return Ran(plant, controller, listener)

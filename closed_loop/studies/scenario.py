@@ -7,7 +7,7 @@ mean_s; where it is 0 the model becomes constant.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -36,6 +36,8 @@ class Pair(Settings):
     plant: PlantSettings
     controller: ControllerSettings
     bus: BusSettings | None = None
+    command: tuple[str, ...] = ()
+    """Words of the program that is the controller; it keeps to the settings."""
 
 
 class Case(NamedTuple):
@@ -113,7 +115,8 @@ class Scenarios:
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
         study = self.study
-        tables = _pair_tables(study.plant, study.controllers[name], study.bus, case.overrides)
+        given = study.plant, study.controllers[name], study.bus
+        tables = _pair_tables(*given, study.commands.get(name, ()), case.overrides)
         try:
             return Pair.model_validate_json(json.dumps(tables), strict=True)
         except ValidationError as error:
@@ -208,21 +211,26 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     ``identity``  study.json
     ``row``       of the results
     """
-    overrides = json.loads(row["overrides"])
-    controller = identity["controllers"][row["controller"]]
-    tables = _pair_tables(identity["plant"], controller, identity.get("bus"), overrides)
+    overrides, name = json.loads(row["overrides"]), row["controller"]
+    given = identity["plant"], identity["controllers"][name], identity.get("bus")
+    tables = _pair_tables(*given, identity.get("commands", {}).get(name, ()), overrides)
     return Pair.model_validate_json(json.dumps(tables), strict=True)
 
 
 def _pair_tables(
-    plant: Tables, controller: Tables, bus: Tables | None, overrides: Tables
-) -> dict[str, Tables]:
+    plant: Tables,
+    controller: Tables,
+    bus: Tables | None,
+    command: Sequence[str],
+    overrides: Tables,
+) -> dict[str, Any]:
     given = {"plant": plant, "controller": controller, "bus": bus}
-    return {
+    tables = {
         name: _laid_over(table, overrides, f"{name}.")
         for name, table in given.items()
         if table is not None
     }
+    return {**tables, "command": list(command)}
 
 
 def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ so that runs that share a network, and differ only in the controller, are consec
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -74,13 +74,18 @@ class Study(NamedTuple):
         return {name: values for name, values in changes.items() if values}
 
     @property
+    def commands(self) -> Mapping[str, Sequence[str]]:
+        """The words of the controllers that are programs in lockstep."""
+        variants = self.settings.base.variants
+        return {name: one.command for name, one in variants.items() if one.command}
+
+    @property
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
         databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
-        values = _values(self.design)
-        files = _digests(
-            [self.plant, *self.plant_of.values(), *self.controllers.values(), *values, *databases]
-        )
+        programs = [{"file": word} for words in self.commands.values() for word in words]
+        tables = [self.plant, *self.plant_of.values(), *self.controllers.values()]
+        files = _digests([*tables, *_values(self.design), *databases, *programs])
         return json.dumps(
             {
                 "version": version("steer-by-wire-emulator"),
@@ -100,6 +105,7 @@ class Study(NamedTuple):
             }
             | ({"files": files} if files else {})
             | ({"plant_of": self.plant_of} if self.plant_of else {})
+            | ({"commands": self.commands} if self.commands else {})
             | ({} if self.bus is None else {"bus": self.bus}),
             indent=1,
         )
@@ -133,6 +139,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     )
     _refuse_faults(study)
     _refuse_own_verdict(study)
+    _refuse_unread(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
@@ -157,6 +164,17 @@ def _refuse_own_verdict(study: Study) -> None:
         raise SettingsError(
             f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
         )
+
+
+def _refuse_unread(study: Study) -> None:
+    """Refuse a program in a study that is compiled, and factors that it does not read."""
+    for name in study.commands:
+        where = f"{study.file}: base.variants.{name}.command"
+        if study.bus is None:
+            raise SettingsError(f"{where}: a program needs a bus: add [base.bus]")
+        for factor in study.design.factors:
+            if factor.sets("controller"):
+                raise SettingsError(f"{where}: a program does not read the factor {factor.name}")
 
 
 def _values(design: Design) -> list[Any]:

@@ -172,6 +172,8 @@ class VariantSettings(Settings):
     """Tables on top of it."""
     plant: dict[str, Any] = Field(default_factory=dict)
     """Tables of the plant in the runs with this controller; a factor goes before them."""
+    command: tuple[str, ...] = Field((), max_length=100)
+    """Words of a program that is the controller, in lockstep; the settings say what it keeps to."""
 
 
 class BaseSettings(Settings):

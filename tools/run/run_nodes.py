@@ -9,8 +9,7 @@ from pathlib import Path
 
 import can
 
-from ...closed_loop.lockstep.node import LockstepNode
-from ...closed_loop.lockstep.program import LockstepProgram
+from ...closed_loop.lockstep.node import controller_node
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
 from ...closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
 from ...controller.node.node import ControllerNode
@@ -52,12 +51,7 @@ def run_in_virtual_time(
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
     stop = StopRequest()
     begin_s = time.perf_counter()
-    with stop.on_signals(), ExitStack() as stack:
-        node: ControllerNode | LockstepNode
-        if isinstance(controller, ControllerSettings):
-            node = ControllerNode(controller, 0)
-        else:
-            node = LockstepNode(stack.enter_context(LockstepProgram(controller)), 0)
+    with stop.on_signals(), controller_node(controller) as node:
         try:
             nodes = with_clocks(plant, node, settings)
             run_virtual_nodes(*nodes, bus, candump_log, stop)

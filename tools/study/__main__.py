@@ -253,7 +253,7 @@ def _replay(options: argparse.Namespace, console: Console, store: Store, compute
     if options.replay is None:
         return ExitStatus.OK
     made = replay(store, computer, options.replay)
-    for command in commands(made.files):
+    for command in commands(made.pair, made.files):
         console.print(f"again: {command}")
     for line in replay_lines(made):
         console.print(line)

@@ -95,13 +95,14 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
 
 
-def commands(files: PairFiles) -> list[str]:
+def commands(pair: Pair, files: PairFiles) -> list[str]:
     """Return the commands that repeat the run, in virtual time and, without a bus, live."""
     bus = files.settings(BUS)
     plant, controller = (
         shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
     )
-    run = f"steer-by-wire run {plant} --controller {controller}"
+    program = f"--controller-command {shlex.quote(shlex.join(pair.command))}"
+    run = f"steer-by-wire run {plant} {program if pair.command else f'--controller {controller}'}"
     if bus.exists():
         return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
     return [

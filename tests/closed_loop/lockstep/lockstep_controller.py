@@ -1,6 +1,10 @@
-"""This project's own controller node behind the lockstep protocol; its argument is a preset."""
+"""This project's own controller node behind the lockstep protocol.
+
+Its arguments are a preset, and by how many seconds each answer is late.
+"""
 
 import sys
+import time
 
 from steer_by_wire.closed_loop.lockstep.record import (
     FRAMES,
@@ -20,6 +24,7 @@ def main() -> None:
     """Answer each record."""
     settings = settings_of(ControllerSettings, sys.argv[1], {})
     node = ControllerNode(settings, 0)
+    late_s = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
     while data := sys.stdin.buffer.read(RECORD_BYTES):
         reason, now_ns, arrived = unpack(data)
         if reason == START:
@@ -27,6 +32,7 @@ def main() -> None:
         answers = [answer for _, frame in arrived for answer in node.on_frame(frame, now_ns)]
         while reason != FRAMES and node.deadline_ns <= now_ns:
             answers += node.on_tick(now_ns)
+        time.sleep(late_s)
         frames = [(0, frame) for frame in answers]
         sys.stdout.buffer.write(pack(Record(WAKE_ON_FRAMES, node.deadline_ns, frames)))
         sys.stdout.buffer.flush()

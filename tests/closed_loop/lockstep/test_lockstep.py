@@ -28,6 +28,7 @@ from steer_by_wire.closed_loop.lockstep.record import (
 from steer_by_wire.closed_loop.processes import ProcessError
 from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.tools.run.__main__ import main
 from tests.support.random_frames import sendable_frames
 
@@ -168,6 +169,46 @@ def test_one_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
         program.exchange(Record(START, 0))
     with pytest.raises(ProcessLookupError):
         os.killpg(program.pid, 0)
+
+
+def test_one_that_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.ANSWER_TIMEOUT_S", 0.5)
+    answer = repr(pack(Record(WAKE_ON_FRAMES, NEVER_NS)))
+    deaf = f"import os\nwhile True: os.write(1, {answer})"
+    said = ""
+    with LockstepProgram([sys.executable, "-c", deaf]) as program:
+        for _ in range(1000):
+            try:
+                program.exchange(Record(FRAMES, 0))
+            except ProcessError as error:
+                said = str(error)
+                break
+    assert re.search(r"has not read its standard input within 0\.5 s$", said)
+
+
+LATER_FAILURES = {
+    "a deadline in the past": (Record(0, 10_000_000), b"", "10000000 ns, is not after now"),
+    "an answer too long": (Record(WAKE_ON_FRAMES, NEVER_NS), b"bye", "this with b'bye"),
+}
+
+
+@pytest.mark.parametrize("name", LATER_FAILURES)
+def test_one_that_fails_on_the_way_is_one_line_with_the_time(name: str, tmp_path: Path) -> None:
+    record, tail, pattern = LATER_FAILURES[name]
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0})
+    ending = rig.run(answering(repr(pack(record) + tail)), lockstep=True).ending
+    assert re.match(r"controller is at 0\.0\d\d s: ", ending)
+    assert pattern in ending
+    assert "\n" not in ending
+
+
+def test_a_slow_program_makes_the_same_run(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "paper_nominal", {"duration_s": 1.0})
+    slow = [*OURS, "practical_pd", "0.003"]
+    runs = [rig.run(words, lockstep=True) for words in (slow[:-1], slow, slow)]
+    first, *others = (run.files.candump_log.read_bytes() for run in runs)
+    assert others == [first, first]
+    assert runs[0].report["accepted"] > 90
 
 
 def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:

@@ -178,7 +178,9 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
             load_settings(PlantSettings, file=made.files.settings("plant_emulator"))
             == made.pair.plant
         )
-        assert any("steer-by-wire run " in command for command in replay.commands(made.files))
+        assert any(
+            "steer-by-wire run " in command for command in replay.commands(made.pair, made.files)
+        )
 
 
 def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(

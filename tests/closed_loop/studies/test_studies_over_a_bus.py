@@ -2,6 +2,8 @@
 
 import io
 import json
+import shlex
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +35,12 @@ controllers = ["practical_pd"]
 duration_s = 0.5
 [base.plant.latency.downlink]
 mean_s = 0.02
+"""
+OURS = str(Path(__file__).parents[1] / "lockstep" / "lockstep_controller.py")
+OUTSIDE = f"""
+[base.variants.outside]
+preset = "practical_pd"
+command = {json.dumps([sys.executable, OURS, "practical_pd"])}
 """
 FACTORS = """
 [[factors]]
@@ -196,3 +204,57 @@ def test_a_run_of_the_nodes_says_how_far_the_reported_delay_is_off(tmp_path: Pat
     assert offset < none
     assert abs(table["estimate_error_s"][0]) <= table["estimate_error_max_s"][0] < 0.01
     assert np.all(np.abs(table["echo_error_s"]) < 0.006)
+
+
+def test_a_program_in_lockstep_is_a_controller_of_a_study(tmp_path: Path) -> None:
+    file = study_file(tmp_path, OUTSIDE + "[base.bus]\nload = 0.3\n")
+    table = run_study(file)
+    motion = ("rms_m", "peak_m", "wheel_amplitude_rad", "latency_mean_s", "commands_acted")
+    for name in (*motion, "echo_error_s", "verdict"):
+        assert table[name][0] == table[name][1], name
+    squares = table["commands_sent"] * table["steer_rms_rad"] ** 2
+    missing = table["commands_sent"][0] - table["commands_sent"][1]
+    assert 0 <= missing <= 2
+    assert 0.0 < squares[0] - squares[1] <= 1.001 * missing * table["steer_peak_rad"][0] ** 2
+    study = load_study(file)
+    row = {"overrides": json.dumps({"plant.seed": 1}), "controller": "outside"}
+    assert pair_of_row(json.loads(study.identity), row).command == study.commands["outside"]
+
+
+def test_another_program_of_the_same_name_makes_another_study(tmp_path: Path) -> None:
+    program = tmp_path / "firmware"
+    words = f'[base.variants.outside]\npreset = "practical_pd"\ncommand = ["{program}"]\n'
+    file = study_file(tmp_path, words + "[base.bus]\n")
+    identities = []
+    for content in ("one", "two", "two"):
+        program.write_text(content, encoding="utf-8")
+        identities.append(load_study(file).identity)
+    assert identities[0] != identities[1] == identities[2]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (OUTSIDE, "base.variants.outside.command: a program needs a bus: add [base.bus]"),
+        (
+            OUTSIDE + '[base.bus]\n[[factors]]\nkey = "controller.rate_hz"\nvalues = [50.0]\n',
+            "base.variants.outside.command: a program does not read the factor rate_hz",
+        ),
+    ],
+)
+def test_what_a_program_has_not_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    file = study_file(tmp_path, text)
+    with pytest.raises(SettingsError) as refused:
+        load_study(file)
+    assert str(refused.value) == f"{file}: {said}"
+
+
+def test_the_replay_of_a_program_prints_the_command_that_runs_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = study_file(tmp_path, OUTSIDE + "[base.bus]\n"), str(tmp_path / "out")
+    assert run_program([str(file), "--out", out, "--replay", "1"]) == ExitStatus.OK
+    again = capsys.readouterr().out.replace("\n", " ").partition("again: ")[2]
+    words = shlex.split(again.partition("  ")[0])
+    assert words[:2] == ["steer-by-wire", "run"]
+    assert shlex.split(words[words.index("--controller-command") + 1])[-1] == "practical_pd"

@@ -13,7 +13,7 @@ distinguish a plausible value with a valid CRC and counter from a true one. A fr
 less than the age limit cannot be distinguished from what the network is allowed to do.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
@@ -85,6 +85,13 @@ MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
     {name: mechanism for mechanism, names in _COUNTS.items() for name in names.split()}
 )
 """Which mechanism a count in a node's report belongs to."""
+
+
+def causes_of(mechanisms: Sequence[Mechanism]) -> frozenset[str]:
+    """Return the counts that belong to mechanisms; a program's sum of refused frames to two."""
+    own = {cause for cause, mechanism in MECHANISM_OF.items() if mechanism in mechanisms}
+    refusing = {Mechanism.E2E, Mechanism.RANGE} & set(mechanisms)
+    return frozenset(own | ({"rejected"} if refusing else set()))
 
 
 class Sight(NamedTuple):

@@ -51,13 +51,14 @@ class Stored(NamedTuple):
 def specification_hash(spec: CampaignSettings) -> str:
     """Return what identifies one specification in one state of the programs.
 
-    Results of programs, or of waypoint files, that have changed since do not belong to it.
+    Results of programs, or of files that it names, that have changed since do not belong to it.
     """
     digest = sha256(spec.model_dump_json().encode())
-    for point in spec.points:
-        if isinstance(point.path, WaypointSettings):
-            with suppress(OSError):  # rejected where the path is made
-                digest.update(point.path.file.read_bytes())
+    paths = [point.path for point in spec.points]
+    named = [path.file for path in paths if isinstance(path, WaypointSettings)]
+    for file in (*named, *map(Path, spec.command)):
+        with suppress(OSError):  # one that is needed is rejected where it is used
+            digest.update(file.read_bytes())
     for package in _JUDGED:
         for file in sorted(Path(str(files(f"steer_by_wire.{package}"))).rglob("*")):
             if file.suffix in _SOURCES:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ....runtime.node import NEVER_NS, NS_PER_S
-from .detectability import MECHANISM_OF, Mechanism
+from .detectability import Mechanism, causes_of
 from .node_watch import SAFE_CAUSES, Watch
 from .scenario import FaultCase
 from .specification import CONTROLLER, PLANT
@@ -42,7 +42,7 @@ def times_of(case: FaultCase, pair: Pair, effect_ns: int) -> tuple[Times, int | 
             return _UNSEEN, None
         fdti_s, cause = min(seen)
         detected_ns = min(watch.first_seen_ns[cause], detected_ns or NEVER_NS)
-        any_cause = _since(watch, None, effect_ns, late_ns)
+        any_cause = _since(watch, tuple(Mechanism), effect_ns, late_ns)
         safe = [since_s for since_s, one in any_cause if one in SAFE_CAUSES]
         fhti_s: float | None = fdti_s
         if case.expected.safe_state:
@@ -70,15 +70,14 @@ def _downlink_latency_ns(pair: Pair) -> int:
 
 
 def _since(
-    watch: Watch, mechanisms: Sequence[Mechanism] | None, effect_ns: int, late_ns: int
+    watch: Watch, mechanisms: Sequence[Mechanism], effect_ns: int, late_ns: int
 ) -> list[tuple[float, str]]:
     """Return how long after the effect each cause was first counted [s]."""
-    seen = []
-    for cause, at_ns in watch.first_seen_ns.items():
-        mechanism = MECHANISM_OF.get(cause)
-        if mechanism is None or (mechanisms is not None and mechanism not in mechanisms):
-            continue
-        # What acts behind the latency line is affected one latency later.
-        behind_line = mechanism in (Mechanism.FRESHNESS, Mechanism.LIMITER)
-        seen.append(((at_ns - effect_ns - (late_ns if behind_line else 0)) / NS_PER_S, cause))
-    return seen
+    # What acts behind the latency line is affected one latency later.
+    behind_line = causes_of((Mechanism.FRESHNESS, Mechanism.LIMITER))
+    causes = causes_of(mechanisms)
+    return [
+        ((at_ns - effect_ns - (late_ns if cause in behind_line else 0)) / NS_PER_S, cause)
+        for cause, at_ns in watch.first_seen_ns.items()
+        if cause in causes
+    ]

@@ -142,6 +142,8 @@ class CampaignSettings(Settings):
     bitrate_bit_s: Annotated[int, Field(ge=125_000, le=1_000_000)] = 500_000
     laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
+    command: tuple[str, ...] = Field((), max_length=100)
+    """Words of a program that is the controller, in lockstep; it keeps to what ``laws`` say."""
     points: tuple[PointSettings, ...] = Field((PointSettings(name="nominal"),), min_length=1)
     cases: tuple[CaseSettings, ...] = ()
     node_cases: tuple[NodeCaseSettings, ...] = ()

@@ -1,10 +1,11 @@
 """The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from ....controller.node.node import ControllerNode
+from ....closed_loop.lockstep.node import LockstepNode, controller_node
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ....plant_emulator.faults.stage import FaultyNode
 from ....plant_emulator.node.node import PlantNode
@@ -14,9 +15,10 @@ from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time import VirtualTimeExecutor
 from .babbled_bus import BabbledBus
-from .detectability import MECHANISM_OF, Sight, sight_of
+from .detectability import Sight, causes_of, sight_of
 from .node_faults import NodeFault, with_node_faults
 from .node_watch import Watch, bounds_of
+from .program_node import ProgramNode
 from .recovery import Way, way_of
 from .scenario import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .specification import CONTROLLER, PLANT, NodeFaultKind
@@ -39,7 +41,10 @@ _PARAMS_KEPT = 64
 
 
 class Pair(NamedTuple):
-    """The two nodes of a run, watched; the plant behind the fault stage."""
+    """The two nodes of a run, watched; the plant behind the fault stage.
+
+    ``running``  ends the controller if it is a program
+    """
 
     plant_node: PlantNode
     edge: FaultyNode[Watch]
@@ -48,6 +53,7 @@ class Pair(NamedTuple):
     bus: BabbledBus
     sight: Sight
     way: Way
+    running: ExitStack
 
 
 def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
@@ -61,7 +67,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     controller = controller_settings_of(scenario.law, scenario.spec.ftti_ms)
     onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
-    wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
+    wanted = causes_of(case.expected.mechanisms)
     kinds = {fault.kind for fault in case.faults}
     # Where frames are forged too, a frame that nobody has sent may be intact.
     # A node that nobody receives cannot have its frames accepted.
@@ -74,7 +80,12 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
         return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, true_frames)
 
     sent_by_plant: set[Any] = set()
-    controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
+    running = ExitStack()
+    made = running.enter_context(controller_node(scenario.spec.command or controller))
+    if isinstance(made, LockstepNode):
+        controller_watch = watched(ProgramNode(made), CONTROLLER, None)
+    else:
+        controller_watch = watched(made, CONTROLLER, sent_by_plant)
     motion = _motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
     node = PlantNode(plant, 0, motion)
     plant_watch = watched(node, PLANT, controller_watch.sent)
@@ -88,17 +99,22 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     edge = FaultyNode(plant_watch, case.faults, scenario.seed)
     for stage in edge.stages:
         is_down = stage.settings.direction is FaultDirection.DOWNLINK
-        if stage.settings.kind in _FALSIFYING:
-            stage.on_change = (plant_watch if is_down else controller_watch).expect_false
+        # What a program believes is not known.
+        watch = plant_watch if is_down else controller_watch
+        if stage.settings.kind in _FALSIFYING and (is_down or not scenario.spec.command):
+            stage.on_change = watch.expect_false
     way = way_of(plant, controller, scenario.point, 1e-3 * scenario.spec.ftti_ms)
     sight = sight_of(plant, controller)
-    return Pair(node, edge, plant_watch, controller_watch, bus, sight, way)
+    return Pair(node, edge, plant_watch, controller_watch, bus, sight, way, running)
 
 
 def run_pair(scenario: Scenario, pair: Pair) -> None:
     """Run a pair to the end of its motion."""
     end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
-    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+    with pair.running:
+        VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+    if failure := pair.controller.report().get("program_failure"):
+        pair.controller.invalid.append(failure)
 
 
 def onset_ns_of(case: FaultCase) -> int:
