@@ -10,6 +10,7 @@ from ...dbc.messages import (
     Message,
     PathAhead,
     SteeringStatus,
+    SteeringStatusCode,
     VehicleState,
     sent_by,
 )
@@ -30,8 +31,9 @@ class Received:
     """Checks frames and stores their values.
 
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
-    ``lateral_error_m``, ``heading_error_rad``, ``vehicle``  the newest values; 0 and NO_VEHICLE
-                                          before the first
+    ``lateral_error_m``, ``heading_error_rad``, ``steering``, ``wheel_rad``, ``vehicle``
+                                          the newest values; 0, NO_COMMAND and NO_VEHICLE before
+                                          the first
     ``unauthenticated``                   frames refused by authentication
     """
 
@@ -40,7 +42,8 @@ class Received:
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = settings.age_limits
         self._vehicle_limit_ns = self._limits.vehicle_state_ns
-        self.lateral_error_m = self.heading_error_rad = 0.0
+        self.lateral_error_m = self.heading_error_rad = self.wheel_rad = 0.0
+        self.steering = SteeringStatusCode.NO_COMMAND
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
 

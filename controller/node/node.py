@@ -40,10 +40,10 @@ from .law_runner import LawRunner
 from .model_fit import model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
-from .plausibility import MotionSums, Plausibility, nominal_vehicle
+from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
 from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
-from .safety_report import SafetyReport, must_stop
+from .safety_report import SafetyReport
 from .status_frames import STATUS_PERIOD_NS, StatusFrames
 from .view import controller_view
 
@@ -100,13 +100,15 @@ class ControllerNode:
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._delay = reported_delay_of(settings)
         self._statuses = StatusFrames(settings.law_record.number)
-        self._steering, self._wheel_rad, self._command_rad = _NO_COMMAND, 0.0, 0.0
-        self._motion, self._judged_ns = MotionSums(), start_ns
+        self._command_rad = 0.0
+        self._reported: list[Reported] = []
+        self._judged_ns = start_ns
         vehicle = nominal_vehicle(settings)
         self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
         self._stops_if_implausible = settings.supervision.stops_if_implausible
+        self._is_stopped = False
         self._fit = model_fit(settings)
-        self._safety = SafetyReport(settings.validity, self._received, start_ns)
+        self._safety = SafetyReport(settings.validity, self._received, self._supervisor, start_ns)
         self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
     @property
@@ -130,8 +132,8 @@ class ControllerNode:
                 bus_history.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             received.vehicle = VehicleReading(*message)
-            self._motion.add(
-                message, received.heading_error_rad, self._wheel_rad, self._command_rad
+            self._reported.append(
+                (message, received.heading_error_rad, received.wheel_rad, self._command_rad)
             )
             speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
@@ -170,7 +172,7 @@ class ControllerNode:
             if mode is not _WAITING:
                 frames.append(self._command_frame(mode, now_ns, period, before_rad))
             fault = self._fault
-            is_safety_due = self._safety.on_tick(fault, self._must_stop, now_ns)
+            is_safety_due = self._safety.on_tick(fault, now_ns)
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
             self.finished = stops and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
@@ -247,14 +249,14 @@ class ControllerNode:
     def _failure(self) -> str:
         """The fault with which it cannot steer, which is permanent."""
         own = self._law.failure or self._overruns.failure
-        return own or (self._plausibility.contradiction if self._stops_if_implausible else "")
+        return own or (self._plausibility.contradiction if self._is_stopped else "")
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
-        code = status.status
-        self._steering, self._wheel_rad = code, status.wheel_angle_rad
+        code, wheel_rad = status.status, status.wheel_angle_rad
+        self._received.steering, self._received.wheel_rad = code, wheel_rad
         # A wheel that is limited, held or another's follows no command of this controller.
-        self._command_rad = self._wheel_rad
+        self._command_rad = wheel_rad
         if code is _NO_COMMAND:
             return
         echo = self._commands.sent.on_echo(status.applied_counter)
@@ -269,17 +271,15 @@ class ControllerNode:
     def _judge_signals(self, now_ns: int) -> None:
         """Compare the plant's signals with each other and with the vehicle of the settings."""
         received, lasted_s = self._received, (now_ns - self._judged_ns) / NS_PER_S
-        self._judged_ns = now_ns
+        reported, self._reported, self._judged_ns = self._reported, [], now_ns
         is_fresh = now_ns <= received.fresh_until_ns()
-        if not (
-            self._motion.count and lasted_s > 0.0 and is_fresh and self._supervisor.goes_forward
-        ):
-            self._motion = MotionSums()
+        if not (reported and lasted_s > 0.0 and is_fresh and self._supervisor.goes_forward):
             self._plausibility.restart()
             return
-        motion = self._motion.take(lasted_s)
+        motion = mean_motion(reported, lasted_s)
         self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
         if self._plausibility.contradiction and self._stops_if_implausible:
+            self._is_stopped = True
             self._supervisor.on_own_fault()
         if self._fit is not None:
             self._fit.step(motion)
@@ -342,12 +342,7 @@ class ControllerNode:
             return ControllerFault.LAW_FAILED
         if self._overruns.failure:
             return ControllerFault.OVERRUNS
-        return ControllerFault.IMPLAUSIBLE if self._failure else _NO_FAULT
-
-    @property
-    def _must_stop(self) -> bool:
-        supervisor = self._supervisor
-        return must_stop(supervisor.mode, supervisor.goes_forward, self._steering)
+        return ControllerFault.IMPLAUSIBLE if self._is_stopped else _NO_FAULT
 
     def _safety_frame(self, now_ns: int) -> Frame:
-        return self._safety.frame(self._fault, self._must_stop, now_ns)
+        return self._safety.frame(self._fault, now_ns)

@@ -14,9 +14,10 @@ plus a share of all that moved, which other vehicles reach; the signals are so o
 for DEBOUNCE_S longer than they have not. What moves too little to show is not found, and does
 little harm.
 
-Sums are taken with every VEHICLE_STATE, and judged with the controller's status.
+The means of all VEHICLE_STATE since the last judgement are judged with the controller's status.
 """
 
+from collections.abc import Sequence
 from math import exp
 from typing import NamedTuple
 
@@ -72,30 +73,18 @@ class Motion(NamedTuple):
     command_rad: float
 
 
-class MotionSums:
-    """Sums up what the plant reports, from one judgement to the next."""
+Reported = tuple[VehicleState, float, float, float]
+"""A VEHICLE_STATE, and the newest heading error, wheel angle and command in effect [rad]."""
 
-    def __init__(self) -> None:
-        self.count = 0
-        self._sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def add(
-        self, vehicle: VehicleState, heading_rad: float, wheel_rad: float, command_rad: float
-    ) -> None:
-        """Add a VEHICLE_STATE and the newest of the other messages."""
-        v, r, rho = vehicle
-        a, b, c, d, e, f = self._sums
+def mean_motion(reported: Sequence[Reported], lasted_s: float) -> Motion:
+    """Return the means of what was reported, one or more, in ``lasted_s``."""
+    a = b = c = d = e = f = 0.0
+    for (v, r, rho), heading_rad, wheel_rad, command_rad in reported:
         a, b, c, d = a + v, b + r, c + v * rho, d + v * heading_rad
-        self._sums = a, b, c, d, e + wheel_rad, f + command_rad
-        self.count += 1
-
-    def take(self, lasted_s: float) -> Motion:
-        """Return the means of what was added, of which there is something, and begin anew."""
-        a, b, c, d, e, f = self._sums
-        n = self.count
-        motion = Motion(lasted_s, a / n, b / n, c / n, d / n, e / n, f / n)
-        self.count, self._sums = 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return motion
+        e, f = e + wheel_rad, f + command_rad
+    n = len(reported)
+    return Motion(lasted_s, a / n, b / n, c / n, d / n, e / n, f / n)
 
 
 class Plausibility:

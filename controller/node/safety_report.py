@@ -31,6 +31,7 @@ from ...dbc.messages import (
 )
 from ...runtime.frame import Frame
 from ..limits.designed_ranges import ValiditySettings, request_of, validity_of
+from .modes import Supervisor
 from .newest_messages import SUPERVISED, Received
 
 INTERVAL_NS = 20_000_000
@@ -86,6 +87,7 @@ class SafetyReport:
 
     ``table``     what the settings were designed for
     ``received``  what has come
+    ``modes``     the mode table
     ``start_ns``  when the controller starts [ns]
 
     ``facts``       as found last
@@ -93,8 +95,10 @@ class SafetyReport:
     ``went_stale``  how often each message has become stale
     """
 
-    def __init__(self, table: ValiditySettings | None, received: Received, start_ns: int) -> None:
-        self._table, self._received = table, received
+    def __init__(
+        self, table: ValiditySettings | None, received: Received, modes: Supervisor, start_ns: int
+    ) -> None:
+        self._table, self._received, self._modes = table, received, modes
         self.validity = validity_of(table, None, None)
         self.facts = SafetyFacts(
             0,
@@ -128,9 +132,9 @@ class SafetyReport:
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
         self.validity = validity_of(self._table, speed_m_s, delay_s, fits_model=fits_model)
 
-    def on_tick(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> bool:
+    def on_tick(self, fault: ControllerFault, now_ns: int) -> bool:
         """Find the facts of a tick; returns whether to report them before the next cycle."""
-        facts = self._facts_at(fault, must_stop, now_ns)
+        facts = self._facts_at(fault, now_ns)
         before, reported = self._before, self._reported
         if facts is before and facts is reported:
             return False
@@ -142,27 +146,28 @@ class SafetyReport:
             return False
         return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
 
-    def frame(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> Frame:
+    def frame(self, fault: ControllerFault, now_ns: int) -> Frame:
         """Return the frame that reports the present facts and the frames lost so far.
 
-        ``fault``      what the controller has detected in itself
-        ``must_stop``  whether the vehicle must, whatever the validity
+        ``fault``  what the controller has detected in itself
         """
-        facts, lost = self._facts_at(fault, must_stop, now_ns), self._received.reception.lost
+        facts, lost = self._facts_at(fault, now_ns), self._received.reception.lost
         self._reported, self._reported_ns = facts, now_ns
         counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
         return self._sender.frame((*counts, *facts[1:]))
 
-    def _facts_at(self, fault: ControllerFault, must_stop: bool, now_ns: int) -> SafetyFacts:
+    def _facts_at(self, fault: ControllerFault, now_ns: int) -> SafetyFacts:
         """Return the facts."""
-        received, validity = self._received, self.validity
+        received, modes, validity = self._received, self._modes, self.validity
         found_from = (
-            received.reception.refused, received.unauthenticated, fault, validity, must_stop
+            received.reception.refused, received.unauthenticated, fault, validity,
+            modes.mode, modes.goes_forward, received.steering,
         )  # fmt: skip
         if now_ns <= self._fresh_until_ns and found_from == self._found_from:
             return self.facts
         self._found_from = found_from
-        request = request_of(validity, must_stop=must_stop)
+        is_steered = not must_stop(modes.mode, modes.goes_forward, received.steering)
+        request = request_of(validity, must_stop=not is_steered)
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
         found = (received.refused, *freshness, fault, second_sender, validity, request)

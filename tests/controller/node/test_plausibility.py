@@ -10,8 +10,8 @@ from steer_by_wire import Run, simulate
 from steer_by_wire.controller.node.plausibility import (
     BOUNDS,
     DEBOUNCE_S,
-    MotionSums,
     Plausibility,
+    mean_motion,
 )
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import VehicleState
@@ -33,12 +33,12 @@ NOISE: dict[str, Any] = {
 
 def contradiction_after(turned_s: float, curvature_factor: float) -> str:
     """Return what is found of a turn of 0.1 1/m whose curvature is reported with a factor."""
-    watch, sums = Plausibility(None, has_plans=True), MotionSums()
+    watch = Plausibility(None, has_plans=True)
     curvature_1_m = 0.1
     for _ in range(round(turned_s / STEP_S) + 1):
         told_1_m = curvature_factor * curvature_1_m
-        sums.add(VehicleState(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m), 0.0, 0.0, 0.0)
-        watch.step(sums.take(STEP_S), 0.0, 0.0)
+        state = VehicleState(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m)
+        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
     return watch.contradiction
 
 
@@ -64,10 +64,10 @@ def test_a_steady_residual_is_found_from_its_floor_and_its_share_on() -> None:
 
 
 def test_after_a_gap_the_watch_begins_anew() -> None:
-    watch, sums = Plausibility(None, has_plans=True), MotionSums()
+    watch = Plausibility(None, has_plans=True)
     for _ in range(60):
-        sums.add(VehicleState(SPEED_M_S, 0.2, -0.1), 0.0, 0.0, 0.0)
-        watch.step(sums.take(STEP_S), 0.0, 0.0)
+        state = VehicleState(SPEED_M_S, 0.2, -0.1)
+        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
         watch.restart()
     assert watch.contradiction == ""
 
