@@ -58,7 +58,7 @@ class LivePair:
         self._started = {}
         for program in PROGRAMS:
             # Settings first: after --bus-kwargs they would be parsed as more of its arguments.
-            words = [str(files.settings(program)), "--report", str(files.report(program))]
+            words = [str(files.settings(program)), "--json", str(files.report(program))]
             if program == PLANT and is_recorded:
                 words += ["--trace", str(files.plant_trace)]
             words += [*options.get(program, ()), *bus.options]

@@ -111,7 +111,7 @@ class Processes:
         """Start the broker, which listens at ``socket``."""
         self.address = str(socket)
         report = str(self.path("broker", ".json"))
-        arguments = ["--address", self.address, "--report", report, *options]
+        arguments = ["--address", self.address, "--json", report, *options]
         self.begin("broker", "steer_by_wire.tools.bus", arguments)
         self._await("broker", _LISTENING)
 

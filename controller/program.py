@@ -12,13 +12,13 @@ from pathlib import Path
 
 from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
 from ..dbc.secoc.secured_frame import CONTROLLER
-from ..runtime.command_line import command_parser, run_main, say
+from ..runtime.command_line import add_json_argument, command_parser, run_main, say
 from ..runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
     make_parser,
 )
-from ..runtime.program.report import json_text
+from ..runtime.program.report import show_or_write
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, fail_status
 from ..runtime.settings import SettingsError
 from .analysis.check import check_text
@@ -58,7 +58,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="end when the plant has been silent for 3 s and the command is back at zero;"
         " by default, wait for the plant to return",
     )
-    parser.set_defaults(json=False)
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
@@ -74,11 +73,7 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
     )
     add_settings_arguments(parser, PRESETS)
     _add_law_arguments(parser)
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print JSON: settings and figures (docs/controller.md)",
-    )
+    add_json_argument(parser)
     add_fail_if_argument(parser, CHECK_QUANTITIES)
     return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
 
@@ -131,11 +126,8 @@ def _check(name: str, options: argparse.Namespace) -> int:
 
     figures = check_figures(settings, progress)
     found = found_in(figures)._asdict()
-    if options.json:
-        content = {"settings": settings.model_dump(mode="json"), **found, "analysis": figures}
-        print(json_text(content), end="")
-    else:
-        print(check_text(settings, figures), end="")
+    content = {"settings": settings.model_dump(mode="json"), **found, "analysis": figures}
+    show_or_write(options.json, content, lambda: print(check_text(settings, figures), end=""))
     return fail_status(name, options.fail_if, CHECK_QUANTITIES, found)
 
 

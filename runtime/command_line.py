@@ -5,6 +5,7 @@ other library use it too.
 """
 
 import argparse
+import difflib
 import importlib
 import math
 import os
@@ -13,16 +14,30 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from types import MappingProxyType
+from typing import Any, NoReturn, TextIO
 
 from .exit_status import ExitStatus, UserError, cause_of
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
 DURATION_S_MAX = 1e9
+FORMER_OPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "--controller-preset": "--preset NAME",
+        "--controller-set": "--set controller.TABLE.KEY=VALUE",
+        "--plant-preset": "--preset NAME",
+        "--plant-set": "--set plant.TABLE.KEY=VALUE",
+        "--processes": "--workers N",
+        "--report": "--json FILE",
+        "--seconds": "--duration SECONDS",
+        "--threads": "--workers N",
+    }
+)
+"""Options of the release before, and what they are called now."""
 BLOCKED_S = 2.0
 """How long a line waits for a full pipe; then this line and all later ones are dropped."""
 
@@ -35,6 +50,28 @@ class _OneScreen(argparse.RawDescriptionHelpFormatter):
         super().__init__(prog, max_help_position=30, width=width)
 
 
+class Parser(argparse.ArgumentParser):
+    """Answers a former or unknown option in one line with the present one."""
+
+    former: Mapping[str, str] = FORMER_OPTIONS
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as argparse does, after a look for options of the release before."""
+        for word in sys.argv[1:] if args is None else args:
+            option = str(word).partition("=")[0]
+            if option in self.former and option not in self._option_string_actions:
+                self.error(f"{option} is now: {self.former[option]}")
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """End with status 2 and one line, with a suggestion for an unknown option."""
+        if message.startswith("unrecognized arguments:"):
+            unknown = message.partition(": ")[2].split()[0].partition("=")[0]
+            close = difflib.get_close_matches(unknown, self._option_string_actions, n=1)
+            message += f" (did you mean {close[0]}?)" if close else ""
+        super().error(message)
+
+
 def command_parser(
     name: str, doc: str | None, example: str, arguments: str = "[options]"
 ) -> argparse.ArgumentParser:
@@ -45,7 +82,7 @@ def command_parser(
     ``example``    commands that work as printed, one a line
     ``arguments``  what the usage shows after the name
     """
-    return argparse.ArgumentParser(prog=name, **_look(doc, example, arguments))
+    return Parser(prog=name, **_look(doc, example, arguments))
 
 
 def add_subcommand(
@@ -79,6 +116,13 @@ def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = 
     """Add ``--out``, the folder for results; ``what`` is its help without the default."""
     help_text = f"{what} (default: %(default)s)" if what else "default: %(default)s"
     parser.add_argument("--out", type=Path, default=Path(default), metavar="DIR", help=help_text)
+
+
+def add_json_argument(parser: argparse.ArgumentParser, *, shows: bool = True) -> None:
+    """Add ``--json FILE``; ``shows`` where the program only shows figures, and - prints them."""
+    instead = "; - prints them instead" if shows else ""
+    help_text = f"write the figures as JSON{instead}"
+    parser.add_argument("--json", type=output_file, metavar="FILE", help=help_text)
 
 
 def add_overrides_argument(

@@ -164,7 +164,7 @@ def _help() -> str:
         "COMMAND --help explains one. See also --version, --completion bash|zsh|fish.",
         "",
         "example:",
-        f"  {NAME} run --plant-set latency.downlink.mean_s=0.08",
+        f"  {NAME} run --set plant.latency.downlink.mean_s=0.08",
     ]
     return "\n".join(lines)
 

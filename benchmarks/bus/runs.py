@@ -149,7 +149,7 @@ def _answering(bench: Bench, who: str) -> Role:
 def _controller(bench: Bench, answer: str, *options: str) -> Role:
     """Return our own program, which requests its priority itself."""
     bus = (*bench.bus, "--preset", PRESET)
-    report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
+    report = ("--json", str(_report(bench)), "--priority", str(bench.priority))
     module = "benchmarks.bus.watched_controller"
     return Role("controller", python(module, *bus, *report, "--answer", answer, *options))
 

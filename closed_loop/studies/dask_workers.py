@@ -4,13 +4,12 @@ Workers need this package in the same version, and waypoint and trace files of t
 """
 
 import importlib
-import signal
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import islice
 from typing import Any
 
-from ...runtime.command_line import handled, installation
+from ...runtime.command_line import installation
 from ...runtime.settings import SettingsError
 from .compiled_runs import Computed
 from .study import Study
@@ -76,33 +75,19 @@ class DaskWorkers:
 
 
 @contextmanager
-def dask_workers(study: Study, address: str | None, workers: int | None) -> Iterator[DaskWorkers]:
-    """Join a scheduler, or start ``workers`` processes on this machine, until the block ends.
+def dask_workers(study: Study, address: str) -> Iterator[DaskWorkers]:
+    """Join a scheduler until the block ends.
 
     Raises SettingsError where distributed is missing or no scheduler answers.
     """
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise SettingsError(
-            "--scheduler and --workers need dask.distributed:"
-            f" {installation('pyarrow', 'distributed')}"
-        ) from error
-    with ExitStack() as stack:
-        if address is None:
-            # They ignore Ctrl-C, which a terminal sends to all: they finish their current block,
-            # and the study ends them.
-            with handled(signal.SIGINT, signal.SIG_IGN):
-                cluster = distributed.LocalCluster(
-                    n_workers=workers, threads_per_worker=1, dashboard_address=None
-                )
-            stack.enter_context(cluster)
-            client = stack.enter_context(distributed.Client(cluster))
-            description = f"{workers} processes through dask"
-        else:
-            try:
-                client = stack.enter_context(distributed.Client(address, timeout=CONNECT_S))
-            except (OSError, ValueError) as error:
-                raise SettingsError(f"--scheduler {address}: nobody answers there") from error
-            description = f"the workers of {address}"
-        yield DaskWorkers(client, study, description)
+        needed = installation("pyarrow", "distributed")
+        raise SettingsError(f"--scheduler needs dask.distributed: {needed}") from error
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"--scheduler {address}: nobody answers there") from error
+    with client:
+        yield DaskWorkers(client, study, f"the workers of {address}")

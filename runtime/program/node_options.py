@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from ..bus_model.settings import ClockSettings
 from ..command_line import (
+    add_json_argument,
     add_overrides_argument,
     command_parser,
     output_file,
@@ -33,7 +34,7 @@ def make_parser(
     """Return a parser with the common options; see ``command_parser`` for the arguments."""
     parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
     add_settings_arguments(parser, preset_package)
-    parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
+    add_json_argument(parser, shows=False)
     parser.add_argument(
         "--record",
         type=_recording_file,

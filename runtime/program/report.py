@@ -4,7 +4,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,18 @@ def write_file(path: Path, content: bytes) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def show_or_write(
+    file: Path | None, content: Mapping[str, Any], show: Callable[[], object]
+) -> None:
+    """Show figures to a person, and write them to the FILE of ``--json``; raises OSError."""
+    if file == Path("-"):
+        print(json_text(content), end="")  # noqa: T201 - what was asked for
+        return
+    show()
+    if file is not None:
+        write_json(file, content)
 
 
 def json_text(content: Mapping[str, Any]) -> str:

@@ -106,8 +106,8 @@ def run_node(
         report["host"] = run.host
         report["clock"] = options.clock.model_dump()
         report["recording"] = None if recorded is None else recorded._asdict()
-        if options.report is not None:
-            write_json(options.report, report)
+        if options.json is not None:
+            write_json(options.json, report)
         for line in summary_lines(report):
             say(name, line)
         if recorded is not None and recorded.failure:

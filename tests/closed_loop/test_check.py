@@ -10,7 +10,7 @@ from steer_by_wire.controller.program import check_main
 
 def test_the_library_says_what_the_command_says(capsys: pytest.CaptureFixture[str]) -> None:
     checked = check("practical_pd", overrides={"rate_hz": 50})
-    assert check_main(["--preset", "practical_pd", "--rate-hz", "50", "--json"]) == 0
+    assert check_main(["--preset", "practical_pd", "--rate-hz", "50", "--json", "-"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (checked.verdict, checked.reason) == (printed["verdict"], printed["reason"])
     assert checked.delay_margin_s == printed["delay_margin_s"]

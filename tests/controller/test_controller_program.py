@@ -119,7 +119,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
 
 
 def test_check_prints_json_with_the_figures_of_the_text(capsys: Capture) -> None:
-    assert check_main(["--preset", "paper_pd", "--json"]) == ExitStatus.OK
+    assert check_main(["--preset", "paper_pd", "--json", "-"]) == ExitStatus.OK
     printed = json.loads(capsys.readouterr().out)
     assert ControllerSettings.model_validate(printed["settings"]) == preset("paper_pd")
     assert printed["verdict"] == "stable"

@@ -159,7 +159,7 @@ def test_a_run_ends_by_itself_with_report_and_trace(tmp_path: Path) -> None:
             "--quiet",
             *("--preset", "paper_nominal", "--seed", "7"),
             *("--set", "duration_s=1.5", "--set", "latency.downlink.mean_s=0.03"),
-            *("--report", str(report_file), "--trace", str(trace_file)),
+            *("--json", str(report_file), "--trace", str(trace_file)),
         ) as program,
     ):
         received = drive_until(client, 15)
@@ -194,7 +194,7 @@ def test_a_signal_ends_a_run_with_its_report_and_its_trace(
     tmp_path: Path, number: signal.Signals
 ) -> None:
     report_file, trace_file = tmp_path / "report.json", tmp_path / "trace.csv"
-    files = ("--report", str(report_file), "--trace", str(trace_file))
+    files = ("--json", str(report_file), "--trace", str(trace_file))
     with (
         launched_broker() as address,
         can.Bus(interface="emulated", address=address, ignore_config=True) as client,
@@ -211,7 +211,7 @@ def test_a_signal_ends_a_run_with_its_report_and_its_trace(
 def test_a_duration_ends_a_run_that_nobody_drives(tmp_path: Path) -> None:
     report_file = tmp_path / "report.json"
     with launched_broker() as address:
-        options = ("--duration", "0.2", "--report", str(report_file))
+        options = ("--duration", "0.2", "--json", str(report_file))
         with started(*on_bus(address), *options) as program:
             _, err = program.communicate(timeout=PATIENCE_S)
             assert program.returncode == ExitStatus.OK
@@ -226,7 +226,7 @@ def test_a_bus_that_fails_ends_a_run_with_its_report_and_status_3(tmp_path: Path
     report_file = tmp_path / "report.json"
     with ExitStack() as broker:
         address = broker.enter_context(launched_broker())
-        with started(*on_bus(address), "--report", str(report_file)) as program:
+        with started(*on_bus(address), "--json", str(report_file)) as program:
             broker.close()
             _, err = program.communicate(timeout=PATIENCE_S)
             assert program.returncode == ExitStatus.BUS

@@ -92,7 +92,7 @@ def lateness_s(seconds: float, program: str | None) -> float:
                 page.open(address)
                 page.wait_for("window.cockpit?.drawn > 0")
         pair = stack.enter_context(Processes(folder))
-        report = ["--report", str(pair.path("controller", ".json"))]
+        report = ["--json", str(pair.path("controller", ".json"))]
         pair.start("plant", "steer_by_wire.plant_emulator", bus)
         pair.start(
             "controller",

@@ -34,7 +34,7 @@ class RunningProgram:
     def __init__(self, module: str, options: Sequence[str], report: Path) -> None:
         self._report = report
         self.printed: list[str] = []
-        fixed = [*ORDINARY, *UNSUPERVISED, "--report", str(report)]
+        fixed = [*ORDINARY, *UNSUPERVISED, "--json", str(report)]
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *fixed, *options],
             stdin=subprocess.DEVNULL,

@@ -107,6 +107,27 @@ def test_a_former_name_answers_in_one_line_with_what_replaces_it(
     assert first != "steer-by-wire" or program in PROGRAMS
 
 
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["run", "--plant-set", "seed=3"], "--plant-set is now: --set plant.TABLE.KEY=VALUE"),
+        (["run", "--controller-preset=paper_pd"], "--controller-preset is now: --preset NAME"),
+        (["study", "bus", "--threads", "2"], "--threads is now: --workers N"),
+        (["faults", "--processes", "2"], "--processes is now: --workers N"),
+        (["doctor", "--measure", "--seconds=3"], "--seconds is now: --duration SECONDS"),
+        (["plant", "--report", "r.json"], "--report is now: --json FILE"),
+    ],
+)
+def test_a_former_option_answers_in_one_line_with_what_replaces_it(
+    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    printed = capsys.readouterr().err.splitlines()[-1]
+    assert printed == f"steer-by-wire {words[0]}: error: {line}"
+
+
 def test_help_of_a_name_is_its_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["help", "check"])
@@ -129,6 +150,24 @@ def test_the_version_is_the_distributions_and_the_packages(
         (["run", "--law", "nosuch"], "steer-by-wire run: error: command line: law = "),
         (["plant", "--set", "x=1"], "steer-by-wire plant: error: command line: x "),
         (["check", "--preset", "x"], "steer-by-wire check: error: preset x: "),
+        (
+            ["run", "--preset", "practical_pdd"],
+            "steer-by-wire run: error: argument --preset: no preset 'practical_pdd' (did you mean"
+            " practical_pd?)",
+        ),
+        (
+            ["run", "--set", "latency.downlink.mean_s=0.1"],
+            "steer-by-wire run: error: argument --set: 'latency.downlink.mean_s=0.1' begins with"
+            " neither plant. nor controller. (did you mean plant.latency.downlink.mean_s=0.1?)",
+        ),
+        (
+            ["run", "--preset", "paper_pd", "--preset", "practical_pd"],
+            "steer-by-wire run: error: --preset: paper_pd and practical_pd are both of the contr",
+        ),
+        (
+            ["run", "--durations", "3"],
+            "steer-by-wire run: error: unrecognized arguments: --durations (did you mean --dur",
+        ),
         (["study", "nosuch"], "steer-by-wire study: error: argument STUDY: 'nosuch' is neither"),
     ],
 )
@@ -217,7 +256,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
     [
         ("steer-by-wire stu", {"study"}),
         ("steer-by-wire check --p", {"--preset"}),
-        ("steer-by-wire bus --", {"--address", "--bitrate", "--report"}),
+        ("steer-by-wire bus --", {"--address", "--bitrate", "--json"}),
     ],
 )
 def test_a_shell_is_offered_programs_and_their_options(

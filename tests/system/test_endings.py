@@ -29,7 +29,7 @@ def last_line(capsys: Capture) -> str:
 
 def test_a_plant_that_nobody_commanded_says_so(tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "plant.json"
-    alone = ["-c", "no_controller", *ALONE, "--report", str(file)]
+    alone = ["-c", "no_controller", *ALONE, "--json", str(file)]
     assert plant_main([*alone, "--fail-if", "rms_m > 0.02"]) == ExitStatus.CONDITION
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == (
@@ -77,7 +77,7 @@ def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsy
 
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
     law = "law=tests.support.plugin_laws:NO_OUTPUT"
-    run = ["--controller-preset", "practical_pd", "--controller-set", law, "--duration", "3"]
+    run = ["--preset", "practical_pd", "--set", f"controller.{law}", "--duration", "3"]
     assert run_main(run) == ExitStatus.SAFE_STATE
     heading, verdict = last_line(capsys).split(maxsplit=1)
     assert heading == "verdict"

@@ -318,7 +318,7 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
         return [passed._replace(mistakes=["something"] * (len(asked) > 1))]
 
     monkeypatch.setattr(fault_campaign, "run_live_campaign", run_live)
-    words = [str(spec), "--out", str(tmp_path / "out"), "--processes", "1"]
+    words = [str(spec), "--out", str(tmp_path / "out"), "--workers", "1"]
     without = fault_campaign.main(words)
     assert "Live runs" not in (tmp_path / "out" / "index.html").read_text()
     assert fault_campaign.main([*words, "--live"]) == without

@@ -141,7 +141,7 @@ def run(folder: Path) -> Run:
         with Processes(folder) as pair:
             for name, given in options.items():
                 report = str(pair.path(name, ".json"))
-                pair.begin(name, f"steer_by_wire.{name}", ["--report", report, *given])
+                pair.begin(name, f"steer_by_wire.{name}", ["--json", report, *given])
             with decoding(decoded):
                 await_commands(2 * PHASE_COMMANDS)
             end_phase()

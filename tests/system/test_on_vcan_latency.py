@@ -89,7 +89,7 @@ def start(folder: Path, channel: str, latency_s: float) -> Processes:
     programs = Processes(folder)
     for name in ("controller", "plant_emulator"):
         bus = ("-i", "socketcan", "-c", channel, *ORDINARY)
-        arguments = [*bus, "--report", str(files.report(name)), str(files.settings(name))]
+        arguments = [*bus, "--json", str(files.report(name)), str(files.settings(name))]
         programs.begin(name, f"steer_by_wire.{name}", arguments)
     return programs
 

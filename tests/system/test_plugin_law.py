@@ -281,7 +281,7 @@ own_law = { tracking_time_s = 0.7 }
 
 
 def test_closed_loop_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--duration", "1", "--controller-preset", "practical_pd", "--out", str(tmp_path)]
+    options = ["--duration", "1", "--preset", "practical_pd", "--out", str(tmp_path)]
     assert closed_loop.main([*options, "--law", OWN]) == 0
     assert re.search(r"^law +own_law:LAW at 100 Hz$", capsys.readouterr().out, re.MULTILINE)
     report = json.loads((tmp_path / "controller.json").read_text())

@@ -321,7 +321,7 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     )  # in half a second, not in seven
     options = [text for override in overrides for text in ("--set", override)]
     arguments = ["-i", "virtual", "-c", "self supervision", "--priority", "0", "--no-memory-lock"]
-    status = program.main([*options, *arguments, "--report", str(report)])
+    status = program.main([*options, *arguments, "--json", str(report)])
     assert status == ExitStatus.SAFE_STATE
     reported = capsys.readouterr()
     assert f"steer-by-wire plant: error: safe state: {NOT_FINITE_VEHICLE}\n" in reported.err
@@ -333,8 +333,8 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
 def test_a_run_of_both_nodes_says_so_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    growing = [f"--plant-set=vehicle.{key}={value}" for key, value in OVERSTEER.items()]
-    push = "--plant-set=disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
+    growing = [f"--set=plant.vehicle.{key}={value}" for key, value in OVERSTEER.items()]
+    push = "--set=plant.disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
     monkeypatch.setattr("steer_by_wire.plant_emulator.vehicle.moving_vehicle.LARGEST", 1e9)
     assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
     out = capsys.readouterr().out

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from functools import partial
 
 from ...runtime.command_line import (
+    add_json_argument,
     command_parser,
     ending_signals,
-    output_file,
     run_main,
     whole_number,
 )
@@ -116,11 +116,11 @@ def _serve(
             failure = f"the bus at {address} has failed: {cause_of(error)}"
         report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
         _print_line(summary_line(report))
-        if options.report is not None:
+        if options.json is not None:
             # Not at the top: it imports python-can, which the broker does not need.
             from ...runtime.program.report import write_json
 
-            write_json(options.report, report)
+            write_json(options.json, report)
     if failure:
         raise AddressError(failure)
 
@@ -199,9 +199,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="0..99",
         help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )
-    parser.add_argument(
-        "--report", type=output_file, metavar="FILE", help="write a report at the end, JSON"
-    )
+    add_json_argument(parser, shows=False)
     parser.add_argument(
         "--verbose", action="store_true", help="also print clients that join and leave in order"
     )

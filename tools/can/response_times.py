@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steer_by_wire.runtime.command_line import number, output_file, say, whole_number
+from steer_by_wire.runtime.command_line import add_json_argument, number, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.tools.can.message_set import (
     BusSettings,
     Response,
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preset", action="append", metavar="NAME",
         help=f"controllers to compare with (default: {', '.join(DEFAULT_PRESETS)})",
     )  # fmt: skip
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    add_json_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -86,11 +86,13 @@ def run(options: argparse.Namespace) -> int:
     responses = respond(messages, bus)
     console = Console(markup=False, highlight=False)
     console.width = max(console.width, 100)
-    console.print(response_table(responses, bus))
-    if steering is not None:
-        console.print(steering_text(steering), soft_wrap=True)
-    if options.json is not None:
-        write_json(options.json, record_of(responses, bus, steering))
+
+    def show() -> None:
+        console.print(response_table(responses, bus))
+        if steering is not None:
+            console.print(steering_text(steering), soft_wrap=True)
+
+    show_or_write(options.json, record_of(responses, bus, steering), show)
     return ExitStatus.OK
 
 

@@ -1,7 +1,7 @@
 """Check what this machine has for CAN and real time, and advise how to get what it lacks.
 
-    steer-by-wire doctor [--json [FILE]]
-    steer-by-wire doctor --measure [-i INTERFACE -c CHANNEL] [--seconds SECONDS]
+    steer-by-wire doctor [--json FILE]
+    steer-by-wire doctor --measure [-i INTERFACE -c CHANNEL] [--duration SECONDS]
 
 ``--measure`` measures how punctual the machine is, how fast its bus is, and which rate it can keep:
 as an ordinary program, and with the real-time rights that the host grants. Without ``-i`` the bus
@@ -13,17 +13,21 @@ Exit status 0 whatever it finds: a machine without CAN is no mistake.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from steer_by_wire.runtime.command_line import command_parser, output_file, run_main, seconds
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    command_parser,
+    run_main,
+    seconds,
+)
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.node_options import add_real_time_arguments
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.tools.doctor import checks
 
 NAME = "steer-by-wire doctor"
@@ -32,20 +36,14 @@ NAME = "steer-by-wire doctor"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Examine or measure, and print; returns the exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --measure --json figures.json")
-    parser.add_argument(
-        "--json",
-        type=output_file,
-        nargs="?",
-        const=True,
-        metavar="FILE",
-        help="the results as JSON: in FILE too, or printed alone",
-    )
+    add_json_argument(parser)
     parser.add_argument("--measure", action="store_true", help="measure which rate it can keep")
     group = parser.add_argument_group("with --measure")
     group.add_argument(
-        "--seconds",
+        "--duration",
         type=seconds,
         default=1.0,
+        metavar="SECONDS",
         help="duration of each measurement (default: %(default)g)",
     )
     group.add_argument(
@@ -70,12 +68,7 @@ def _run(options: argparse.Namespace) -> int:
     else:
         sections = checks.examine()
         record, show = checks.as_json(sections), partial(print, checks.as_text(sections))
-    if options.json is True:
-        print(json.dumps(record, indent=1))
-        return ExitStatus.OK
-    show()
-    if options.json is not None:
-        write_json(options.json, record)
+    show_or_write(options.json, record, show)
     return ExitStatus.OK
 
 

@@ -91,11 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--live", action="store_true", help="also run real processes, with logs in DIR/live"
     )
     parser.add_argument(
-        "--processes",
+        "--workers",
         type=whole_number(1, 64),
         default=2,
-        metavar="1..64",
-        help="default: %(default)s",
+        metavar="N",
+        help="runs at once, up to 64 (default: %(default)s)",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -164,7 +164,7 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunRes
                 write_result(options.out, spec_hash, result)
                 bars.advance(task)
 
-            execute(run_trial, left, options.processes, take)
+            execute(run_trial, left, options.workers, take)
     except KeyboardInterrupt:
         kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
         say(NAME, f"{kept}; the same command continues with the others", sys.stderr)

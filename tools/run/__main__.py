@@ -1,6 +1,6 @@
 """Run plant emulator and controller in one process, in virtual time or in real time.
 
-    steer-by-wire run --controller-preset practical_pd --out out/run
+    steer-by-wire run --preset practical_pd --out out/run
     steer-by-wire run plant.toml --controller controller.toml --interface virtual
     steer-by-wire run --controller-command './my_controller --gain 2'
 
@@ -33,7 +33,7 @@ from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.command_line import add_overrides_argument, command_parser, run_main, say
+from steer_by_wire.runtime.command_line import add_json_argument, command_parser, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program.bus_options import (
@@ -42,12 +42,11 @@ from steer_by_wire.runtime.program.bus_options import (
     bit_rate,
     bus_settings,
 )
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,
-    preset_names,
     read_preset,
 )
 from steer_by_wire.runtime.settings.toml_text import dump_toml
@@ -60,6 +59,13 @@ from steer_by_wire.tools.run.result import (
     verdict,
 )
 from steer_by_wire.tools.run.run_nodes import run_in_real_time, run_in_virtual_time
+from steer_by_wire.tools.run.side_options import (
+    CONTROLLER_SIDE,
+    PLANT_SIDE,
+    add_side_arguments,
+    of_side,
+    preset_name,
+)
 
 BUS = "bus"
 """Name of the file with the settings of the bus."""
@@ -69,38 +75,27 @@ CONTROLLER_PRESET = "practical_pd_ddob"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    example = f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run"
+    example = f"{NAME} --set plant.latency.downlink.mean_s=0.08 --out out/run"
     parser = command_parser(NAME, __doc__, example, "[PLANT.toml] [options]")
+    parser.add_argument(
+        "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
+    )
+    parser.add_argument(
+        "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
+    )
+    add_side_arguments(parser, CONTROLLER_PRESET)
     parser.add_argument(
         "--vehicle",
         type=Path,
         metavar="VEHICLE.toml",
         help="take the vehicle of plant and controller from [vehicle] of a file",
     )
-    plant = parser.add_argument_group("plant")
-    plant.add_argument(
-        "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
+    parser.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
+    parser.add_argument(
+        "--law", metavar="NAME", help="short for --set controller.law=NAME; also package.module:LAW"
     )
-    plant.add_argument(
-        "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
-    )
-    add_overrides_argument(plant, "--plant-set", "override one setting", dest=None)
-    plant.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
-    plant.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
-    controller = parser.add_argument_group("controller")
-    controller.add_argument(
-        "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
-    )
-    controller.add_argument(
-        "--controller-preset",
-        metavar="NAME",
-        help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; default: {CONTROLLER_PRESET}",
-    )
-    controller.add_argument(
-        "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
-    )
-    add_overrides_argument(controller, "--controller-set", "override one setting", dest=None)
-    controller.add_argument(
+    parser.add_argument(
         "--controller-command",
         type=shlex.split,
         metavar="WORDS",
@@ -124,6 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_traffic_arguments(parser)
     add_error_arguments(parser, "plant or controller", has_clocks=True)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
+    add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -141,6 +137,7 @@ def _run(options: argparse.Namespace) -> int:
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
+        _refuse_another_run(files, plant_settings, ours, bus)
         files.write_settings(plant_settings, ours)
         files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
     log = files and files.candump_log
@@ -160,19 +157,35 @@ def _run(options: argparse.Namespace) -> int:
     status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))
     width = max(len(heading) for heading, _ in lines)
-    for heading, text in lines:
-        print(f"{heading:{width}}  {text}")
+    shown = "\n".join(f"{heading:{width}}  {text}" for heading, text in lines)
+    show_or_write(options.json, reports | {"verdict": verdict(reports)}, partial(print, shown))
     if any(report["node"]["failure"] for report in reports.values()):
         return ExitStatus.SAFE_STATE
     return status
 
 
+def _refuse_another_run(
+    files: PairFiles, plant: PlantSettings, ours: ControllerSettings | None, bus: BusSettings
+) -> None:
+    """Refuse a folder that has a run with other settings."""
+    for name, settings in ((PLANT, plant), (CONTROLLER, ours), (BUS, bus)):
+        file = files.settings(name)
+        if file.exists() and (
+            settings is None or file.read_text(encoding="utf-8") != dump_toml(settings)
+        ):
+            raise SettingsError(
+                f"--out {files.folder} has another run, whose {file.name} differs: give another"
+                " folder, or remove that one"
+            )
+
+
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
-    preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
+    name = preset_name(options, PLANT_SIDE)
+    preset = read_preset(PLANT_PRESETS, name) if name else None
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    vehicle, overrides = plant_vehicle(options.vehicle), [*options.plant_set, *overrides]
-    return load_settings(PlantSettings, preset, options.plant, overrides, vehicle)
+    vehicle, own = plant_vehicle(options.vehicle), of_side(options.overrides, PLANT_SIDE)
+    return load_settings(PlantSettings, preset, options.plant, [*own, *overrides], vehicle)
 
 
 def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
@@ -181,9 +194,11 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
     if words is not None:
         _refuse_beside_command(options, words)
         return words
-    name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
+    default = None if options.controller else CONTROLLER_PRESET
+    name = preset_name(options, CONTROLLER_SIDE) or default
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
-    overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
+    overrides = of_side(options.overrides, CONTROLLER_SIDE)
+    overrides += [f"law={options.law}"] if options.law else []
     vehicle = nominal_vehicle(options.vehicle)
     return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
 
@@ -191,8 +206,8 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
 def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> None:
     ours = {
         "--controller": options.controller,
-        "--controller-preset": options.controller_preset,
-        "--controller-set": options.controller_set,
+        "--preset of the controller": of_side(options.preset, CONTROLLER_SIDE),
+        "--set of the controller": of_side(options.overrides, CONTROLLER_SIDE),
         "--law": options.law,
         "--interface": options.interface,
     }

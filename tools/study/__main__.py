@@ -2,7 +2,7 @@
 
     steer-by-wire study --list
     steer-by-wire study compare --dry-run
-    steer-by-wire study STUDY [--out DIR] [--threads N]
+    steer-by-wire study STUDY [--out DIR] [--workers N]
     steer-by-wire study STUDY --replay ID [--live BUS]
     steer-by-wire study STUDY --live BUS --subset N
     steer-by-wire study --report DIR
@@ -84,16 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-report", action="store_true", help="write no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--threads", type=whole_number(1, 4096), metavar="N",
-        help="default: one per processor; for runs over a bus processes",
+        "--workers", type=whole_number(1, 4096), metavar="N",
+        help="runs at once (default: one per processor)",
     )  # fmt: skip
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
     )
-    where.add_argument(
-        "--workers", type=whole_number(1, 4096), metavar="N",
-        help="number of processes, through dask",
-    )  # fmt: skip
     again = parser.add_argument_group("repeated runs")
     again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
     again.add_argument(
@@ -140,7 +136,7 @@ def _run_study(options: argparse.Namespace) -> int:
     if warning:
         console.print(f"warning: {warning}")
     if options.dry_run:
-        _print_estimate(console, scenarios, _threads(options))
+        _print_estimate(console, scenarios, _at_once(options))
         return ExitStatus.OK
     if options.live and scenarios.study.bus is not None:
         raise SettingsError("--live: a study over a bus runs in virtual time only")
@@ -202,14 +198,14 @@ def _print_estimate(console: Console, scenarios: Scenarios, threads: int) -> Non
     )
 
 
-def _threads(options: argparse.Namespace) -> int:
-    return int(options.threads or options.workers or os.cpu_count() or 1)
+def _at_once(options: argparse.Namespace) -> int:
+    return int(options.workers or os.cpu_count() or 1)
 
 
 def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
-    if options.scheduler or options.workers:
-        return dask_workers(scenarios.study, options.scheduler, options.workers)
-    count = min(_threads(options), scenarios.study.runs)
+    if options.scheduler:
+        return dask_workers(scenarios.study, options.scheduler)
+    count = min(_at_once(options), scenarios.study.runs)
     if scenarios.study.bus is not None and count > 1:
         return nullcontext(Processes(scenarios.study, count))
     return nullcontext(Threads(scenarios, count))

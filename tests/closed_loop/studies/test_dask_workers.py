@@ -1,6 +1,7 @@
 """Studies on workers of dask.distributed: the same bytes."""
 
 import os
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from unittest import mock
@@ -18,11 +19,18 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.mark.filterwarnings("default")  # what dask warns of is not ours
 def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
+    distributed = import_module("distributed")
     expected = complete(tmp_path / "threads").results.read_bytes()
     scenarios = make_scenarios(tmp_path / "dask")
     store = open_store(tmp_path / "dask", scenarios)
     # dask leaves what its workers need in this process's environment, which others inherit.
-    with mock.patch.dict(os.environ), dask_workers(scenarios.study, None, 1) as workers:
+    with (
+        mock.patch.dict(os.environ),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        dask_workers(scenarios.study, cluster.scheduler_address) as workers,
+    ):
         assert workers.count == 1
         assert run_missing(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected

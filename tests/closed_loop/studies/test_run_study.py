@@ -312,7 +312,7 @@ def test_the_program_says_sizes_runs_and_replays(
     assert f"runs: {RUNS} = 12 points (grid) x 2 replicates x 2 controllers" in printed
     assert "ms a run" in printed
     assert not (tmp_path / "out").exists()
-    assert study_program.main(["study.toml", "--threads", "2", "--no-report"]) == ExitStatus.OK
+    assert study_program.main(["study.toml", "--workers", "2", "--no-report"]) == ExitStatus.OK
     assert "results: out/study/small/results.parquet" in capsys.readouterr().out
     assert study_program.main(["study.toml", "--replay", "17"]) == ExitStatus.OK
     printed = capsys.readouterr().out

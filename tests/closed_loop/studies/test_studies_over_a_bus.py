@@ -85,7 +85,7 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> Noisy:
     folder = tmp_path_factory.mktemp("noisy")
     file, out = study_file(folder, "[base.bus]\nload = 0.6\n" + FACTORS), folder / "out"
     with redirect_stdout(io.StringIO()) as printed:
-        assert run_program([str(file), "--out", str(out), "--threads", "1"]) == ExitStatus.OK
+        assert run_program([str(file), "--out", str(out), "--workers", "1"]) == ExitStatus.OK
     return Noisy(file, out, printed.getvalue())
 
 
@@ -148,7 +148,7 @@ def test_a_bus_of_virtual_time_is_not_run_live(
 def test_two_processes_give_the_same_bytes(
     noisy: Noisy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ["--out", str(tmp_path), "--threads", "2", "--no-report"]
+    options = ["--out", str(tmp_path), "--workers", "2", "--no-report"]
     assert run_program([str(noisy.file), *options]) == ExitStatus.OK
     assert "runs on 2 processes" in capsys.readouterr().out
     one, two = ((folder / "results.parquet").read_bytes() for folder in (noisy.out, tmp_path))

@@ -41,8 +41,8 @@ def test_every_shipped_plant_at_walking_speed_is_driven_with_half_of_its_grip(na
 
 def test_run_warns_of_a_path_that_no_car_follows(capsys: pytest.CaptureFixture[str]) -> None:
     fast = [
-        *("--plant-set", 'path={kind="circle",radius_m=20}'),
-        *("--plant-set", "vehicle.speed_m_s=15"),
+        *("--set", 'plant.path={kind="circle",radius_m=20}'),
+        *("--set", "plant.vehicle.speed_m_s=15"),
     ]
     run.main([*fast, "--duration", "1"])
     assert "warning: the path asks for a lateral acceleration of 11.2" in capsys.readouterr().err

@@ -38,7 +38,7 @@ def test_a_run_leaves_a_report_of_settings_loop_host_and_node(
 ) -> None:
     file = tmp_path / "report.json"
     node = Probe(ticks=3, sends=[Frame(0x100, b"x")])
-    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert run(options("--json", str(file)), node) == ExitStatus.OK
     report = json.loads(file.read_text())
     assert report["program"] == NAME
     assert report["ended_by"] == "finished"
@@ -59,7 +59,7 @@ def test_a_run_leaves_a_report_of_settings_loop_host_and_node(
 def test_nothing_but_the_report_is_left_in_its_directory(options: Options, tmp_path: Path) -> None:
     directory = tmp_path / "reports"
     directory.mkdir()
-    run(options("--report", str(directory / "report.json")), Probe())
+    run(options("--json", str(directory / "report.json")), Probe())
     assert os.listdir(directory) == ["report.json"]
 
 
@@ -97,7 +97,7 @@ def test_a_report_that_cannot_be_written_is_refused_before_the_run(
     options: Options, tmp_path: Path, capsys: Capture, name: str
 ) -> None:
     with pytest.raises(SystemExit) as caught:
-        options("--report", str(tmp_path / name))
+        options("--json", str(tmp_path / name))
     assert caught.value.code == ExitStatus.SETTINGS
     assert str((tmp_path / name).parent) in capsys.readouterr().err
 
@@ -118,7 +118,7 @@ def test_a_report_that_cannot_be_written_after_all_is_one_line(
     directory = tmp_path / "reports"
     directory.mkdir()
     file = directory / "report.json"
-    asked = options("--report", str(file))
+    asked = options("--json", str(file))
     status = run_main(NAME, lambda: run(asked, Probe(ticks=1, on_tick_do=directory.rmdir)))
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{NAME}: error: {directory}")
@@ -173,7 +173,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
         result = subprocess.run(
             [
                 *(sys.executable, "-c", code, str(tmp_path), presets, *ORDINARY),
-                *("-i", "virtual", "-c", "gone", "--report", str(file)),
+                *("-i", "virtual", "-c", "gone", "--json", str(file)),
             ],
             cwd=Path(__file__).resolve().parents[3],
             stdout=writer,

@@ -57,7 +57,7 @@ def hang_up() -> None:
 
 def test_a_run_ends_after_its_duration(options: Options, tmp_path: Path) -> None:
     file = tmp_path / "report.json"
-    run(options("--duration", "0.001", "--report", str(file)), Sleeper())
+    run(options("--duration", "0.001", "--json", str(file)), Sleeper())
     assert json.loads(file.read_text())["ended_by"] == "duration"
 
 
@@ -81,7 +81,7 @@ def test_a_signal_ends_a_run_with_its_report(
 ) -> None:
     file = tmp_path / "report.json"
     node = Probe(ticks=10**6, on_tick_do=send)
-    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert run(options("--json", str(file)), node) == ExitStatus.OK
     assert json.loads(file.read_text())["ended_by"] == name
 
 
@@ -95,7 +95,7 @@ def test_below_nohup_the_end_of_the_terminal_does_not_end_a_run(options: Options
 def test_a_second_signal_does_not_cost_the_report(options: Options, tmp_path: Path) -> None:
     file = tmp_path / "report.json"
     node = Probe(ticks=10**6, on_tick_do=interrupt, on_report_do=terminate)
-    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert run(options("--json", str(file)), node) == ExitStatus.OK
     assert json.loads(file.read_text())["node"]["counts"] == {"lost": 2}
 
 
@@ -108,7 +108,7 @@ def test_a_signal_right_after_ready_ends_a_run_with_its_report(
         terminate()
         return Sleeper()
 
-    run_node(NAME, options("--report", str(file)), SomeSettings(), make_node)
+    run_node(NAME, options("--json", str(file)), SomeSettings(), make_node)
     assert json.loads(file.read_text())["ended_by"] == "SIGTERM"
 
 
@@ -127,7 +127,7 @@ def test_a_bus_that_fails_ends_the_run_with_one_line_and_its_report(
     monkeypatch.setattr(VirtualBus, "send", refuse)
     file = tmp_path / "report.json"
     node = Probe(sends=[Frame(0x100, b"x")])
-    assert run(options("--report", str(file)), node) == ExitStatus.BUS
+    assert run(options("--json", str(file)), node) == ExitStatus.BUS
     assert capsys.readouterr().err == f"{NAME}: error: cannot send: bus-off\n"
     assert json.loads(file.read_text())["ended_by"] == "cannot send: bus-off"
 
@@ -140,7 +140,7 @@ def test_a_bus_that_fails_in_receiving_ends_the_run_likewise(
 
     monkeypatch.setattr(VirtualBus, "_recv_internal", refuse)
     file = tmp_path / "report.json"
-    assert run(options("--report", str(file)), Probe()) == ExitStatus.BUS
+    assert run(options("--json", str(file)), Probe()) == ExitStatus.BUS
     assert json.loads(file.read_text())["ended_by"] == "cannot receive: the adapter is gone"
 
 
@@ -167,7 +167,7 @@ def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
             interrupt()
 
     monkeypatch.setattr("steer_by_wire.runtime.program.screen.Screen.line", hear)
-    assert run(options("--reconnect", "--report", str(file)), Sleeper()) == ExitStatus.OK
+    assert run(options("--reconnect", "--json", str(file)), Sleeper()) == ExitStatus.OK
     begin = "cannot receive: the adapter is gone; waiting 60 s"
     assert any(text.startswith(begin) for text in heard)
     report = json.loads(file.read_text())
@@ -200,7 +200,7 @@ def test_a_node_that_has_found_a_fault_in_itself_ends_with_its_report_and_a_stat
     options: Options, tmp_path: Path, capsys: Capture
 ) -> None:
     report = tmp_path / "report.json"
-    assert run(options("--report", str(report)), Faulty()) == ExitStatus.SAFE_STATE
+    assert run(options("--json", str(report)), Faulty()) == ExitStatus.SAFE_STATE
     reported = capsys.readouterr()
     fault = "safe state: 51 of the last 100 ticks overran, allowed are 50 of 100"
     assert reported.err == f"{NAME}: error: {fault}\n"
@@ -215,7 +215,7 @@ def test_a_fault_is_reported_also_where_a_signal_comes_before_the_safe_state_is_
 ) -> None:
     report = tmp_path / "report.json"
     node = Faulty(ticks=1000, on_tick_do=interrupt)
-    assert run(options("--report", str(report)), node) == ExitStatus.SAFE_STATE
+    assert run(options("--json", str(report)), node) == ExitStatus.SAFE_STATE
     assert json.loads(report.read_text())["ended_by"] == "SIGINT"
 
 
@@ -246,7 +246,7 @@ def test_a_full_transmit_queue_costs_frames_and_not_the_run(
     monkeypatch.setattr(VirtualBus, "send", refuse)
     file = tmp_path / "report.json"
     node = Probe(ticks=3, sends=[Frame(0x100, b"x")])
-    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert run(options("--json", str(file)), node) == ExitStatus.OK
     loop = json.loads(file.read_text())["loop"]
     assert (loop["frames_sent"], loop["frames_refused"]) == (0, 3)
 
@@ -254,7 +254,7 @@ def test_a_full_transmit_queue_costs_frames_and_not_the_run(
 def test_a_bus_that_cannot_be_opened_is_one_line_and_makes_no_node(
     options: Options, tmp_path: Path, capsys: Capture
 ) -> None:
-    asked = options("--report", str(tmp_path / "report.json"))
+    asked = options("--json", str(tmp_path / "report.json"))
     asked.interface = "nonesuch"
     status = run_main(
         NAME, lambda: run_node(NAME, asked, SomeSettings(), lambda _: pytest.fail("made"))
@@ -275,6 +275,6 @@ def test_what_a_program_adds_comes_after_the_report_and_is_safe_from_signals(
         terminate()
         done.append((node.finished, file.exists()))
 
-    asked = options("--report", str(file))
+    asked = options("--json", str(file))
     status = run_node(NAME, asked, SomeSettings(), lambda _: Probe(), conclude)
     assert (status, done) == (ExitStatus.OK, [(True, True)])

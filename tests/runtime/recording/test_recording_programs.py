@@ -55,7 +55,7 @@ def run_plant(
     def run(*options: str) -> tuple[int, dict[str, Any]]:
         report = tmp_path / "report.json"
         bus = ["-i", "virtual", "-c", request.node.name, "--duration", "0.3", *ORDINARY]
-        status = plant_program.main([*bus, "--report", str(report), *options])
+        status = plant_program.main([*bus, "--json", str(report), *options])
         return status, json.loads(report.read_text())
 
     return run

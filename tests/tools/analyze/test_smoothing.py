@@ -119,8 +119,8 @@ def test_analyze_smooths_a_recording_and_says_the_lag(
     law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = ("actuator.lag_s=0.05", "latency.downlink.mean_s=0.08", "duration_s=8")
-    sets = [word for setting in settings for word in ("--plant-set", setting)]
-    presets = ["--plant-preset", "highway_nominal", "--controller-preset", f"highway_{law}"]
+    sets = [word for setting in settings for word in ("--set", f"plant.{setting}")]
+    presets = ["--preset", "highway_nominal", "--preset", f"highway_{law}"]
     assert run_loop([*presets, *sets, "--out", str(tmp_path / "run")]) == 0
     log = tmp_path / "run" / "candump.log"
     out = tmp_path / "logs"

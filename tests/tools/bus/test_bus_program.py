@@ -114,7 +114,7 @@ def test_clients_meet_the_traffic_and_errors_that_were_asked_for(
     stack: ExitStack, directory: Path
 ) -> None:
     address, report = str(directory / "socket"), directory / "report.json"
-    options = ["--load", "0.5", "--bit-error-rate", "0.01", "--report", str(report)]
+    options = ["--load", "0.5", "--bit-error-rate", "0.01", "--json", str(report)]
     broker = start_broker(stack, "--address", address, *options)
     listening = client(stack, address, error_frames=True)
     kinds = Counter(receive(listening).is_error_frame for _ in range(100))
@@ -147,7 +147,7 @@ def test_a_second_signal_does_not_cost_the_report(
     stack: ExitStack, directory: Path, pause_s: float
 ) -> None:
     report = directory / "report.json"
-    broker = start_broker(stack, "--address", str(directory / "socket"), "--report", str(report))
+    broker = start_broker(stack, "--address", str(directory / "socket"), "--json", str(report))
     broker.send_signal(signal.SIGINT)
     time.sleep(pause_s)
     broker.send_signal(signal.SIGTERM)
@@ -163,7 +163,7 @@ def test_a_bus_that_fails_says_where_and_why_and_leaves_its_report(
 
     monkeypatch.setattr(Broker, "run", fail)
     address, report = directory / "socket", directory / "report.json"
-    assert main(["--address", str(address), "--report", str(report)]) == 3
+    assert main(["--address", str(address), "--json", str(report)]) == 3
     said = capsys.readouterr().err.splitlines()[-1]
     assert said == (
         f"steer-by-wire bus: error: the bus at {address} has failed: Bad file descriptor"
@@ -275,7 +275,7 @@ def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     stack: ExitStack, directory: Path
 ) -> None:
     address, report = str(directory / "socket"), directory / "report.json"
-    broker = start_broker(stack, "--address", address, "--report", str(report))
+    broker = start_broker(stack, "--address", address, "--json", str(report))
     one, other = client(stack, address), client(stack, address)
     vandal = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
     vandal.settimeout(PATIENCE_S)

@@ -28,7 +28,7 @@ def doctor(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str
 
 @pytest.fixture(scope="module")
 def answer() -> dict[str, dict[str, Finding]]:
-    done = doctor("--json")
+    done = doctor("--json", "-")
     assert done.returncode == 0, done.stderr
     return {
         title: {finding["name"]: Finding(*finding.values()) for finding in findings}

@@ -255,7 +255,7 @@ def run_probe(*options: str) -> subprocess.CompletedProcess[str]:
 def probed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any]]:
     """What the program prints and writes on an emulated bus of its own."""
     out = tmp_path_factory.mktemp("probe") / "probe.json"
-    result = run_probe(*ORDINARILY, "--seconds", "0.1", "-i", "emulated", "--json", str(out))
+    result = run_probe(*ORDINARILY, "--duration", "0.1", "-i", "emulated", "--json", str(out))
     assert result.returncode == 0, result.stderr
     return result.stdout, json.loads(out.read_text(encoding="utf-8"))
 
@@ -286,7 +286,7 @@ def test_the_program_ends_with_its_verdict(probed: tuple[str, dict[str, Any]]) -
 
 def test_a_bus_where_nobody_answers_is_reported() -> None:
     """python-can's virtual interface does not reach other processes."""
-    result = run_probe(*ORDINARILY, "--seconds", "0.05", "-i", "virtual", "-c", "alone")
+    result = run_probe(*ORDINARILY, "--duration", "0.05", "-i", "virtual", "-c", "alone")
     assert result.returncode == 0, result.stderr
     assert f"no echo, {ORDINARY}" in result.stdout
 
@@ -300,7 +300,7 @@ def test_an_interface_that_is_not_there_is_one_line_and_status_3() -> None:
 
 
 def test_control_c_ends_it_with_one_line_and_status_130() -> None:
-    command = [*PROGRAM, *ORDINARILY, "--seconds", "1000", "-i", "virtual", "-c", "stopped"]
+    command = [*PROGRAM, *ORDINARILY, "--duration", "1000", "-i", "virtual", "-c", "stopped"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -316,7 +316,7 @@ def test_control_c_ends_it_with_one_line_and_status_130() -> None:
 @pytest.mark.vcan
 def test_the_probe_runs_on_a_real_bus(tmp_path: Path) -> None:
     out = tmp_path / "probe.json"
-    result = run_probe(*ORDINARILY, "--seconds", "0.2", "-c", "vcan0", "--json", str(out))
+    result = run_probe(*ORDINARILY, "--duration", "0.2", "-c", "vcan0", "--json", str(out))
     assert result.returncode == 0, result.stderr
     record = json.loads(out.read_text(encoding="utf-8"))
     assert record["driver"] == "AF_CAN"

@@ -20,7 +20,7 @@ from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.running_program import PATIENCE_S
 
-LATENCY = ["--plant-set", "latency.downlink.mean_s=0.08"]
+LATENCY = ["--set", "plant.latency.downlink.mean_s=0.08"]
 
 
 def frames_in(log: Path) -> list[Frame]:
@@ -65,10 +65,10 @@ def test_the_command_it_prints_makes_the_same_run_again(
     first, second = tmp_path / "first", tmp_path / "second"
     jitter = [
         *LATENCY,
-        *("--plant-set", "latency.downlink.model=gamma"),
-        *("--plant-set", "latency.downlink.spread_s=0.03"),
-        *("--controller-preset", "practical_pd_cdob"),
-        *("--controller-set", "supervision.hold_ms=123"),
+        *("--set", "plant.latency.downlink.model=gamma"),
+        *("--set", "plant.latency.downlink.spread_s=0.03"),
+        *("--preset", "practical_pd_cdob"),
+        *("--set", "controller.supervision.hold_ms=123"),
     ]
     options = ["--duration", "1.5", "--seed", "9", *jitter, *wire, "--out", str(first)]
     assert closed_loop.main(options) == 0
@@ -148,9 +148,8 @@ def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None
 @pytest.mark.parametrize(
     ("options", "status", "complaint"),
     [
-        (["--plant-set", "vehicle.speed_m_s=-3"], 2, "vehicle.speed_m_s"),
-        (["--plant-preset", "none"], 2, "preset none"),
-        (["--controller-preset", "practical_pd", "--controller-set", "rate_hz=1"], 2, "rate_hz"),
+        (["--set", "plant.vehicle.speed_m_s=-3"], 2, "vehicle.speed_m_s"),
+        (["--preset", "practical_pd", "--set", "controller.rate_hz=1"], 2, "rate_hz"),
         (["--controller", "missing.toml"], 2, "missing.toml"),
         (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
         (["--bit-error-rate", "0.1"], 2, "bit_error_rate = 0.1 should be"),
@@ -200,3 +199,24 @@ def test_a_condition_that_is_met_ends_with_a_status_of_its_own(
     first, second = capsys.readouterr().err.splitlines()
     assert first == ("steer-by-wire run: failed: verdict != limit cycle: verdict is holds")
     assert "controller_active_share is " in second
+
+
+def test_a_folder_keeps_its_run_unless_the_settings_are_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--duration", "1", "--out", str(tmp_path)]
+    assert closed_loop.main([*words, "--seed", "3"]) == 0
+    trace = (tmp_path / "plant_trace.csv").read_bytes()
+    assert closed_loop.main([*words, "--seed", "4"]) == 2
+    assert f"--out {tmp_path} has another run, whose plant_emulator.toml differs" in (
+        capsys.readouterr().err
+    )
+    assert (tmp_path / "plant_trace.csv").read_bytes() == trace
+    assert closed_loop.main([*words, "--seed", "3"]) == 0
+
+
+def test_the_figures_of_a_run_are_printed_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert closed_loop.main(["--duration", "1", "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["verdict"].startswith("holds: ")
+    assert {"plant_emulator", "controller"} < set(figures)

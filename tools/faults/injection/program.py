@@ -22,8 +22,8 @@ from pathlib import Path
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
 from steer_by_wire.runtime.command_line import (
+    add_json_argument,
     command_parser,
-    output_file,
     run_main,
     say,
     whole_number,
@@ -74,8 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seed = whole_number(0, SEED_MAX)
     seed_help = "seed of all random numbers (default: %(default)s)"
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help=seed_help)
-    actions_help = "write the actions, JSON"
-    parser.add_argument("--report", type=output_file, metavar="FILE", help=actions_help)
+    add_json_argument(parser, shows=False)
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -117,14 +116,14 @@ def _run(options: argparse.Namespace) -> int:
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
             say(NAME, f"ready on {where}, seed {options.seed}")
             is_over = injection.run(stop)
-    if options.report is not None:
+    if options.json is not None:
         report = {
             "seed": options.seed,
             "ended_by": "finished" if is_over else stop.reason,
             "actions": [action._asdict() for action in injection.actions],
             "frames": injection.results,
         }
-        write_json(options.report, report)
+        write_json(options.json, report)
     return ExitStatus.OK
 
 

@@ -91,7 +91,7 @@ def plant_settings(case: LiveCase) -> PlantSettings:
 def _options(
     running: Running, case: LiveCase, seed: int, recording: Path, report: Path
 ) -> list[str]:
-    options = ["--seed", str(seed), "--report", str(report)]
+    options = ["--seed", str(seed), "--json", str(report)]
     if case.targets:
         pids = running.pids()
         return [*(f"{case.argument},pid={pids[name]}" for name in case.targets), *options]

@@ -151,7 +151,7 @@ def test_results_of_another_specification_are_not_lost(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
-    words = [str(spec_file), "--processes", "1", "--out"]
+    words = [str(spec_file), "--workers", "1", "--out"]
     assert main([*words, first]) != 2  # what it shows is not asked here
     kept = (tmp_path / "first" / RESULTS).read_text()
     capsys.readouterr()
@@ -178,7 +178,7 @@ def test_a_line_that_was_cut_is_reported_and_its_run_made_again(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    words = [str(spec_file), "--processes", "1", "--out", str(out)]
+    words = [str(spec_file), "--workers", "1", "--out", str(out)]
     assert main(words) != 2
     whole = (out / RESULTS).read_text()
     shutil.copytree(out, tmp_path / "cut")

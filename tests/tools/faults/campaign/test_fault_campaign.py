@@ -264,7 +264,7 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     spec_file: Path, tmp_path: Path, results: list[RunResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All but two runs are there already, one line is torn; the earlier campaign had a failure."""
-    few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--processes", "1"]
+    few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--workers", "1"]
     arguments = [str(spec_file), *few, "--out", str(tmp_path / "now")]
     assert main(arguments) == 0
     lines = (tmp_path / "now" / RESULTS).read_text().splitlines()
@@ -290,7 +290,7 @@ def test_a_campaign_that_fails_ends_with_status_one(
     """Of a controller that takes its own time."""
     monkeypatch.setattr(pair, "controller_settings_of", lambda law, _: controller_settings_of(law))
     drop = 'cases=[{kind="drop", messages=["LATERAL_ERROR"], magnitudes=[1.0]}]'
-    few = ["--set", "ftti_ms=40", "--set", drop, "--set", "node_cases=[]", "--processes", "1"]
+    few = ["--set", "ftti_ms=40", "--set", drop, "--set", "node_cases=[]", "--workers", "1"]
     one_point = ["--set", 'points=[{name="nominal"}]', "--out", str(tmp_path)]
     assert main([str(spec_file), *few, *one_point]) == FAILED
 
@@ -314,8 +314,8 @@ def test_a_number_that_is_none_is_reported_with_its_range(
     value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
-        main([f"--processes={value}"])
-    assert "argument --processes: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
+        main([f"--workers={value}"])
+    assert "argument --workers: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_results_of_programs_that_have_changed_are_none_of_these(

@@ -134,7 +134,7 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
                 *bus,
             ]
             done = subprocess.run(
-                [*injector, "--report", str(report)], capture_output=True, text=True, check=True
+                [*injector, "--json", str(report)], capture_output=True, text=True, check=True
             )
             plant.wait_for("the bus is back after")
             assert plant.interrupt() == 0
