@@ -21,8 +21,8 @@ from ..runtime.program.node_options import (
 from ..runtime.program.report import show_or_write
 from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, fail_status
 from ..runtime.settings import SettingsError
-from .analysis.check import check_text
-from .analysis.check_figures import check_figures
+from .analysis.check_in_json import check_figures
+from .analysis.check_in_words import check_text
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .laws import LAWS

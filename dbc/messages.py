@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from ..runtime.fast_named_tuple import new_record
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
-from ..runtime.record import new_record
 from .codec.codec import EncodeError as EncodeError
 from .codec.codec import Rejection as Rejection
 from .codec.codec import codecs_of

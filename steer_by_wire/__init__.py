@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
     from .plant_emulator.network.settings import LatencyModel
+    from .plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
     from .plant_emulator.path.settings import PathModel
-    from .plant_emulator.path.shapes import path_of_curvature
     from .plant_emulator.path.waypoints import path_through
     from .plant_emulator.settings import PlantSettings
     from .plant_emulator.vehicle.settings import (
@@ -40,7 +40,7 @@ _NAMES = {
     "dbc.messages": ("Mode",),
     "plant_emulator.network.settings": ("LatencyModel",),
     "plant_emulator.path.settings": ("PathModel",),
-    "plant_emulator.path.shapes": ("path_of_curvature",),
+    "plant_emulator.path.ellipse_and_lane_changes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),
     "plant_emulator.vehicle.settings": (
         *("DisturbanceModel", "DisturbanceStep"),

@@ -23,7 +23,7 @@ from .controller.law_interface import (
 from .controller.laws import LAWS
 from .controller.laws.assembly import vehicle_of
 from .controller.laws.packet import plan_times
-from .controller.prediction.gains import noise_covariances, sampled_vehicles
+from .controller.prediction.gains_over_speed import noise_covariances, sampled_vehicles
 from .controller.prediction.measured_vehicle import measured_gains
 from .controller.prediction.prediction import predict, steer_for
 from .controller.prediction.vehicle_estimator import (

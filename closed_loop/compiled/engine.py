@@ -15,9 +15,9 @@ import numpy as np
 from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
+from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.settings import PathSettings
-from ...plant_emulator.path.shapes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval

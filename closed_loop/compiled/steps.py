@@ -49,7 +49,7 @@ from ...plant_emulator.steering.hold_and_fallback import (
 )
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
-from ...runtime.record import new_record
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
 from .memory import at, layout_of, read
 

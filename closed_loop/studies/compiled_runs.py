@@ -24,7 +24,8 @@ from ...runtime.settings import SettingsError
 from ..compiled.engine import Outcome, run_batch
 from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
-from .figures import (
+from .node_runs import run_on_nodes
+from .run_figures import (
     CG_STRIDE,
     COLUMNS,
     COUNTS,
@@ -33,7 +34,6 @@ from .figures import (
     rules_of,
     take_figures,
 )
-from .node_runs import run_on_nodes
 from .scenario import Pair, Scenarios
 
 PLANS_KEPT = 64

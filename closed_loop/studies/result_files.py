@@ -30,7 +30,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
 from ...runtime.settings import SettingsError
 from .compiled_runs import Computed
-from .figures import COLUMNS, COUNTS, verdicts
+from .run_figures import COLUMNS, COUNTS, verdicts
 from .scenario import Scenarios
 
 CHUNK_RUNS = 4096

@@ -10,7 +10,7 @@ from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..limits.fading import FADE_M_S, FADE_RAD_S
-from ..prediction.gains import design_schedule, together
+from ..prediction.gains_over_speed import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .followed_point import (
     FollowedPointParams,

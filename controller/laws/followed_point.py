@@ -20,7 +20,8 @@ makes the two mean places equal: d - d³/(6 A) with A = d (l_r + p) + d²/2. Whe
 stale, y* fades out.
 
 The predictor, which estimates the whole state, does without: its cost weights the deviation of the
-followed point (``controller.prediction.gains``). Only the law it falls back to sees y - y*.
+followed point (``controller.prediction.gains_over_speed``). Only the law it falls back to sees
+y - y*.
 """
 
 from collections.abc import Callable

@@ -27,7 +27,7 @@ from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
 from ..limits.fading import FADE_RAD_S, difference_step
-from ..prediction.gains import Feedback, design_schedule, steady_turn_rad, together
+from ..prediction.gains_over_speed import Feedback, design_schedule, steady_turn_rad, together
 from ..prediction.measured_vehicle import (
     SET,
     MeasuredParams,

@@ -33,7 +33,7 @@ from ..filters.transfer_function import TransferFunction
 from ..history.echo_delay import LinkSettings, LoopDelayParams, loop_delay_params
 from ..law_interface import Law
 from ..limits.designed_ranges import ValiditySettings
-from ..prediction.gains import EstimatorSettings
+from ..prediction.gains_over_speed import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings
 from .followed_point import FollowedPoint

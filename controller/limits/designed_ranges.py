@@ -5,7 +5,8 @@ and delay are watched while the controller runs; ``--check`` judges the corners.
 
 The vehicle's gain from steer to lateral acceleration goes with the square of its speed V. Beyond
 the largest speed V_max a law therefore asks for (V_max/V)² of its steer only. The predictor, whose
-gains follow the speed, lowers its weight of the error instead (``controller.prediction.gains``).
+gains follow the speed, lowers its weight of the error instead
+(``controller.prediction.gains_over_speed``).
 """
 
 import math

@@ -9,10 +9,10 @@ State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2
     x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
     x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
 
-K is the steady-state gain of the filter, from ``controller.prediction.gains`` for each speed. u[k]
-is what the plant reported as applied from sample k to k + 1: the command named by the echo, or the
-wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator lag
-the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
+K is the filter's steady-state gain at each speed (``controller.prediction.gains_over_speed``).
+u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
+the wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator
+lag the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
 
 A measurement is used at the sample at which it was taken. The filter stays at the newest sample
 whose measurement and echo are both known or definitely lost. From there it runs ahead, anew at
@@ -22,7 +22,7 @@ every tick, through data that arrived early.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ...runtime.record import new_record
+from ...runtime.fast_named_tuple import new_record
 from ..history.echo_delay import LoopDelayParams
 from ..history.plan import value_at
 from ..law_interface import History, LoopDelay

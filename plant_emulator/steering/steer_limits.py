@@ -26,7 +26,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from ...runtime.record import new_record
+from ...runtime.fast_named_tuple import new_record
 
 AVERAGING_S = 0.5
 """Averaging time of the two rate limits; for the jerk that of ISO 11270."""

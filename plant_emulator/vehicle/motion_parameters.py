@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..path.ellipse_and_lane_changes import build_path
 from ..path.path import Path
 from ..path.settings import PathSettings
-from ..path.shapes import build_path
 from .actuator import ActuatorParams, WheelPhase
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .exact_propagation import (

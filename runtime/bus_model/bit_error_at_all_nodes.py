@@ -29,9 +29,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from ..frame import FD, Frame
-from ..frame.bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire, stuffed_text
-from ..frame.length import INTERMISSION_BITS, FrameBits
-from ..frame.reception import WireError, receive
+from ..frame.exact_length import INTERMISSION_BITS, FrameBits
+from ..frame.received_bits import WireError, receive
+from ..frame.wire_bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire, stuffed_text
 
 STUCK_DOMINANT, STUCK_RECESSIVE = "stuck dominant", "stuck recessive"
 _AGAIN_BITS = 8

@@ -7,7 +7,7 @@ from math import gcd, lcm
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.length import FrameBits, frame_bits
+from ..frame.exact_length import FrameBits, frame_bits
 from ..node import NS_PER_S
 
 

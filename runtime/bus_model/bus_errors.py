@@ -15,13 +15,13 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, Frame
-from ..frame.bits import frame_on_wire
+from ..frame.wire_bits import frame_on_wire
 from ..node import NEVER_NS
 from .bit_error_at_all_nodes import FIRST, Disturbed, disturb, disturb_stuck
 from .bit_error_at_one_node import disturb_receiver, disturb_sender, unacknowledged
+from .bit_noise import Noise, StuckLine
 from .bit_ticks import BitTicks
 from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters
-from .noise import Noise, StuckLine
 
 _GONE = -1 << 31
 """Stands for all nodes that have left."""

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 
 from ..node import NS_PER_S
 from ..settings import Settings, SettingsError
+from .bit_noise import BusNoise, NoiseRates, StuckLine
 from .bus_errors import BusErrors
-from .noise import BusNoise, NoiseRates, StuckLine
 
 LEVELS = ("dominant", "recessive")
 LOAD_MAX = 1.5

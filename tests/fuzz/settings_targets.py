@@ -34,7 +34,7 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
-from steer_by_wire.tools.faults.campaign.scenario import (
+from steer_by_wire.tools.faults.campaign.campaign_runs import (
     Scenario,
     controller_settings_of,
     scenarios_of,

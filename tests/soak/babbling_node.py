@@ -24,7 +24,7 @@ from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
-from steer_by_wire.tools.faults.injection.frames import babble
+from steer_by_wire.tools.faults.injection.fault_frames import babble
 
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from steer_by_wire.dbc.codec.protection import COUNTERS
 from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
 from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationStatistics, DurationSummary
 from steer_by_wire.runtime.recording.candump import CandumpReader, parse_entry

@@ -12,11 +12,11 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
-from steer_by_wire.tools.faults.injection.frames import babble
+from steer_by_wire.tools.faults.injection.fault_frames import babble
 from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
 from tests.soak.findings import delay_bounds_ns, longest_frame_ns
 from tests.soak.frame_balance import balance_messages, gaps, read_bus_log

@@ -20,8 +20,8 @@ from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import (
 )
 from steer_by_wire.runtime.bus_model.bit_error_at_one_node import disturb_receiver, disturb_sender
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.bits import WireBit, frame_on_wire
-from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.frame.exact_length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.frame.wire_bits import WireBit, frame_on_wire
 from tests.support.bit_oracle import Bit, Node, Wire
 from tests.support.random_frames import FORMATS
 

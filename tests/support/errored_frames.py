@@ -18,10 +18,10 @@ import sys
 from collections import Counter
 from typing import NamedTuple
 
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel, Delivery
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
-from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.tools.faults.campaign.detectability import Expectation, Sight, period_s_of
-from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.scenario import (
+from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
     Scenario,
     laws_of,
     scenario_sight,
 )
+from steer_by_wire.tools.faults.campaign.detectability import Expectation, Sight, period_s_of
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.specification import (
     CampaignSettings,
     CaseSettings,

@@ -24,6 +24,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
@@ -31,7 +32,6 @@ from steer_by_wire.plant_emulator.path.settings import (
     SingleLaneChangeSettings,
     WaypointSettings,
 )
-from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset

@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.frame.exact_length import DATA_LENGTH_CODE
 
 FORMATS = (
     0,

@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
-from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
-from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.node_watch import Watch
-from steer_by_wire.tools.faults.campaign.scenario import (
+from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
     case_of_fault,
     case_of_node_fault,
 )
+from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.node_watch import Watch
 from steer_by_wire.tools.faults.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.watched_pair import Pair
 

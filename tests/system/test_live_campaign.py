@@ -44,7 +44,7 @@ from steer_by_wire.tools.faults.live.judgement import (
     vehicle_of,
 )
 from steer_by_wire.tools.faults.live.live_run import LiveRun
-from steer_by_wire.tools.faults.live.trial import (
+from steer_by_wire.tools.faults.live.live_trial import (
     INJECTOR,
     Trial,
     plant_settings,

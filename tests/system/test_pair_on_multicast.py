@@ -8,8 +8,8 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.live_pair import LivePair
 from steer_by_wire.closed_loop.pair_result import PairFiles
+from steer_by_wire.closed_loop.start_live_pair import LivePair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node.overruns import OverrunSettings

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.live_pair import LivePair
 from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
 from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.closed_loop.start_live_pair import LivePair
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (

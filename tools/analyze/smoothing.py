@@ -2,9 +2,9 @@
 
 The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's; the models are
 
-    vehicle  (β, r, Δψ, y, ρ, d) of ``controller.prediction.gains`` at one speed, driven by the
-             wheel angle that the plant reports, seen by y and Δψ; d is a steering offset, which is
-             also what a side force or a bank look like
+    vehicle  (β, r, Δψ, y, ρ, d) of ``controller.prediction.gains_over_speed`` at one speed, driven
+             by the wheel angle that the plant reports, seen by y and Δψ; d is a steering offset,
+             which is also what a side force or a bank look like
     delay    a random walk, seen by every echo: the time of a STEERING_STATUS less that of the
              command which it names
     lag T    of the wheel δ behind the commands u that the echoes name, with the sensors' period P:
@@ -31,7 +31,7 @@ from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
 from ...closed_loop.recordings.log_file import LogError
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.history.echo_delay import unwrapped
-from ...controller.prediction.gains import (
+from ...controller.prediction.gains_over_speed import (
     PSI,
     EstimatorSettings,
     Y,

@@ -17,7 +17,7 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.command_line import output_file, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd

@@ -9,8 +9,8 @@ from fractions import Fraction
 from typing import NamedTuple, TextIO
 
 from ...runtime.frame import Frame
-from ...runtime.frame.bits import RECESSIVE, frame_on_wire
-from ...runtime.frame.length import INTERMISSION_BITS
+from ...runtime.frame.exact_length import INTERMISSION_BITS
+from ...runtime.frame.wire_bits import RECESSIVE, frame_on_wire
 from ...runtime.node import NS_PER_S
 
 _HEADER = """$timescale 1 ns $end

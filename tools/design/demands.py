@@ -19,8 +19,8 @@ from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.assembly import LawDesign, steady_steer
 from ...controller.laws.feed_forward import steer_per_curvature
+from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, curvature
-from ...plant_emulator.path.shapes import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .law_parameters import Candidate, controller_settings, designs

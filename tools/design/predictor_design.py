@@ -26,7 +26,7 @@ from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
 from ...controller.laws.assembly import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
-from ...controller.prediction.gains import EstimatorSettings
+from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings

@@ -37,6 +37,7 @@ from steer_by_wire.runtime.settings import (
     read_preset,
 )
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
@@ -53,9 +54,8 @@ from steer_by_wire.tools.faults.campaign.presentation import (
     table_lines,
     write_csv,
 )
-from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import RunResult, run_trial
+from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult, run_trial
 from steer_by_wire.tools.faults.live.campaign import live_finding, live_section, run_live_campaign
 
 NAME = "steer-by-wire faults"

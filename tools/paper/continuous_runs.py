@@ -22,7 +22,7 @@ from ...closed_loop.pair_result import rms
 from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...controller.filters.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
-from ...plant_emulator.path.shapes import ellipse
+from ...plant_emulator.path.ellipse_and_lane_changes import ellipse
 from ...runtime.array_types import FloatArray
 from .continuous_loop import product
 

@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.settings import controller_preset
-from ...plant_emulator.path.shapes import build_path
+from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from . import published

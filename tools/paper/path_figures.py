@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import COLOURS
+from ...plant_emulator.path.ellipse_and_lane_changes import ellipse
 from ...plant_emulator.path.path import Path, curvature, pose
 from ...plant_emulator.path.settings import EllipseSettings
-from ...plant_emulator.path.shapes import ellipse
 from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row

@@ -16,8 +16,7 @@ import numpy as np
 from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import IntArray
-from .axes import LATENCY, StudyAxes, same_levels
-from .comparison import (
+from .against_pd import (
     EFFORT_HEADINGS,
     Effort,
     effort,
@@ -27,6 +26,7 @@ from .comparison import (
     ratio,
     three_digits,
 )
+from .axes import LATENCY, StudyAxes, same_levels
 
 LEVELS_MAX = 12
 CELLS_MAX = 120

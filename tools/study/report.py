@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...closed_loop.studies.base_settings import leaves
-from ...closed_loop.studies.figures import short_windows
 from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import (
     VERDICTS,
@@ -21,12 +20,13 @@ from ...closed_loop.studies.result_reader import (
     read_rows,
     read_study,
 )
+from ...closed_loop.studies.run_figures import short_windows
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import Settings
+from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
 from .break_points import SEEDS, break_point_section, break_points, draw_break_points
-from .comparison import comparison_section, comparisons
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
 from .level_by_level import level_sections

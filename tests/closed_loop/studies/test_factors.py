@@ -12,8 +12,8 @@ from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, r
 from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.study.against_pd import comparisons
 from steer_by_wire.tools.study.axes import study_axes
-from steer_by_wire.tools.study.comparison import comparisons
 from steer_by_wire.tools.study.level_by_level import (
     compared_factors,
     conditions_by_level,

@@ -14,7 +14,7 @@ import pytest
 
 from steer_by_wire.closed_loop.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study

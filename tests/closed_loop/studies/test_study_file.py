@@ -17,7 +17,7 @@ from steer_by_wire.closed_loop.studies.factors import (
     range_values,
     replicate_seed,
 )
-from steer_by_wire.closed_loop.studies.figures import COLUMNS
+from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (

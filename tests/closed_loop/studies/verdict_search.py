@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
-from steer_by_wire.closed_loop.studies.figures import figures_of, rules_of, verdicts
-from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
+from steer_by_wire.closed_loop.studies.run_figures import figures_of, rules_of, verdicts
+from steer_by_wire.controller.analysis.check_in_json import loop_around, stable_delays_of
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.controller.analysis import check_figures as check_figures_module
-from steer_by_wire.controller.analysis.check import check_text
-from steer_by_wire.controller.analysis.check_figures import check_figures
+from steer_by_wire.controller.analysis import check_in_json
+from steer_by_wire.controller.analysis.check_in_json import check_figures
+from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, stable_constant_delays
@@ -153,9 +153,9 @@ def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A sample of 2,000 run once: one mode grew too slowly, at 0.012 1/s, to leave the steps."""
-    monkeypatch.setattr(check_figures_module, "DELAY_NS_MAX", 200 * MS)
+    monkeypatch.setattr(check_in_json, "DELAY_NS_MAX", 200 * MS)
     for other_figures in ("SHOWN_DELAYS_MS", "JITTER_MEANS_MS"):
-        monkeypatch.setattr(check_figures_module, other_figures, ())
+        monkeypatch.setattr(check_in_json, other_figures, ())
     assert contradictions_of(drawn_loop(seed)) == []
 
 

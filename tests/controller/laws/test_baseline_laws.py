@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
-from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.linear_system import NotLinearError, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.followed_point import (

@@ -11,7 +11,7 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
-from steer_by_wire.controller.prediction.gains import (
+from steer_by_wire.controller.prediction.gains_over_speed import (
     EstimatorSettings,
     Feedback,
     design_schedule,

@@ -19,7 +19,7 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.prediction.gains import (
+from steer_by_wire.controller.prediction.gains_over_speed import (
     PSI,
     EstimatorSettings,
     Y,

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.controller.prediction.gains import (
+from steer_by_wire.controller.prediction.gains_over_speed import (
     EstimatorSettings,
     Feedback,
     design_schedule,

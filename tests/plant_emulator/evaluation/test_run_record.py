@@ -15,8 +15,8 @@ from steer_by_wire.plant_emulator.evaluation.run_record import (
     place,
     write_trace,
 )
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
-from steer_by_wire.plant_emulator.path.shapes import build_path
 
 ROAD = build_path(StraightSettings())
 CIRCLE = build_path(CircleSettings(radius_m=50.0))

@@ -6,13 +6,13 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from steer_by_wire.plant_emulator.path.cg_deviation import cg_deviation_m
-from steer_by_wire.plant_emulator.path.path import Path, pose, vehicle_pose
-from steer_by_wire.plant_emulator.path.shapes import (
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import (
     circle,
     double_lane_change,
     ellipse,
     straight,
 )
+from steer_by_wire.plant_emulator.path.path import Path, pose, vehicle_pose
 
 PREVIEW_M = 2.0
 

@@ -3,8 +3,13 @@
 import pytest
 
 from steer_by_wire.plant_emulator.path.drivability import lateral_acceleration_m_s2, undrivable
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import (
+    build_path,
+    circle,
+    ellipse,
+    straight,
+)
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings, PathSettings
-from steer_by_wire.plant_emulator.path.shapes import build_path, circle, ellipse, straight
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from steer_by_wire.tools.run import __main__ as run

@@ -11,6 +11,14 @@ from pydantic import ValidationError
 from scipy.special import ellipe, fresnel
 
 from steer_by_wire.plant_emulator.path.curve_to_path import CURVATURE_TOLERANCE
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import (
+    build_path,
+    circle,
+    double_lane_change,
+    ellipse,
+    single_lane_change,
+    straight,
+)
 from steer_by_wire.plant_emulator.path.path import (
     Path,
     Place,
@@ -29,14 +37,6 @@ from steer_by_wire.plant_emulator.path.settings import (
     SingleLaneChangeSettings,
     StraightSettings,
     WaypointSettings,
-)
-from steer_by_wire.plant_emulator.path.shapes import (
-    build_path,
-    circle,
-    double_lane_change,
-    ellipse,
-    single_lane_change,
-    straight,
 )
 from steer_by_wire.runtime.settings import SettingsError
 
@@ -277,7 +277,8 @@ def test_settings_that_make_no_road_are_refused() -> None:
 
 def test_only_waypoints_import_scipy() -> None:
     code = (
-        "import sys, steer_by_wire.plant_emulator.path.shapes as shapes; shapes.ellipse(60, 30);"
+        "import sys; from steer_by_wire.plant_emulator.path import ellipse_and_lane_changes as s;"
+        "s.ellipse(60, 30);"
         "print('scipy' in sys.modules)"
     )
     result = subprocess.run(

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates, StuckLine
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
-from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates, StuckLine
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.length import frame_bits
+from steer_by_wire.runtime.frame.exact_length import frame_bits
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
 
 BIT_NS = 2_000

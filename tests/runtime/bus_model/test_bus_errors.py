@@ -5,13 +5,13 @@ import random
 import pytest
 
 from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import disturb, disturb_bit_by_bit
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
-from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.length import frame_bits
+from steer_by_wire.runtime.frame.exact_length import frame_bits
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
 
 BITRATE_BIT_S = 500_000

@@ -7,7 +7,7 @@ import pytest
 
 from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import Disturbed, disturb
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from tests.support import error_comparison
 from tests.support.error_comparison import compare, compare_random
 from tests.support.random_frames import FORMATS

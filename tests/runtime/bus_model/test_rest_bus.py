@@ -7,9 +7,9 @@ from contextlib import suppress
 
 import pytest
 
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
-from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, FrameBits, crc15, frame_bits
+from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, FrameBits, crc15, frame_bits
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 
 identifiers = st.one_of(
     st.tuples(st.just(0), st.integers(0, 0x7FF)),

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.bits import CRC_15, WireBit, crc_of, frame_on_wire
-from steer_by_wire.runtime.frame.reception import WireError, receive
+from steer_by_wire.runtime.frame.received_bits import WireError, receive
+from steer_by_wire.runtime.frame.wire_bits import CRC_15, WireBit, crc_of, frame_on_wire
 from tests.support.random_frames import sendable_frames
 
 ONE_OF_EACH_FORMAT = (

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import pytest
 
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.noise import BusNoise, NoiseRates
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.drifting_clock import DriftingClock

@@ -5,7 +5,7 @@ from io import StringIO
 import pytest
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.frame.bits import frame_on_wire
+from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
 
 RATES = BitRates(500_000, 2_000_000)

@@ -21,13 +21,13 @@ from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.path.settings import (
     EllipseSettings,
     PathSettings,
     SingleLaneChangeSettings,
 )
-from steer_by_wire.plant_emulator.path.shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.tools.design.loop_figures import (

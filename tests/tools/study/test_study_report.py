@@ -25,6 +25,7 @@ from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
+from steer_by_wire.tools.study.against_pd import comparisons
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.break_points import (
     HELD_SHARE,
@@ -34,7 +35,6 @@ from steer_by_wire.tools.study.break_points import (
     largest_held,
     median_interval,
 )
-from steer_by_wire.tools.study.comparison import comparisons
 from steer_by_wire.tools.study.heat_maps import heat_maps
 from steer_by_wire.tools.study.report import PAGE, write
 from steer_by_wire.tools.study.worst_runs import worst_runs

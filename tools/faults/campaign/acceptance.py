@@ -11,9 +11,9 @@ is the bound in a run.
 from collections.abc import Iterable, Sequence
 
 from ....closed_loop.reports.findings import Finding
-from .scenario import GOLDEN
+from .campaign_runs import GOLDEN
 from .specification import NodeFaultKind
-from .trial import Detection, RunResult
+from .virtual_trial import Detection, RunResult
 
 RESIDUAL = 2.0**-16
 IMPROBABLE = 1e-4

@@ -6,7 +6,7 @@ from ....runtime.bus_model.bus_model import BusModel, Delivery
 from ....runtime.bus_model.transmit_queue import BusOverflowError
 from ....runtime.frame import Frame
 from ....runtime.node import NEVER_NS
-from ..injection.frames import babble
+from ..injection.fault_frames import babble
 
 _BABBLER = -1
 

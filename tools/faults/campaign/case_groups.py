@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from .trial import FAILURES, RunResult
+from .virtual_trial import FAILURES, RunResult
 
 
 class Group(NamedTuple):

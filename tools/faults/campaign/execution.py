@@ -22,7 +22,7 @@ from ....closed_loop.worker_processes import worker_pool
 from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
-from .trial import Detection, RunResult
+from .virtual_trial import Detection, RunResult
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")

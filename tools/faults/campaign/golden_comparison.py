@@ -10,8 +10,8 @@ from hashlib import sha256
 
 import numpy as np
 
+from .campaign_runs import Scenario, golden_case
 from .node_watch import COMMAND_IDS
-from .scenario import Scenario, golden_case
 from .watched_pair import Pair, make_pair, run_pair
 
 _GOLDEN_KEPT = 32

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
+from .campaign_runs import GOLDEN, laws_of
 from .case_groups import Comparison, Group, in_ms, in_percent
-from .scenario import GOLDEN, laws_of
 from .specification import CampaignSettings
-from .trial import FAILURES, RunResult
+from .virtual_trial import FAILURES, RunResult
 
 _FAILED_SHOWN = 50
 _NAMES_SHOWN = 10

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ....runtime.node import NS_PER_S
 from ....runtime.port.port import ClosablePort
-from .frames import FrameSource
+from .fault_frames import FrameSource
 from .live_faults import LiveFault
 
 TURN_NS = 1_000_000

@@ -37,7 +37,7 @@ from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.faults.injection.frames import Timed, frame_source, recording_of
+from steer_by_wire.tools.faults.injection.fault_frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
 from steer_by_wire.tools.faults.injection.live_faults import (
     FRAME_KINDS,

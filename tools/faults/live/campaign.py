@@ -19,7 +19,7 @@ from ....runtime.program.host import StealClock
 from ....runtime.program.report import write_json
 from .cases import LiveCase, live_cases
 from .judgement import LiveResult, Reaction, judge_trial
-from .trial import run_trial, write_excerpt
+from .live_trial import run_trial, write_excerpt
 
 NAME = "live campaign"
 WIDTH = 150

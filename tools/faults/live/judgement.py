@@ -30,7 +30,7 @@ from ....runtime.node import NS_PER_S
 from ....runtime.recording.candump import CandumpReader, parse_entry
 from ..campaign.node_watch import HELD_MODES, REPORTING_CODES, REPORTING_SAFETY
 from .cases import LIMITED, LOST, PLANT_ONSET_S, SILENCE, SKIPPED
-from .trial import Trial
+from .live_trial import Trial
 
 _SIGKILL_STATUS = -9
 _PAYLOAD_BYTES = 8

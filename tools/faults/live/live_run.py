@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....closed_loop.live_bus import Bus, BusRecorder
-from ....closed_loop.live_pair import LivePair
 from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ....closed_loop.processes import Processes
+from ....closed_loop.start_live_pair import LivePair
 from ....controller.settings import controller_preset
 from ....plant_emulator.settings import PlantSettings
 

@@ -3,9 +3,9 @@
 import pytest
 
 from steer_by_wire.runtime.settings import load_settings
-from steer_by_wire.tools.faults.campaign.scenario import scenarios_of
+from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import Detection, RunResult, run_trial
+from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 
 SPECIFICATION = """
 motion_s = 3.0

@@ -15,7 +15,7 @@ from steer_by_wire.tools.faults.campaign.execution import (
     write_result,
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
-from steer_by_wire.tools.faults.campaign.trial import RunResult
+from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult
 from steer_by_wire.tools.faults.program import main
 from tests.fuzz.campaign_targets import whole_result
 

@@ -13,6 +13,11 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_runs import (
+    Scenario,
+    controller_settings_of,
+    scenarios_of,
+)
 from steer_by_wire.tools.faults.campaign.case_groups import compare, group
 from steer_by_wire.tools.faults.campaign.detectability import (
     MECHANISM_OF,
@@ -24,13 +29,13 @@ from steer_by_wire.tools.faults.campaign.detectability import (
 )
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.scenario import (
-    Scenario,
-    controller_settings_of,
-    scenarios_of,
-)
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
-from steer_by_wire.tools.faults.campaign.trial import FAILURES, Detection, RunResult, run_trial
+from steer_by_wire.tools.faults.campaign.virtual_trial import (
+    FAILURES,
+    Detection,
+    RunResult,
+    run_trial,
+)
 from steer_by_wire.tools.faults.program import FAILED, main
 from tests.support.counter_rules import rule
 
@@ -153,7 +158,7 @@ def test_a_run_that_is_not_the_golden_one_is_disturbed(
 ) -> None:
     """A fault of the command, as if nobody listened to it."""
     monkeypatch.setattr(
-        "steer_by_wire.tools.faults.campaign.scenario.FaultCase.is_unreceived", True
+        "steer_by_wire.tools.faults.campaign.campaign_runs.FaultCase.is_unreceived", True
     )
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     result = run_trial(scenario)

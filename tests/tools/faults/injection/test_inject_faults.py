@@ -18,10 +18,10 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame.length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.faults.injection import program as inject_faults
-from steer_by_wire.tools.faults.injection.frames import (
+from steer_by_wire.tools.faults.injection.fault_frames import (
     FRAMES_AT_ONCE,
     FrameSource,
     frame_source,

@@ -24,8 +24,8 @@ from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
-from steer_by_wire.tools.faults.campaign.scenario import controller_settings_of
 from steer_by_wire.tools.faults.campaign.specification import NodeFaultKind
 from steer_by_wire.tools.faults.injection import program as inject_faults
 from steer_by_wire.tools.faults.injection.live_faults import parse_fault

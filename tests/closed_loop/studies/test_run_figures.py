@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.studies.figures import Figures, figures_of, latency_figures, rules_of
+from steer_by_wire.closed_loop.studies.run_figures import (
+    Figures,
+    figures_of,
+    latency_figures,
+    rules_of,
+)
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.laws.assembly import design_law

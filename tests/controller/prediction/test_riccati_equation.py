@@ -5,7 +5,11 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire.controller.prediction.matrices import Matrix
-from steer_by_wire.controller.prediction.riccati import feedback_gain, filter_gain, solve_riccati
+from steer_by_wire.controller.prediction.riccati_equation import (
+    feedback_gain,
+    filter_gain,
+    solve_riccati,
+)
 
 SYSTEMS = range(12)
 

@@ -16,9 +16,9 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
-from .bits import CRC_15, DOMINANT, RECESSIVE, RUN_MAX, crc_of, fd_crc, stuff_count
+from .exact_length import DATA_LENGTH_CODE
 from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from .length import DATA_LENGTH_CODE
+from .wire_bits import CRC_15, DOMINANT, RECESSIVE, RUN_MAX, crc_of, fd_crc, stuff_count
 
 _BYTES_OF_DLC = {code: length for length, code in DATA_LENGTH_CODE.items()}
 EOF_BITS = 7

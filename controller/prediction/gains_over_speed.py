@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
 from .matrices import Matrix, zero_order_hold
-from .riccati import UnsolvableError, feedback_gain, filter_gain
+from .riccati_equation import UnsolvableError, feedback_gain, filter_gain
 from .vehicle_estimator import VehicleGains
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
