@@ -95,7 +95,7 @@ FORMER: Mapping[str, str] = MappingProxyType(
         "inject": f"{NAME} faults inject",
         "probe": f"{NAME} doctor --measure",
         "response-times": f"{NAME} can response-times",
-        "soak": "python -m tests.soak (in a checkout)",
+        "soak": "python -m pytest tests/soak (in a checkout)",
         "stress": f"{NAME} study",
         "stress-report": f"{NAME} study --report",
     }

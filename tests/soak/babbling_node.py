@@ -4,7 +4,7 @@ Its identifier decides the effect. The highest identifier takes the bus time tha
 the lowest takes all of it; one between two messages starves the message of lower priority, and must
 not delay the other.
 
-    python -m tests.soak.babbling_node ADDRESS CHANNEL REPORT PRIORITY ID...
+    python -m tests.soak.babbling_node ADDRESS CHANNEL REPORT ID...
 
 Each identifier has its own connection, which keeps one queue at the broker full.
 """
@@ -21,7 +21,6 @@ import can
 
 from steer_by_wire.dbc.messages import CAN_IDS, DATA_IDS
 from steer_by_wire.runtime.frame.message import message_of
-from steer_by_wire.runtime.program.host import RealTimeRequest, real_time
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.faults.injection.fault_frames import babble
@@ -45,14 +44,13 @@ for a moment must not let the bus go idle."""
 
 def main() -> int:
     """Babble until SIGINT or SIGTERM; returns the exit status."""
-    address, channel, report, priority, *ids = sys.argv[1:]
+    address, channel, report, *ids = sys.argv[1:]
     stop = StopRequest()
     sent = {int(text): 0 for text in ids}
     with stop.on_signals(), ExitStack() as stack:
         buses = {
             can_id: stack.enter_context(_silent_bus(address, channel, can_id)) for can_id in sent
         }
-        stack.enter_context(real_time(RealTimeRequest(int(priority))))
         print("ready", flush=True)  # noqa: T201 - read by the soak
         while not stop():
             for can_id, bus in buses.items():

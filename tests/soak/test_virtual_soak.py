@@ -1,6 +1,4 @@
-"""The soak: what a babbling node does to the pair in virtual time, its bound, and its logs."""
-
-from pathlib import Path
+"""What a babbling node does to the pair in virtual time, and the bound on what waits."""
 
 import pytest
 
@@ -14,13 +12,11 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
 from steer_by_wire.tools.faults.injection.fault_frames import babble
 from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
-from tests.soak.findings import delay_bounds_ns, longest_frame_ns
-from tests.soak.frame_balance import balance_messages, gaps, read_bus_log
-from tests.soak.memory_growth import GROWTH_KIB_MAX, figures_of
+from tests.soak.delay_bounds import delay_bounds_ns, longest_frame_ns
+from tests.soak.soak_logs import gaps
 from tests.soak.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
@@ -60,7 +56,7 @@ def test_the_bus_is_full(loaded: VirtualSoak) -> None:
 def test_the_pair_loses_and_reorders_nothing(loaded: VirtualSoak) -> None:
     assert loaded.refused == 0
     for frames in loaded.on_bus.values():
-        assert gaps([frame.data[2] for _, frame in frames]) == (0, 0)
+        assert gaps([frame for _, frame in frames]) == (0, 0)
         times = [time_ns for time_ns, _ in frames]
         assert times == sorted(times)
     assert sum(map(len, loaded.on_bus.values())) == sum(map(len, loaded.delays_ns.values()))
@@ -158,7 +154,7 @@ def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int
     bounds_ns = delay_bounds_ns(above, BITRATE_BIT_S)
     for own in above:
         assert max(soak.delays_ns[own]) <= bounds_ns[own]
-        assert gaps([frame.data[2] for _, frame in soak.on_bus[own]]) == (0, 0)
+        assert gaps([frame for _, frame in soak.on_bus[own]]) == (0, 0)
     commands = BETWEEN_NS[1] // CONTROLLER.period_ns
     assert len(soak.on_bus[COMMAND_ID]) == pytest.approx(commands, abs=2)
     starved = [own for own in CAN_IDS.values() if own > can_id]
@@ -173,7 +169,7 @@ def test_a_starved_message_is_refused_when_its_transmit_buffer_is_full() -> None
     end_ns = 10 * NS_PER_S
     soak = run_virtual_soak(PlantSettings(), CONTROLLER, 0x305, (NS_PER_S, 9 * NS_PER_S), end_ns)
     starved = [soak.on_bus[CAN_IDS[message]] for message in (DelayStatus, PlantStatus)]
-    losses = [gaps([frame.data[2] for _, frame in frames]) for frames in starved]
+    losses = [gaps([frame for _, frame in frames]) for frames in starved]
     assert [reordered for _, reordered in losses] == [0, 0]
     assert losses[0][0] == pytest.approx(80 - BUFFER_FULL, abs=2)
     assert sum(lost for lost, _ in losses) == soak.refused
@@ -219,102 +215,3 @@ def test_other_peoples_messages_of_higher_priority_count_as_often_as_they_come()
     # The second frame comes 400 us after the first, and the third at the end of the second wait.
     assert bounds_ns[0x100] == 270_000 + 2 * length_ns
     assert 400_000 <= bounds_ns[0x100] < 800_000
-
-
-# What the logs show
-
-
-def command(counter: int) -> Frame:
-    return Frame(COMMAND_ID, bytes([0, 0, counter % 256, counter // 256, 0, 0, 0, 0]))
-
-
-def write_log(path: Path, entries: list[tuple[int, Frame, str]]) -> None:
-    lines = [f"{format_entry(LogEntry(t, 'can0', frame))} {side}\n" for t, frame, side in entries]
-    path.write_text("".join(lines))
-
-
-@pytest.mark.parametrize(
-    ("counters", "expected"),
-    [
-        ([], (0, 0)),
-        ([254, 255, 0, 1], (0, 0)),
-        ([1, 2, 5, 6], (2, 0)),
-        ([1, 3, 2, 4], (2, 1)),
-        ([7, 7], (0, 1)),
-    ],
-)
-def test_counters_tell_what_is_missing_and_what_goes_back(
-    counters: list[int], expected: tuple[int, int]
-) -> None:
-    assert gaps(counters) == expected
-
-
-def test_a_census_finds_what_is_lost_reordered_and_late(tmp_path: Path) -> None:
-    period_ns = 10 * NS_PER_MS
-    sent = [(NS_PER_S + n * period_ns, command(n), "T") for n in range(6)]
-    on_bus = [(time_ns + 500_000, frame, "R") for time_ns, frame, _ in sent]
-    write_log(tmp_path / "own.log", sent)
-
-    write_log(tmp_path / "bus.log", on_bus)
-    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
-    assert (count.name, count.sent, count.on_bus) == ("SteeringCommand", 6, 6)
-    assert (count.is_same, count.lost, count.reordered) == (True, 0, 0)
-    durations_ns = [frame_bits(frame).nominal * 2000 for _, frame, _ in sent]
-    assert count.waited.max_ns == 500_000 - min(durations_ns)
-
-    times = [time_ns for time_ns, _, _ in on_bus]
-    shuffled = [0, 2, 1, 4, 5]
-    write_log(
-        tmp_path / "bus.log",
-        [(times[place], on_bus[n][1], "R") for place, n in enumerate(shuffled)],
-    )
-    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
-    assert (count.is_same, count.lost, count.reordered) == (False, 3, 1)
-
-
-def test_a_census_finds_what_was_taken_with_gaps(tmp_path: Path) -> None:
-    """A node that comes later and goes earlier than the other takes a run of what it sends."""
-    times_ns = [NS_PER_S + n * 10 * NS_PER_MS for n in range(6)]
-    write_log(tmp_path / "bus.log", [(t, command(n), "R") for n, t in enumerate(times_ns)])
-    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    for taken, is_run, missed in (([1, 2, 3], True, 0), ([1, 3, 4], False, 1), ([], True, 0)):
-        write_log(tmp_path / "own.log", [(times_ns[n], command(n), "R") for n in taken])
-        (count,) = balance_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
-        assert (count.taken, count.is_run, count.missed) == (len(taken), is_run, missed)
-
-
-def test_a_census_finds_what_the_recorder_has_missed(tmp_path: Path) -> None:
-    numbers = [0, 1, 2, 5, 6]
-    frames = [babble(LOWEST_PRIORITY_ID, number) for number in numbers]
-    ends_ns, now_ns = [], NS_PER_S
-    for frame in frames:
-        now_ns += (frame_bits(frame).nominal + INTERMISSION_BITS) * 2000
-        ends_ns.append(now_ns)
-    write_log(tmp_path / "bus.log", [(t, f, "R") for t, f in zip(ends_ns, frames, strict=True)])
-    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
-    assert (bus.babbled, bus.babble_missing, bus.disordered) == (5, 2, 0)
-    assert bus.load == pytest.approx(1.0, abs=1e-6)
-    write_log(tmp_path / "bus.log", [(NS_PER_S, frame, "R") for frame in frames])
-    assert read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S).disordered == 4
-
-
-# Memory
-
-
-def test_memory_that_stays_is_flat_and_memory_that_grows_is_not() -> None:
-    minutes = [0.5 * n for n in range(21)]
-    still = [(60.0 * m, 50_000 + (n % 3)) for n, m in enumerate(minutes)]
-    assert figures_of(still).is_flat
-    filled = [(60.0 * m, 40_000 if m < 5.0 else 50_000) for m in minutes]
-    assert figures_of(filled).is_flat  # in the first half only
-    leaking = [(60.0 * m, 50_000 + round(200 * m)) for m in minutes]
-    figures = figures_of(leaking)
-    assert not figures.is_flat
-    assert figures.slope_kib_min == pytest.approx(200.0)
-    assert figures.growth_kib == pytest.approx(0.5 * 2000)
-    assert (figures.start_kib, figures.middle_kib, figures.end_kib) == (50_000, 51_000, 52_000)
-    almost = [(60.0 * m, 50_000 + round(0.99 * GROWTH_KIB_MAX / 5.0 * m)) for m in minutes]
-    assert figures_of(almost).is_flat
-    assert figures_of([(0.0, 7)]).is_flat
