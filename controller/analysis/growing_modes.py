@@ -119,13 +119,11 @@ class GrowingModes:
     def _polynomials(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return q, shape (points,), and the factors of p, shape (points, plant order)."""
         z = self._z(theta)
-        law, plant = self._law.a, self._transition
-        shifted = z[:, None, None] * np.eye(len(plant)) - plant
-        row = np.linalg.solve(shifted.transpose(0, 2, 1), self._c[:, None])[:, :, 0]
-        q = np.linalg.det(shifted.transpose(0, 2, 1)) * np.linalg.det(
-            z[:, None, None] * np.eye(len(law)) - law
-        )
-        return q, (q * self._law.response(z))[:, None] * row
+        shifted = (z[:, None, None] * np.eye(len(self._c)) - self._transition).transpose(0, 2, 1)
+        row = np.linalg.solve(shifted, self._c[:, None])[:, :, 0]
+        of_law, response = self._law.determinant_and_response(z)
+        q = np.linalg.det(shifted) * of_law
+        return q, (q * response)[:, None] * row
 
     def _chi(
         self, theta: FloatArray, q: ComplexArray, p: ComplexArray, delay_ns: int

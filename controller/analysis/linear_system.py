@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
@@ -33,9 +34,39 @@ class LinearSystem(NamedTuple):
 
     def response(self, z: ComplexArray) -> ComplexArray:
         """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole."""
-        identity = np.eye(len(self.b))
-        states = np.linalg.solve(z[:, None, None] * identity - self.a, self.b[:, None])
-        return np.asarray(states[:, :, 0] @ self.c + self.d, dtype=np.complex128)
+        return self.determinant_and_response(z)[1]
+
+    def determinant_and_response(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return det(zI - A), and the response, at each of ``z``.
+
+        A state that only delays another one, by n ticks, is z⁻ⁿ times it. So the order of the
+        problem does not grow with the number of past commands that a law reads.
+        """
+        delayed_by, source = self._delays()
+        kept, late = np.flatnonzero(delayed_by == 0), np.flatnonzero(delayed_by)
+        rows = np.vstack((self.a[kept], self.c))
+        read = np.repeat(rows[None, :, kept].astype(np.complex128), len(z), axis=0)
+        for of in np.unique(source[late]):
+            late_of = late[source[late] == of]
+            powers = z[:, None] ** -delayed_by[late_of].astype(np.float64)
+            read[:, :, np.searchsorted(kept, of)] += powers @ rows[:, late_of].T
+        matrix = z[:, None, None] * np.eye(len(kept)) - read[:, :-1]
+        states = np.linalg.solve(matrix, self.b[kept, None])[:, :, 0]
+        response = np.einsum("ij,ij->i", states, read[:, -1]) + self.d
+        return z ** float(len(late)) * np.linalg.det(matrix), response
+
+    def _delays(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return by how many ticks each state delays another, 0 for most, and which that is."""
+        own = np.arange(len(self.b))
+        is_one = (np.count_nonzero(self.a, axis=1) == 1) & (self.a.sum(axis=1) == 1.0)
+        delays = is_one & (self.b == 0.0) & (self.a.diagonal() == 0.0)
+        before = np.where(delays, self.a @ own, own).astype(np.intp)
+        ticks, source, further = delays.astype(np.intp), before, delays
+        for _ in own:
+            further = delays & delays[source]
+            ticks, source = ticks + further, np.where(further, before[source], source)
+        ticks[further] = 0  # these delay each other in a circle
+        return ticks, source
 
 
 class HeldPlant(NamedTuple):
