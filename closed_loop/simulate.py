@@ -34,7 +34,7 @@ from ..runtime.settings import (
     with_values,
 )
 from ..runtime.settings.plugin import by_place
-from .followed_point import judged_like
+from .agreed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]

@@ -27,13 +27,13 @@ from ...controller.history.plan import limit_plan
 from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
-from ...controller.laws.followed_point import (
+from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
+from ...controller.laws.plugin import numbers_or_none
+from ...controller.laws.set_point import (
     FollowedPointParams,
     followed_point_plan,
     followed_point_step,
 )
-from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
-from ...controller.laws.plugin import numbers_or_none
 from ...controller.limits.fading import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...controller.prediction.vehicle_estimator import VehicleGains, row_of

@@ -27,6 +27,8 @@ from ...runtime.settings import SettingsError
 
 SAMPLES_MAX = 31_000
 """Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
+_NOISE_M = 0.0
+"""A log does not say how much of the measured error is noise."""
 _LIMITS = {
     messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
     messages.SteeringStatusCode.LIMITED: "actuator",
@@ -98,9 +100,8 @@ class HeldPath:
         figures = self._figures
         if left_range and figures.samples:
             figures.lateral_error_peak_m = math.inf
-        return motion_report(
-            figures, round(figures.samples * period_s * NS_PER_S), self._rules, period_s
-        )
+        motion_ns = round(figures.samples * period_s * NS_PER_S)
+        return motion_report(figures, motion_ns, self._rules, _NOISE_M, period_s)
 
 
 PREVIEW_M = 2.0

@@ -29,7 +29,7 @@ from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
-from ..followed_point import judged_like
+from ..agreed_point import judged_like
 from ..live_bus import BUSES, Bus, open_channels
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram

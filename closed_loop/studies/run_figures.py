@@ -28,7 +28,7 @@ from ...plant_emulator.evaluation.error_windows import (
     WindowFigures,
     window_figures,
 )
-from ...plant_emulator.evaluation.followed_point import behind_preview_m
+from ...plant_emulator.evaluation.judged_point import behind_preview_m
 from ...plant_emulator.evaluation.run_verdict import (
     RUN_ENDS,
     Peaks,
@@ -39,9 +39,9 @@ from ...plant_emulator.evaluation.run_verdict import (
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
+from ..agreed_point import followed_point
 from ..compiled.compilation import compiled
 from ..compiled.steps import register
-from ..followed_point import followed_point
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
@@ -93,6 +93,8 @@ class Figures(NamedTuple):
     followed_peak_m: float
     """Of the followed point, as the next."""
     settled_peak_m: float
+    sensor_noise_m: float
+    """Its standard deviation on the lateral error."""
     estimate_share: float
     """Of the reports of the delay, those with an estimate; this and the next three only of runs of
     the nodes (``delay_error``)."""
@@ -111,6 +113,7 @@ _END = _place("mean_m")
 """Where ``WindowFigures`` begin."""
 _EFFORT, _CG, _LATENCY = _place("steer_rms_rad"), _place("cg_rms_m"), _place("latency_mean_s")
 _SETTLED, _PEAKS = _place("settled_rms_m"), _place("followed_peak_m")
+_NOISE = _place("sensor_noise_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -136,6 +139,7 @@ class FigureRules(NamedTuple):
     settled_s: float = VerdictRules().settled_s
     behind_preview_m: float = 0.0
     """Of the followed point."""
+    sensor_noise_m: float = 0.0
 
 
 def take_figures(
@@ -240,6 +244,7 @@ def _figures(
     elif outside + 1 < samples:
         row[4] = time_s[outside + 1]
     _peaks(rules, time_s, followed_m, row)
+    row[_NOISE] = rules.sensor_noise_m
     window = round(rules.window_s / rules.sensor_period_s)
     end = window_figures(followed_m, wheel_rad, window, rules.sensor_period_s)
     for k in range(len(end)):
@@ -302,6 +307,7 @@ def rules_of(
         rules.settling_band_m,
         rules.settled_s,
         behind_preview_m(point, plant.vehicle),
+        plant.sensor_noise.lateral_error_m,
     )
 
 
@@ -330,4 +336,4 @@ def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[V
     ``figures``  shape (runs, figures), in the order of ``Figures``
     """
     peaks_m = figures[:, _PEAKS : _PEAKS + len(Peaks._fields)]
-    return run_verdict.verdicts(rules, ends, peaks_m, figures[:, _WINDOWS])
+    return run_verdict.verdicts(rules, ends, figures[:, _NOISE], peaks_m, figures[:, _WINDOWS])

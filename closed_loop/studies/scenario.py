@@ -18,7 +18,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
-from ..followed_point import judged_like
+from ..agreed_point import judged_like
 from .base_settings import Tables
 from .factors import Label, replicate_seed
 from .study import Study

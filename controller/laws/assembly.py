@@ -12,7 +12,9 @@ from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule
 from ..limits.fading import FADE_M_S, FADE_RAD_S
 from ..prediction.gains_over_speed import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
-from .followed_point import (
+from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
+from .plugin import Guard
+from .set_point import (
     FollowedPointParams,
     followed_point_after_hold,
     followed_point_at_rest,
@@ -20,8 +22,6 @@ from .followed_point import (
     followed_point_step,
     set_point_of,
 )
-from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
-from .plugin import Guard
 
 if TYPE_CHECKING:
     from .settings import LawSettings

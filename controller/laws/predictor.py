@@ -47,8 +47,8 @@ from ..prediction.vehicle_estimator import (
     start_estimate,
 )
 from .assembly import FILTER_SETTLES_S, filter_opening, vehicle_of
-from .followed_point import ahead_of_cg_m
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
+from .set_point import ahead_of_cg_m
 
 if TYPE_CHECKING:
     from .settings import LawSettings

@@ -13,7 +13,7 @@ from .run_verdict import RunEnd, VerdictRules, judge
 
 
 def motion_report(
-    figures: RunningFigures, motion_ns: int, rules: VerdictRules, period_s: float
+    figures: RunningFigures, motion_ns: int, rules: VerdictRules, noise_m: float, period_s: float
 ) -> Mapping[str, Any]:
     """Return how well the path was held.
 
@@ -29,7 +29,7 @@ def motion_report(
     end = RunEnd.COMPLETE if samples else RunEnd.NO_START
     if figures.lateral_error_peak_m > limits(LateralError)["lateral_error_m"].maximum:
         end = RunEnd.LEFT_RANGE
-    judged = judge(rules, *newest, end, peaks_m, period_s, samples)
+    judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
     is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
     return {
         "motion_s": motion_ns * 1e-9,

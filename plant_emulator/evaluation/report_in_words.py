@@ -93,6 +93,11 @@ def _wheel(node: Report) -> str:
     return f", the wheel's of ±{windows['wheel_amplitude_rad']:.3g} rad{rhythm}"
 
 
+def _shakes(node: Report) -> str:
+    amplitude_rad = node["windows"]["wheel_amplitude_rad"]
+    return f"the wheel swings by ±{amplitude_rad:.3g} rad in its fast motion; {_at_the_end(node)}"
+
+
 def _drifts(node: Report) -> str:
     windows = node["windows"]
     return (
@@ -107,6 +112,11 @@ def _at_the_end(node: Report) -> str:
         f"{_point(node)} at most {_millimetres(windows['end_peak_m'])} off in the last "
         f"{windows['window_s']:.3g} s, {_millimetres(peak_m)} in the whole run"
     )
+
+
+def _off(node: Report) -> str:
+    swings = f", {_swings(node)}" if node["windows"]["amplitude_m"] is not None else ""
+    return f"{_at_the_end(node)}{swings}"
 
 
 def _point(node: Report) -> str:
@@ -136,9 +146,10 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.LEFT_ROAD: lambda node: (
             f"the error reached {_millimetres(node['followed_peak_m'])}"
         ),
-        Verdict.DECAYS: lambda node: f"{_at_the_end(node)}, less than before: too late",
-        Verdict.OFF_PATH: _at_the_end,
+        Verdict.DECAYS: lambda node: f"{_off(node)}; less than before, too late",
+        Verdict.OFF_PATH: _off,
         Verdict.LEFT_PATH: _left,
+        Verdict.WHEEL_SHAKES: _shakes,
         Verdict.HOLDS: _at_the_end,
     }
 )

@@ -14,7 +14,7 @@ from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
 from ..vehicle.settings import VehicleSettings
-from .followed_point import behind_preview_m
+from .judged_point import behind_preview_m
 from .run_verdict import Peaks, VerdictRules, samples_judged
 
 SAMPLES_MAX = 1_000_000

@@ -15,11 +15,12 @@ The first that applies:
                   ``sustained`` times that in the window before: it comes back, too late
     off path      not on the path in the last window
     left path     the error exceeded ``off_path_m`` after ``settled_s``, even if it has come back
+    wheel shakes  the amplitude of the wheel's fast motion in the last window is ``wheel_swing_rad``
+                  or more: without a rhythm, as noise moves it, or dying away
     holds         none of these: within ``off_path_m`` from ``settled_s`` to the end
 
 A window is on the path if the error stays within ``off_path_m`` and swings by less than
-``swing_m``, and the wheel by less than ``wheel_swing_rad``. So ``holds`` guarantees all of this for
-every run, whatever its other figures.
+``swing_m``. So ``holds`` guarantees all of this for every run, whatever its other figures.
 
 An oscillation of the lateral error is one of two things:
 
@@ -32,9 +33,12 @@ An oscillation of the lateral error is one of two things:
 The last condition of a swing excludes a run that a disturbance has just struck: it is off the path,
 but does not oscillate yet.
 
-The wheel oscillates in the same two ways, by ``wheel_amplitude_rad`` and ``wheel_swing_rad``, in
-its fast motion alone. A loop of 160 rad/s slams the wheel from limit to limit while the vehicle,
-which cannot follow, stays within 5 mm.
+The wheel oscillates in its fast motion alone, and only regularly, by ``wheel_amplitude_rad`` or
+more. A loop of 160 rad/s slams the wheel from limit to limit while the vehicle, which cannot
+follow, stays within 5 mm.
+
+Sensor noise makes every loop swing, and a resonant one with a rhythm. So an oscillation, of error
+or wheel, has an amplitude of at least NOISE_GAIN times the noise.
 
 The lateral error here is the true one, of ``followed_point``: noise and resolution do not make a
 vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
@@ -52,10 +56,15 @@ from pydantic import Field
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, fast_half, window_figures
-from .followed_point import FollowedPoint
+from .judged_point import FollowedPoint
 
+NOISE_GAIN = 5.0
+"""Amplitude that white noise may cause over its standard deviation, of the error [m/m] and of the
+wheel [rad/m]. A law designed for noise of 20 mm moves the wheel by 3.2 rad/m (RMS), and less where
+its rate is limited. Beyond their margins the same loops swing by 7 rad/m or more."""
 GROWING_SHARE = 0.25
-"""Of the amplitude of an oscillation, from which a regular one that grows is unstable already."""
+"""Of the amplitude of an oscillation, from which a regular one that grows is unstable already, if
+noise does not explain it."""
 CREST_MAX = 3.0
 """Largest error over amplitude of a swing: 1 for a sine about the path, √3/√2 for a triangle, 1.7
 where it dies away to a fifth within the window."""
@@ -78,6 +87,7 @@ class Verdict(StrEnum):
     DECAYS = "decays"
     OFF_PATH = "off path"
     LEFT_PATH = "left path"
+    WHEEL_SHAKES = "wheel shakes"
     HOLDS = "holds"
 
 
@@ -121,7 +131,7 @@ class VerdictRules(Settings):
     sustained: float = Field(0.8, gt=0.0, le=1.0)
     wheel_amplitude_rad: float = Field(0.02, gt=0.0, le=10.0)
     wheel_swing_rad: float = Field(0.2, gt=0.0, le=10.0)
-    """Noise of 20 mm moves the wheel by 0.04 rad under the laws designed for it."""
+    """Noise of 20 mm moves the wheel by 0.05 rad under the laws designed for it."""
     irregularity: float = Field(0.4, gt=0.0, le=10.0)
     drift_m_s: float = Field(0.005, gt=0.0, le=100.0)
 
@@ -137,11 +147,16 @@ class Peaks(NamedTuple):
 
 
 def verdicts(
-    rules: VerdictRules, ends: IntArray, peaks_m: FloatArray, windows: FloatArray
+    rules: VerdictRules,
+    ends: IntArray,
+    noise_m: FloatArray,
+    peaks_m: FloatArray,
+    windows: FloatArray,
 ) -> list[Verdict]:
     """Return the verdict of each run.
 
     ``ends``     shape (runs,), places in ``RUN_ENDS``
+    ``noise_m``  shape (runs,), standard deviation of the sensor's noise on the lateral error
     ``peaks_m``  shape (runs, 2), in the order of ``Peaks``
     ``windows``  shape (runs, figures), in the order of ``WindowFigures``
     """
@@ -153,51 +168,43 @@ def verdicts(
         return ends == RUN_ENDS.index(end)
 
     amplitude_m, before_m = column("amplitude_m"), column("amplitude_before_m")
+    wheel_rad = column("wheel_amplitude_rad")
+    wheel_before_rad = column("wheel_amplitude_before_rad")
     peak_m, peak_before_m = column("end_peak_m"), column("end_peak_before_m")
+    by_noise = NOISE_GAIN * noise_m
     # Comparisons with NaN are false: without the figure a run does not show the behaviour.
     has_rhythm = column("irregularity") <= rules.irregularity
-    is_regular = has_rhythm & (amplitude_m >= rules.amplitude_m)
-    grows = amplitude_m >= rules.growth * before_m
-    begins = grows & has_rhythm & (amplitude_m >= GROWING_SHARE * rules.amplitude_m)
+    wheel_has_rhythm = column("wheel_irregularity") <= rules.irregularity
     swings = amplitude_m >= rules.swing_m
     is_about_path = (peak_m <= CREST_MAX * amplitude_m) & (before_m >= rules.amplitude_m)
-    oscillates = is_regular | (swings & is_about_path)
-    wheel_rad, wheel_before_rad = (
-        column("wheel_amplitude_rad"),
-        column("wheel_amplitude_before_rad"),
+    is_large = amplitude_m >= np.maximum(rules.amplitude_m, by_noise)
+    oscillates = is_large & (has_rhythm | (swings & is_about_path))
+    wheel_is_large = wheel_rad >= np.maximum(rules.wheel_amplitude_rad, by_noise)
+    wheel_oscillates = wheel_is_large & wheel_has_rhythm
+    begins = has_rhythm & (amplitude_m >= np.maximum(GROWING_SHARE * rules.amplitude_m, by_noise))
+    wheel_begins = wheel_has_rhythm & (
+        wheel_rad >= np.maximum(GROWING_SHARE * rules.wheel_amplitude_rad, by_noise)
     )
-    wheel_has_rhythm = column("wheel_irregularity") <= rules.irregularity
-    is_wheel_regular = wheel_has_rhythm & (wheel_rad >= rules.wheel_amplitude_rad)
+    grows = amplitude_m >= rules.growth * before_m
     wheel_grows = wheel_rad >= rules.growth * wheel_before_rad
-    wheel_begins = (
-        wheel_grows & wheel_has_rhythm & (wheel_rad >= GROWING_SHARE * rules.wheel_amplitude_rad)
-    )
-    wheel_swings = wheel_rad >= rules.wheel_swing_rad
-    wheel_oscillates = is_wheel_regular | (
-        wheel_swings & (wheel_before_rad >= rules.wheel_amplitude_rad)
-    )
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
     drifts = (np.abs(mean_m) >= rules.off_path_m) & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
-    is_off = swings | wheel_swings | ~(peak_m <= rules.off_path_m)
-    comes_back = (peak_m < rules.sustained * peak_before_m) | (
-        wheel_swings & (wheel_rad < rules.sustained * wheel_before_rad)
-    )
+    is_off = swings | ~(peak_m <= rules.off_path_m)
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
         Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
-        | (oscillates & grows)
-        | (wheel_oscillates & wheel_grows)
-        | begins
-        | wheel_begins,
+        | ((oscillates | begins) & grows)
+        | (wheel_begins & wheel_grows),
         Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))
         | (wheel_oscillates & (wheel_rad >= rules.sustained * wheel_before_rad)),
         Verdict.DRIFTS: drifts,
         Verdict.LEFT_ROAD: peaks_m[:, 0] > rules.road_m,
-        Verdict.DECAYS: is_off & comes_back,
+        Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
         Verdict.OFF_PATH: is_off,
         Verdict.LEFT_PATH: peaks_m[:, 1] > rules.off_path_m,
+        Verdict.WHEEL_SHAKES: wheel_rad >= rules.wheel_swing_rad,
     }
     names = list(conditions)
     chosen = np.select(list(conditions.values()), range(len(names)), default=len(names))
@@ -234,6 +241,7 @@ def judge(
     error_m: Sequence[float],
     wheel_rad: Sequence[float],
     end: RunEnd,
+    noise_m: float,
     peaks_m: Peaks,
     period_s: float,
     samples: int,
@@ -243,11 +251,13 @@ def judge(
     ``error_m``    of the followed point, its last samples: all, or as many as ``samples_judged``
     ``wheel_rad``  as many
     ``end``        how it ended, if it was long enough
+    ``noise_m``    standard deviation of the sensor's noise on the lateral error
     ``period_s``   between two samples
     ``samples``    how many it had in all
     """
     window = min(round(rules.window_s / period_s), int(samples * WINDOW_SHARE_MAX))
     windows = window_figures(error_m, wheel_rad, window, period_s)
     ends = np.array([RUN_ENDS.index(end_of(end, samples * period_s))])
-    verdict = verdicts(rules, ends, np.array([peaks_m]), np.array([windows]))[0]
+    at = np.array([noise_m]), np.array([peaks_m]), np.array([windows])
+    verdict = verdicts(rules, ends, *at)[0]
     return JudgedRun(verdict, window * period_s, windows)

@@ -90,6 +90,7 @@ class PlantNode:
         samples_max: int = SAMPLES_MAX,
     ) -> None:
         self._seed = settings.seed
+        self._noise_m = settings.sensor_noise.lateral_error_m
         self._duration_ns = settings.duration_ns
         self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         params = (
@@ -243,7 +244,9 @@ class PlantNode:
         return {
             "seed": self._seed,
             "failure": self._own_fault.failure,
-            **motion_report(record.figures, self._motion.time_ns, record.rules, record.period_s),
+            **motion_report(
+                record.figures, self._motion.time_ns, record.rules, self._noise_m, record.period_s
+            ),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
             **reception_report(self._reception),

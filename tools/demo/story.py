@@ -12,7 +12,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from ...closed_loop.followed_point import judged_like
+from ...closed_loop.agreed_point import judged_like
 from ...closed_loop.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
@@ -140,7 +140,9 @@ def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> Phase
     moved = error_m.tolist(), trace.wheel_angle_rad[inside].tolist()
     settled_m = error_m[trace.time_s[inside] >= phase.from_s + settings.verdict.settled_s]
     peaks_m = Peaks(peak_m, float(np.max(np.abs(settled_m), initial=0.0)))
-    judged = judge(settings.verdict, *moved, RunEnd.COMPLETE, peaks_m, period_s, len(error_m))
+    noise_m = settings.sensor_noise.lateral_error_m
+    end = RunEnd.COMPLETE
+    judged = judge(settings.verdict, *moved, end, noise_m, peaks_m, period_s, len(error_m))
     return PhaseFigures(rms(error_m[is_settled]), peak_m, judged.verdict)
 
 

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.closed_loop.followed_point import judged_like
+from steer_by_wire.closed_loop.agreed_point import judged_like
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS

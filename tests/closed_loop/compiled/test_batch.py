@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
 from steer_by_wire.closed_loop.compiled.steps import step_functions
-from steer_by_wire.controller.laws.followed_point import FollowedPoint
+from steer_by_wire.controller.laws.set_point import FollowedPoint
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import plant_preset

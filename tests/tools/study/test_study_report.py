@@ -211,6 +211,14 @@ def test_a_cell_shows_the_worst_corner_and_there_the_median(study: StudyRecord) 
     assert maps.family.item() == 1
 
 
+@pytest.mark.parametrize("verdict", Verdict)
+def test_a_cell_is_hatched_unless_all_its_runs_hold(study: StudyRecord, verdict: Verdict) -> None:
+    one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
+    rows = made_rows([1.0] * 6, [verdict] * 6, 1)
+    family = heat_maps(rows, study_axes(one_law, rows), 1).family.item()
+    assert (family < 0) == (verdict is Verdict.HOLDS)
+
+
 def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> None:
     holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
     # practical_pd_ddob and practical_pd in turn

@@ -1,4 +1,4 @@
-"""The followed point: which point of the vehicle a law holds on the path.
+"""The set point of the preview point that puts another point, the followed one, on the path.
 
 The lateral error on the bus is that of the preview point, l_s ahead of the centre of gravity (CG).
 Held on the path, it leaves the CG inside every bend. On a path of curvature ρ, a point p ahead of

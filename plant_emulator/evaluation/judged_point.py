@@ -1,4 +1,4 @@
-"""The followed point: the point of the vehicle whose error is judged."""
+"""The judged point: which point of the vehicle is to be on the path, and where it lies."""
 
 from typing import Literal
 
