@@ -13,10 +13,10 @@ from ..dbc.codec.sequence import SequenceRule
 from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
+from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 from .delay_estimation.delay_estimator import DelayEstimationSettings
 from .laws.settings import LawSettings
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
-from .supervision import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 
 PRESETS = "steer_by_wire.controller.presets"
 """The package with the presets that are shipped."""

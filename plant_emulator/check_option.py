@@ -27,8 +27,8 @@ from .node.plant_status import PERIOD_NS
 from .path.path import Path
 from .sensors.sampling import samples_per_vehicle_state
 from .settings import PlantSettings
+from .steering.safety_limiter import AVERAGING_S, Cause
 from .steering.settings import design_guard
-from .steering.steer_limits import AVERAGING_S, Cause
 from .vehicle.motion_parameters import MotionParams, motion_params
 from .vehicle.settings import VehicleSettings
 

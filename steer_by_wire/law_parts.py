@@ -26,7 +26,7 @@ from .controller.laws.packet import plan_times
 from .controller.prediction.gains_over_speed import noise_covariances, sampled_vehicles
 from .controller.prediction.measured_vehicle import measured_gains
 from .controller.prediction.prediction import predict, steer_for
-from .controller.prediction.vehicle_estimator import (
+from .controller.prediction.vehicle_kalman_filter import (
     EstimatorState,
     VehicleGains,
     command_from,

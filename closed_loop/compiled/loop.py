@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ...controller.limits.fading import difference_step, ramp_step
+from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (

@@ -19,7 +19,7 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ...controller.prediction.vehicle_estimator import VehicleGains
+from ...controller.prediction.vehicle_kalman_filter import VehicleGains
 
 _types: Any = numba.types
 _cgutils: Any = cgutils

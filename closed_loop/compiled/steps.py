@@ -34,9 +34,9 @@ from ...controller.laws.set_point import (
     followed_point_plan,
     followed_point_step,
 )
-from ...controller.limits.fading import difference_step, ramp_step
+from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
-from ...controller.prediction.vehicle_estimator import VehicleGains, row_of
+from ...controller.prediction.vehicle_kalman_filter import VehicleGains, row_of
 from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step
 from ...plant_emulator.path.cg_deviation import deviation_behind_m

@@ -20,8 +20,8 @@ from ...dbc.messages import (
     SteeringStatusCode,
 )
 from ...runtime.node import NS_PER_S
+from ..age_limits import AgeLimits
 from ..law_interface import History, LoopDelay
-from ..supervision import AgeLimits
 from .echo_delay import NO_DELAY, DelayState, LoopDelayParams, delay_of, delay_step, unwrapped
 from .plan import ROW_LENGTH, copy_row, hold
 from .sensor_rate import NO_RATE, RateState, rate_step

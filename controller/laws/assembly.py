@@ -9,7 +9,7 @@ from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule
-from ..limits.fading import FADE_M_S, FADE_RAD_S
+from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
 from ..prediction.gains_over_speed import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step

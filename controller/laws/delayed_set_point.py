@@ -43,7 +43,7 @@ from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay
-from ..limits.fading import FADE_RAD_S, NOTHING, Fading, fading_step
+from ..limits.fades_and_ramps import FADE_RAD_S, NOTHING, Fading, fading_step
 from .assembly import steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
 

@@ -26,7 +26,7 @@ from pydantic import Field
 
 from ...runtime.settings import Settings
 from ..law_interface import LawInput, LawOutput, LawStep, VehicleReading
-from ..limits.fading import NOTHING, Fading, fading_step
+from ..limits.fades_and_ramps import NOTHING, Fading, fading_step
 
 
 class FeedForwardSettings(Settings):

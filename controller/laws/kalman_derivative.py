@@ -3,9 +3,9 @@
     u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
 
 The law itself is unchanged. In the response of its C(s) to the measured error, the derivative is
-replaced by that of the filter (``controller.prediction.vehicle_estimator``) at its newest sample,
-without prediction. The CDOB's compensation has hardly any noise and keeps the filtered difference.
-As always, the observers see the command that was sent.
+replaced by that of the filter (``controller.prediction.vehicle_kalman_filter``) at its newest
+sample, without prediction. The CDOB's compensation has hardly any noise and keeps the filtered
+difference. As always, the observers see the command that was sent.
 
 Without echoes the filter does not know which commands act. Before the first echo, when echoes stop,
 and until the filter has settled afterwards, the filtered difference is used. At each change the
@@ -19,8 +19,8 @@ from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import LawInput, LawOutput, LawStep
-from ..limits.fading import NOTHING, Fading, fading_step
-from ..prediction.vehicle_estimator import (
+from ..limits.fades_and_ramps import NOTHING, Fading, fading_step
+from ..prediction.vehicle_kalman_filter import (
     EstimatorState,
     VehicleGains,
     estimate_to,

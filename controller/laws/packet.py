@@ -30,7 +30,7 @@ from ..history.plan import SPACING_MAX, VALUES
 from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay, Schedule
 from ..prediction.measured_vehicle import measured_gains
 from ..prediction.prediction import horizon_samples, steer_for
-from ..prediction.vehicle_estimator import command_from, estimate_to, step_on_path
+from ..prediction.vehicle_kalman_filter import command_from, estimate_to, step_on_path
 from . import predictor
 from .predictor import (
     PredictorParams,

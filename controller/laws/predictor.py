@@ -1,8 +1,8 @@
 """Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
 The echo of the command counter measures the delay (``controller.history.echo_delay``); the Kalman
-filter (``controller.prediction.vehicle_estimator``) gives the state at the newest sample; the model
-extrapolates it with the commands in transit, up to the time at which this period's command is
+filter (``controller.prediction.vehicle_kalman_filter``) gives the state at the newest sample; the
+model extrapolates it with the commands in transit, up to the time at which this period's command is
 expected to act; and
 
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
@@ -26,7 +26,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
-from ..limits.fading import FADE_RAD_S, difference_step
+from ..limits.fades_and_ramps import FADE_RAD_S, difference_step
 from ..prediction.gains_over_speed import Feedback, design_schedule, steady_turn_rad, together
 from ..prediction.measured_vehicle import (
     SET,
@@ -39,7 +39,7 @@ from ..prediction.measured_vehicle import (
     nothing_measured,
 )
 from ..prediction.prediction import horizon_samples, predict, steer_for
-from ..prediction.vehicle_estimator import (
+from ..prediction.vehicle_kalman_filter import (
     EstimatorState,
     VehicleGains,
     estimate_to,

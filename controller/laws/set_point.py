@@ -29,7 +29,7 @@ from typing import Any, Literal, NamedTuple
 
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
-from ..limits.fading import NOTHING, Fading, fading_step
+from ..limits.fades_and_ramps import NOTHING, Fading, fading_step
 
 FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
 """The point of the vehicle that a law holds on the path."""

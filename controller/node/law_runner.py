@@ -13,7 +13,7 @@ from ..history.history import BusHistory
 from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
 from ..laws.assembly import design_law
 from ..limits.designed_ranges import share_of_demand
-from ..limits.fading import difference_step
+from ..limits.fades_and_ramps import difference_step
 from ..settings import ControllerSettings
 from .newest_messages import Received
 

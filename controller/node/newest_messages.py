@@ -15,9 +15,9 @@ from ...dbc.messages import (
     sent_by,
 )
 from ...dbc.reception import Reception
+from ..age_limits import freshness
 from ..law_interface import NO_VEHICLE, VehicleReading
 from ..settings import ControllerSettings
-from ..supervision import freshness
 
 SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """The messages without which the controller falls back."""

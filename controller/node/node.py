@@ -32,7 +32,7 @@ from ...runtime.node.overruns import OverrunSupervision
 from ...runtime.node.periodic import PeriodicTimer
 from ..law_interface import VehicleReading
 from ..limits.designed_ranges import NOT_FORWARD_M_S
-from ..limits.fading import ramp_step
+from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames

@@ -31,7 +31,7 @@ from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
 from .matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gain
-from .vehicle_estimator import VehicleGains
+from .vehicle_kalman_filter import VehicleGains
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8

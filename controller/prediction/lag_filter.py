@@ -22,7 +22,7 @@ from typing import NamedTuple
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import History, LoopDelay
 from .regression import regressed
-from .vehicle_estimator import sent_for
+from .vehicle_kalman_filter import sent_for
 
 LAGS_S = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4)
 """Lags that there are gains for, beside that of the settings."""

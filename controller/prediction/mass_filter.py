@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from ..law_interface import History, LoopDelay
 from .regression import regressed
-from .vehicle_estimator import VehicleGains
+from .vehicle_kalman_filter import VehicleGains
 
 MASS_RATIOS = (0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 """Masses that there are gains for, as multiples of the settings'."""

@@ -22,7 +22,7 @@ from .mass_filter import (
     mass_as_set,
     mass_to,
 )
-from .vehicle_estimator import VehicleGains, row_of
+from .vehicle_kalman_filter import VehicleGains, row_of
 
 MASSES = len(MASS_RATIOS)
 SET = AS_SET * MASSES + MASS_AS_SET

@@ -2,7 +2,7 @@
 
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import History, LoopDelay
-from .vehicle_estimator import EstimatorState, VehicleGains, command_from, step_on_path
+from .vehicle_kalman_filter import EstimatorState, VehicleGains, command_from, step_on_path
 
 
 def horizon_samples(p: LoopDelayParams, loop_delay: LoopDelay, sample: int) -> float:

@@ -18,7 +18,7 @@ from .hold_and_fallback import (
     is_overruled,
     start_guard,
 )
-from .steer_limits import Cause
+from .safety_limiter import Cause
 
 _NORMAL = SafetyState.NORMAL
 _STATES = (_NORMAL, _NORMAL, SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)

@@ -28,14 +28,14 @@ frames have not used up the run. Only the end of HOLDING resets it, so that occa
 commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its target, if the
 plant has detected a fault in itself, or by the override, and stays.
 
-Every target, also of a ramp, passes ``plant_emulator.steering.steer_limits``. Times count from
+Every target, also of a ramp, passes ``plant_emulator.steering.safety_limiter``. Times count from
 the start of motion.
 """
 
 from enum import IntEnum
 from typing import NamedTuple
 
-from .steer_limits import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
+from .safety_limiter import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
 
 RAMP_PERIOD_NS = 10_000_000
 """Interval of the steps that form a ramp of the target."""

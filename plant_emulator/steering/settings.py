@@ -11,7 +11,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
 from .hold_and_fallback import OFF_NS, RAMP_PERIOD_NS, GuardParams
-from .steer_limits import LimiterParams, acceleration_gain_m_s2, limit_rows
+from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
 
 OFF: Literal["off"] = "off"
 _N = TypeVar("_N")

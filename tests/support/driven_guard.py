@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback
-from steer_by_wire.plant_emulator.steering.steer_limits import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering.safety_limiter import LimiterParams, limit_rows
 
 tested = hold_and_fallback
 MS_NS = 1_000_000

@@ -1,9 +1,9 @@
 """The history of the controller, fed with echoes and measurements as its node does."""
 
+from steer_by_wire.controller.age_limits import AgeLimits
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.history.history import BusHistory
 from steer_by_wire.controller.law_interface import LoopDelay
-from steer_by_wire.controller.supervision import AgeLimits
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
 
 MS = 1_000_000

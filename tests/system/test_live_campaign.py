@@ -26,12 +26,6 @@ from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.faults import program as fault_campaign
 from steer_by_wire.tools.faults.injection.live_faults import LiveKind, parse_fault
-from steer_by_wire.tools.faults.live.campaign import (
-    live_finding,
-    live_section,
-    outcome_table,
-    record_of,
-)
 from steer_by_wire.tools.faults.live.cases import LiveCase, live_cases
 from steer_by_wire.tools.faults.live.judgement import (
     LiveResult,
@@ -42,6 +36,12 @@ from steer_by_wire.tools.faults.live.judgement import (
     judge_trial,
     mistakes_of,
     vehicle_of,
+)
+from steer_by_wire.tools.faults.live.live_campaign import (
+    live_finding,
+    live_section,
+    outcome_table,
+    record_of,
 )
 from steer_by_wire.tools.faults.live.live_run import LiveRun
 from steer_by_wire.tools.faults.live.live_trial import (

@@ -56,7 +56,11 @@ from steer_by_wire.tools.faults.campaign.presentation import (
 )
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult, run_trial
-from steer_by_wire.tools.faults.live.campaign import live_finding, live_section, run_live_campaign
+from steer_by_wire.tools.faults.live.live_campaign import (
+    live_finding,
+    live_section,
+    run_live_campaign,
+)
 
 NAME = "steer-by-wire faults"
 FAILED = 1

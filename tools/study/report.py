@@ -30,7 +30,7 @@ from .break_points import SEEDS, break_point_section, break_points, draw_break_p
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
 from .level_by_level import level_sections
-from .over_seeds import seeds_section
+from .quantiles_over_seeds import seeds_section
 from .reported_delay import delay_sections
 from .worst_runs import draw_worst, worst_runs, worst_section
 

@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, inbox_of, s
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import design_law
-from steer_by_wire.controller.limits.fading import FADE_RAD_S
+from steer_by_wire.controller.limits.fades_and_ramps import FADE_RAD_S
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.run_figures import ControlSample
 from steer_by_wire.controller.settings import ControllerSettings

@@ -7,7 +7,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import design_law, steady_steer
 from steer_by_wire.controller.laws.feed_forward import curve_steer
-from steer_by_wire.controller.limits.fading import NOTHING
+from steer_by_wire.controller.limits.fades_and_ramps import NOTHING
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of

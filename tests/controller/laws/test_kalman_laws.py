@@ -10,7 +10,7 @@ from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.kalman_derivative import KalmanParams, error_rate_m_s
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.gains_over_speed import SPEED_M_S_MAX
-from steer_by_wire.controller.prediction.vehicle_estimator import EstimatorState
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
 from steer_by_wire.plant_emulator.node.node import PlantNode

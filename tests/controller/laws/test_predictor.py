@@ -19,7 +19,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     together,
 )
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
-from steer_by_wire.controller.prediction.vehicle_estimator import (
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     STARTS_ANEW_AFTER,
     EstimatorState,
     VehicleGains,

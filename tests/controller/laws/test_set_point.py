@@ -17,7 +17,7 @@ from steer_by_wire.controller.laws.set_point import (
 )
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import steer_for
-from steer_by_wire.controller.prediction.vehicle_estimator import estimator_at_rest
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import estimator_at_rest
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices

@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.limits.fading import ramp_step
+from steer_by_wire.controller.limits.fades_and_ramps import ramp_step
 from steer_by_wire.controller.limits.steer_limits import SteerLimits, limit_step
 
 LIMITS = st.builds(SteerLimits, st.floats(0.01, 1.3), st.floats(1e-4, 10.0))

@@ -27,7 +27,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     noise_covariances,
     sampled_vehicles,
 )
-from steer_by_wire.controller.prediction.vehicle_estimator import (
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     EstimatorState,
     VehicleGains,
     correction_step,

@@ -17,8 +17,8 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     together,
 )
 from steer_by_wire.controller.prediction.prediction import steer_for
-from steer_by_wire.controller.prediction.vehicle_estimator import EstimatorState, model_step
-from steer_by_wire.plant_emulator.steering.steer_limits import acceleration_gain_m_s2
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState, model_step
+from steer_by_wire.plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
 
 SPEED_M_S = 60.0 / 3.6
 VEHICLE = VehicleModelSettings(

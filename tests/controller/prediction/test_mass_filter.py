@@ -21,7 +21,7 @@ from steer_by_wire.controller.prediction.mass_filter import (
     mass_as_set,
     mass_to,
 )
-from steer_by_wire.controller.prediction.vehicle_estimator import VehicleGains
+from steer_by_wire.controller.prediction.vehicle_kalman_filter import VehicleGains
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from steer_by_wire.plant_emulator.steering import hold_and_fallback, steer_limits
+from steer_by_wire.plant_emulator.steering import hold_and_fallback, safety_limiter
 from tests.support.driven_guard import MODES, MS_NS, Guarded, steady
 
 tested = hold_and_fallback
@@ -12,7 +12,7 @@ tested = hold_and_fallback
 
 def test_before_the_first_command_nothing_is_due() -> None:
     guarded = Guarded()
-    assert guarded.x == (0, steer_limits.start_limiter(), 0, 2**62, 0, 0.0)
+    assert guarded.x == (0, safety_limiter.start_limiter(), 0, 2**62, 0, 0.0)
     guarded.until(1e6)
     assert guarded.log == []
     assert guarded.command(1e6, 0.25)

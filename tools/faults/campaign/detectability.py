@@ -18,10 +18,10 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
+from ....controller.age_limits import NO_LIMIT_NS
 from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from ....controller.node.status_frames import STATUS_PERIOD_NS
 from ....controller.settings import ControllerSettings
-from ....controller.supervision import NO_LIMIT_NS
 from ....dbc.codec.protection import COUNTERS
 from ....dbc.codec.sequence import SequenceRule
 from ....dbc.messages import MESSAGE_TYPES

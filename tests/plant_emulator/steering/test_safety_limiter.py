@@ -10,12 +10,12 @@ from bisect import bisect_right
 
 import pytest
 
-from steer_by_wire.plant_emulator.steering import steer_limits
+from steer_by_wire.plant_emulator.steering import safety_limiter
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from tests.support.mutation import fails_with, survivors
 
-tested = steer_limits
+tested = safety_limiter
 MS_NS = 1_000_000
 INF = math.inf
 LOWER = (("low", "low_1"), ("lowest", "low_2"), ("low", "steer"))
@@ -29,13 +29,13 @@ def params(
     acceleration: float = INF,
     jerk: float = INF,
     gain: float = 50.0,
-) -> steer_limits.LimiterParams:
+) -> safety_limiter.LimiterParams:
     rows = tested.limit_rows(gain, angle, angle_rate, acceleration, jerk)
     return tested.LimiterParams(rows, 0.125, 100 * MS_NS, 0.5)
 
 
 def outputs(
-    p: steer_limits.LimiterParams, commands: list[tuple[float, float]]
+    p: safety_limiter.LimiterParams, commands: list[tuple[float, float]]
 ) -> list[tuple[float, int]]:
     """Output and cause of each command (time in ms, steer in rad)."""
     x = tested.start_limiter()
@@ -256,7 +256,7 @@ def test_without_a_steady_state_the_gain_is_the_neutral_vehicles() -> None:
 def test_a_test_notices_every_mutant() -> None:
     """Every comparison flipped, every bound and constant moved, every operator turned round."""
     here, this = sys.modules[__name__], test_a_test_notices_every_mutant.__name__
-    alive, count = survivors(steer_limits, lambda mutant: fails_with(here, mutant, this))
+    alive, count = survivors(safety_limiter, lambda mutant: fails_with(here, mutant, this))
     # Of two equal values it does not matter which is taken.
     equivalent = {f"{a} < {b}  ->  {a} <= {b}" for a, b in LOWER}
     equivalent |= {f"{a} > {b}  ->  {a} >= {b}" for a, b in HIGHER}
