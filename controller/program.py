@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
+from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
+from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, run_main, say
 from ..runtime.program.node_options import (
@@ -60,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
+    add_dialect_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -104,7 +106,7 @@ def _run(options: argparse.Namespace) -> int:
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)
-    return run_secured_node(
+    return run_node_in_dialect(
         NAME,
         options,
         settings,

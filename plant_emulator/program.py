@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.secoc.key_option import add_key_file_argument, run_secured_node
+from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
+from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
 from ..runtime.exit_status import ExitStatus
@@ -53,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
+    add_dialect_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -69,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
     params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
-    return run_secured_node(
+    return run_node_in_dialect(
         NAME,
         options,
         settings,

@@ -65,6 +65,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
                 "poles, stable delays, tolerated jitter of a controller",
                 "check_main",
             ),
+            "dialect": _tool("dialect", "a car's own messages: new, check", "new", "check"),
             "design": _tool("design", "gains for your vehicle and any delay up to a limit"),
             "study": _tool("study", "thousands of runs over latency, jitter, laws and vehicles"),
             "paper": _tool("paper", "the paper's figures and tables, reproduced"),

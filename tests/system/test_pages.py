@@ -23,6 +23,10 @@ GIVEN = {
     "candump.log": "(1.000000) vcan0 110#7D33071027009CFF\n",
     "recording.log": "(1.000000) can0 123#DEADBEEF\n",
     "steer.key": "000102030405060708090a0b0c0d0e0f\n",
+    **{
+        file.name: file.read_text(encoding="utf-8")
+        for file in (ROOT / "tests" / "dbc" / "dialect").glob("my_car.*")
+    },
 }
 """Files of the reader's that pages name."""
 

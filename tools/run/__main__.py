@@ -7,9 +7,9 @@
 Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
 the last bit, on every machine. With ``--controller-command`` another program is the controller, in
 virtual time too; it speaks the lockstep protocol on its standard input and output. With ``--out
-DIR`` it leaves there the settings in force, the two reports, the plant's trace and every frame, and
-prints the command that makes the run again. The exit status is that of the two programs: 5 where
-one of them has failed, 6 where a condition of --fail-if is met. The last line is the verdict.
+DIR`` it leaves there settings, reports, the plant's trace and every frame, and prints the command
+that makes the run again. The exit status is 5 where a program has failed, 6 where a condition of
+--fail-if is met. The last line is the verdict.
 """
 
 import argparse
@@ -25,6 +25,8 @@ from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
+from steer_by_wire.dbc.dialect.dialect import read_dialect
+from steer_by_wire.dbc.dialect.option import add_dialect_argument
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.path.drivability import undrivable
@@ -101,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="WORDS",
         help="run this program as the controller, in lockstep with virtual time",
     )
+    add_dialect_argument(parser)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate",
@@ -144,7 +147,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.interface and ours is not None:
         run = run_in_real_time(plant_settings, ours, log)
     else:
-        run = run_in_virtual_time(plant_settings, controller, bus, log, is_ideal=options.ideal_wire)
+        dialect = None if options.dialect is None else read_dialect(options.dialect)
+        run = run_in_virtual_time(
+            plant_settings, controller, bus, log, is_ideal=options.ideal_wire, dialect=dialect
+        )
     reports = reports_of(run, plant_settings, controller)
     lines = summary(run, reports)
     if files is not None:
@@ -225,6 +231,8 @@ def _bus_settings(options: argparse.Namespace) -> BusSettings:
     settings = bus_settings(options)
     if options.interface and settings != BusSettings():
         raise SettingsError("python-can's bus takes no --bus-settings, traffic, errors or clocks")
+    if options.interface and options.dialect:
+        raise SettingsError("--dialect: in real time, start plant and controller apart")
     if options.ideal_wire and not settings.is_quiet:
         raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
     return settings
@@ -241,6 +249,7 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
         command += ["--interface", options.interface]
     else:
         command += ["--ideal-wire"] * options.ideal_wire
+        command += ["--dialect", str(options.dialect)] if options.dialect else []
         command += ["--bus-settings", str(files.settings(BUS))]
     return shlex.join(command)
 

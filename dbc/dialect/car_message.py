@@ -1,0 +1,131 @@
+"""One message of a car: quantities to a frame with counter and checksum, and back."""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Any
+
+from cantools.database.can import Message, Signal
+
+from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from .settings import UNITS, MessageSettings, Quantity
+
+
+class Refused(StrEnum):
+    """Why a frame of the peer was not taken."""
+
+    WRONG_LENGTH = "wrong length"
+    BAD_CHECKSUM = "bad checksum"
+    REPEATED = "repeated counter"
+    OUT_OF_RANGE = "out of range"
+    NOT_ENGAGED = "not engaged"
+    TOO_FAST = "too fast"
+
+
+class CarMessage:
+    """A message of the database, and what the file says of it.
+
+    ``constants``  raw values of the signals that always have the same
+
+    ``can_id``, ``flags``  of its frames
+    ``carries``            the quantities in it, each in one signal or several
+    """
+
+    def __init__(
+        self, message: Message, settings: MessageSettings, constants: Mapping[str, float]
+    ) -> None:
+        self.name, self.settings, self.can_id = message.name, settings, message.frame_id
+        self.flags = EXTENDED if message.is_extended_frame else 0
+        self.flags |= FD | BITRATE_SWITCH if message.is_fd else 0
+        self._message, self._length = message, message.length
+        signals = {signal.name: signal for signal in message.signals}
+        self._carried = [(signals[name], one) for name, one in settings.signals.items()]
+        self.carries = frozenset(one.carries for _, one in self._carried)
+        self.rate_max_rad_s: float | None = None
+        """Of the command, if it has a limit."""
+        for _, one in self._carried:
+            if one.carries is Quantity.STEER and one.rate_max is not None:
+                self.rate_max_rad_s = one.rate_max / abs(UNITS[one.unit] * one.ratio)
+        self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
+        self._counters = 1 << signals[settings.counter].length if settings.counter else 1
+        self._counter, self._received = 0, -1
+        rule = settings.checksum
+        self._mask = (
+            self._packed({rule.signal: _raw_range(signals[rule.signal])[1]}) if rule else b""
+        )
+
+    def frame(self, values: Mapping[Quantity, float]) -> Frame:
+        """Return the next frame with these quantities; what the signal cannot carry is clamped."""
+        raw = self._idle.copy()
+        for signal, one in self._carried:
+            scaled = values[one.carries] * UNITS[one.unit] * one.ratio + one.offset
+            raw[signal.name] = _raw_of(signal, scaled)
+        if self.settings.counter:
+            raw[self.settings.counter] = self._counter
+            self._counter = (self._counter + 1) % self._counters
+        rule = self.settings.checksum
+        if rule is not None:
+            raw[rule.signal] = 0
+            data = self._encoded(raw)
+            raw[rule.signal] = rule.compute(self.can_id, data, self._mask)
+        return Frame(self.can_id, self._encoded(raw), self.flags)
+
+    def read(self, data: bytes) -> Mapping[Quantity, float] | Refused:
+        """Return the quantities in a frame, the mean where several signals carry one."""
+        if len(data) != self._length:
+            return Refused.WRONG_LENGTH
+        raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
+        rule = self.settings.checksum
+        if rule is not None:
+            bare = bytes(byte & ~own for byte, own in zip(data, self._mask, strict=True))
+            if raw[rule.signal] != rule.compute(self.can_id, bare, self._mask):
+                return Refused.BAD_CHECKSUM
+        if self.settings.counter:
+            before, self._received = self._received, int(raw[self.settings.counter])
+            if before == self._received:
+                return Refused.REPEATED
+        found: dict[Quantity, list[float]] = {}
+        for signal, one in self._carried:
+            scaled = float(raw[signal.name]) * signal.scale + signal.offset
+            value = (scaled - one.offset) / (UNITS[one.unit] * one.ratio)
+            found.setdefault(one.carries, []).append(value)
+        return {quantity: sum(values) / len(values) for quantity, values in found.items()}
+
+    def _encoded(self, raw: Mapping[str, float]) -> bytes:
+        return self._message.encode(dict(raw), scaling=False, strict=False)
+
+    def _packed(self, raw: Mapping[str, float]) -> bytes:
+        names = (signal.name for signal in self._message.signals)
+        return self._encoded({**dict.fromkeys(names, 0), **raw})
+
+
+def _raw_range(signal: Signal) -> tuple[int, int]:
+    """Return the least and the largest raw value that fits into a signal."""
+    bits = signal.length
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
+
+
+def _raw_of(signal: Signal, scaled: float) -> float:
+    """Return the raw value nearest to a scaled one."""
+    raw = (scaled - signal.offset) / signal.scale
+    if signal.is_float:
+        return raw
+    least, largest = _raw_range(signal)
+    return min(max(round(raw), least), largest)
+
+
+def raw_constant(signal: Signal, value: float | str) -> float:
+    """Return the raw value of a constant: a number, or a name of the database.
+
+    Raises ValueError with what is allowed.
+    """
+    if isinstance(value, str):
+        names = {str(name): number for number, name in (signal.choices or {}).items()}
+        if value not in names:
+            raise ValueError(f"allowed: {', '.join(names) or 'a number'}")
+        return names[value]
+    raw = (value - signal.offset) / signal.scale
+    least, largest = (one * signal.scale + signal.offset for one in _raw_range(signal))
+    low, high = sorted((least, largest))
+    if not signal.is_float and not low <= value <= high:
+        raise ValueError(f"allowed: {low:g} to {high:g}")
+    return raw if signal.is_float else round(raw)

@@ -1,0 +1,104 @@
+"""Rules for checksums: a sum, a CRC, or a function of another package.
+
+A rule computes from the identifier and the payload, in which the checksum's own bits are 0.
+``mask`` has these bits set.
+
+>>> toyota = SumRule(rule="sum", signal="CHECKSUM", identifier=True, length=True)
+>>> toyota.compute(0x2E4, bytes([0x80, 0, 0, 0, 0]), bytes([0, 0, 0, 0, 0xFF]))
+107
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Annotated, Any, Literal, Self
+
+from crccheck.crc import Crc  # type: ignore[import-untyped]
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
+
+from ...runtime.settings import Settings
+from ...runtime.settings.plugin import PLACE, cause
+
+
+class SumRule(Settings):
+    """The sum of bytes, or of half bytes, as many bits of it as the signal has."""
+
+    rule: Literal["sum"]
+    signal: str
+    of: Literal["bytes", "nibbles"] = "bytes"
+    identifier: bool = False
+    """Whether the identifier's bytes are added."""
+    length: bool = False
+    """Whether the number of bytes is added."""
+    start: int = Field(0, ge=0, le=0xFFFF)
+    negated: bool = False
+    """Whether the sum is taken from ``start``."""
+
+    def compute(self, can_id: int, data: bytes, mask: bytes) -> int:
+        """Return the checksum."""
+        added = data + (can_id.to_bytes(4, "big") if self.identifier else b"")
+        if self.of == "nibbles":
+            total = sum((byte >> 4) + (byte & 0xF) for byte in added)
+        else:
+            total = sum(added)
+        total += len(data) if self.length else 0
+        return (self.start + (-total if self.negated else total)) % (1 << _bits(mask))
+
+
+class CrcRule(Settings):
+    """A CRC as wide as the signal, over the bytes that hold none of its bits."""
+
+    rule: Literal["crc"]
+    signal: str
+    polynomial: int = Field(ge=1, le=0xFFFFFFFF)
+    initial: int = Field(0, ge=0, le=0xFFFFFFFF)
+    final_xor: int = Field(0, ge=0, le=0xFFFFFFFF)
+    reflected: bool = False
+
+    def compute(self, can_id: int, data: bytes, mask: bytes) -> int:  # noqa: ARG002 as all rules
+        """Return the checksum."""
+        turned, covered = (
+            self.reflected,
+            [byte for byte, own in zip(data, mask, strict=True) if not own],
+        )
+        crc = Crc(_bits(mask), self.polynomial, self.initial, turned, turned, self.final_xor)
+        return int(crc.calc(covered))
+
+
+class PluginRule(Settings):
+    """A function ``(can_id, data) -> int`` of another package."""
+
+    rule: str
+    signal: str
+    _function: Callable[[int, bytes], Any] = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _is_there(self) -> Self:
+        module, colon, name = self.rule.partition(":")
+        if not colon:
+            raise ValueError(f"there is no rule {self.rule!r} (allowed: sum, crc, {PLACE})")
+        try:
+            self._function = getattr(import_module(module), name)
+        except Exception as error:
+            raise ValueError(f"the rule {self.rule} is not there: {cause(error)}") from error
+        return self
+
+    def compute(self, can_id: int, data: bytes, mask: bytes) -> int:
+        """Return the checksum."""
+        return int(self._function(can_id, data)) % (1 << _bits(mask))
+
+
+def _bits(mask: bytes) -> int:
+    return int.from_bytes(mask, "big").bit_count()
+
+
+def _tag(value: Any) -> str:
+    rule = value.get("rule") if isinstance(value, dict) else getattr(value, "rule", None)
+    return rule if rule in ("sum", "crc") else "other"
+
+
+Rule = Annotated[
+    Annotated[SumRule, Tag("sum")]
+    | Annotated[CrcRule, Tag("crc")]
+    | Annotated[PluginRule, Tag("other")],
+    Discriminator(_tag),
+]

@@ -1,0 +1,114 @@
+"""Reads the file of a dialect, and checks it against the car's database."""
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import cantools.database
+from cantools.database.can import Database, Message
+
+from ...runtime.exit_status import one_line
+from ...runtime.settings import SettingsError, load_settings
+from ...runtime.settings.mistakes import hint
+from ..messages import CAN_IDS, MESSAGE_TYPES
+from .car_message import CarMessage, raw_constant
+from .settings import CONTROLLER, DialectSettings, MessageSettings, Quantity
+
+COMMANDS = frozenset({Quantity.STEER, Quantity.ENGAGED})
+"""What the controller sends; the plant sends the others."""
+
+
+class Dialect(NamedTuple):
+    """A car's messages in the order of the file, and ours that go on beside them."""
+
+    messages: tuple[CarMessage, ...]
+    kept_ids: frozenset[int]
+
+    def sent_by(self, sender: str) -> list[CarMessage]:
+        """Return the messages of one end."""
+        return [one for one in self.messages if one.settings.sender == sender]
+
+    @property
+    def carried(self) -> frozenset[Quantity]:
+        """Every quantity that a message carries."""
+        return frozenset(quantity for one in self.messages for quantity in one.carries)
+
+
+def read_dialect(file: Path) -> Dialect:
+    """Return the dialect of a file; raises SettingsError with a line for each mistake."""
+    settings = load_settings(DialectSettings, file=file)
+    known = read_database(file.parent / settings.dbc, f"{file}: dbc")
+    mistakes = [
+        f"keep: {name} is no message of ours ({hint(name, MESSAGE_TYPES)})"
+        for name in settings.keep
+        if name not in MESSAGE_TYPES
+    ]
+    kept = {CAN_IDS[MESSAGE_TYPES[name]]: name for name in settings.keep if name in MESSAGE_TYPES}
+    messages: list[CarMessage] = []
+    for name, one in settings.messages.items():
+        where = f"messages.{name}"
+        message = known.get(name)
+        if message is None:
+            mistakes.append(f"{where}: {settings.dbc} has no such message ({hint(name, known)})")
+            continue
+        if message.frame_id in kept and not message.is_extended_frame:
+            own = kept[message.frame_id]
+            mistakes.append(
+                f"{where}: has the identifier {message.frame_id:#x} of {own}, which is kept"
+            )
+        found = _mistakes_in(message, one, where)
+        mistakes += found
+        if not found:
+            constants = {
+                key: raw_constant(message.get_signal_by_name(key), value)
+                for key, value in one.constants.items()
+            }
+            messages.append(CarMessage(message, one, constants))
+    dialect = Dialect(tuple(messages), frozenset(kept))
+    if not mistakes and Quantity.STEER not in dialect.carried:
+        mistakes.append("messages: no signal carries steer_rad, so that nobody can steer")
+    if mistakes:
+        raise SettingsError(*(f"{file}: {mistake}" for mistake in mistakes))
+    return dialect
+
+
+def read_database(file: Path, where: str) -> Mapping[str, Message]:
+    """Return the messages of a database by name; raises SettingsError."""
+    logging.getLogger("cantools").addHandler(logging.NullHandler())
+    try:
+        database = cantools.database.load_file(file, strict=False)
+    except OSError as error:
+        raise SettingsError(f"{where}: {file}: {error.strerror}") from error
+    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
+        raise SettingsError(f"{where}: {file}: {one_line(error)}") from error
+    if not isinstance(database, Database):
+        raise SettingsError(f"{where}: {file}: not a database of CAN messages")
+    return {message.name: message for message in database.messages}
+
+
+def _mistakes_in(message: Message, settings: MessageSettings, where: str) -> list[str]:
+    signals = {signal.name: signal for signal in message.signals}
+    rule = settings.checksum
+    named = {f"signals.{name}": name for name in settings.signals}
+    named |= {f"constants.{name}": name for name in settings.constants}
+    named |= {"counter": settings.counter} if settings.counter else {}
+    named |= {"checksum.signal": rule.signal} if rule else {}
+    mistakes = [
+        f"{where}.{key}: {message.name} has no signal {name} ({hint(name, signals)})"
+        for key, name in named.items()
+        if name not in signals
+    ]
+    for name, one in settings.signals.items():
+        if (one.carries in COMMANDS) != (settings.sender == CONTROLLER):
+            other = "controller" if one.carries in COMMANDS else "plant"
+            mistakes.append(f"{where}.signals.{name}: {one.carries} is sent by the {other}")
+        if not one.ratio:
+            mistakes.append(f"{where}.signals.{name}.ratio = 0 (allowed: any number but 0)")
+    for name, value in settings.constants.items():
+        if name in signals:
+            try:
+                raw_constant(signals[name], value)
+            except ValueError as error:
+                mistakes.append(f"{where}.constants.{name} = {value!r} ({error})")
+    return mistakes

@@ -1,0 +1,1 @@
+"""A car's dialect: a first file from a database, and what is missing in one."""
