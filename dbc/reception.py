@@ -2,8 +2,12 @@
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
 counter, newer than the newest accepted one (``dbc.codec.sequence``). Refused frames are counted by
-cause. Frames under the identifiers that the node itself sends are noticed: a node does not receive
-its own, so they come from a second sender.
+cause.
+
+**Own identifiers.** A node does not receive its own frames, so an intact one under an identifier
+that only it sends comes from somebody else, for certain, and its peer may follow that. So for
+PAUSE_NS it takes no message. A single such frame stops nobody. While more come, all is silent to
+the node, against which it has its fallback; what came of a forged measurement is not followed.
 """
 
 from collections import Counter
@@ -18,6 +22,7 @@ from .messages import (
     CYCLE_TIMES_MS,
     DATA_IDS,
     MESSAGE_TYPES,
+    Decoded,
     GroundTruth,
     LateralError,
     Message,
@@ -27,11 +32,13 @@ from .messages import (
     SteeringCommand,
     SteeringPlan,
     VehicleState,
+    decode,
     rejection_of,
     unpacking,
 )
 from .secoc.secured_frame import Refused, is_secured
 
+Cause = Rejection | SequenceResult | Refused
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _COMES_WITH: Mapping[type[Message], type[Message]] = {
     SteeringPlan: SteeringCommand,
@@ -43,6 +50,9 @@ _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
 _SECOND_SENDERS = tuple(SecondSender)
 NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
+PAUSE_NS = 50_000_000
+"""How long a node takes no message after a frame that only it sends [ns]; a single pause is too
+short to end its control."""
 
 
 def second_sender_line(reception: "Reception") -> str:
@@ -64,6 +74,8 @@ class Reception:
     ``sent_types``     what this node alone sends
 
     ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
+    ``sends``   whether the node sends its messages now. One that still waits for others to begin
+                does not pause: with its own frames it will contradict those that now are followed
     """
 
     def __init__(
@@ -82,10 +94,13 @@ class Reception:
             CAN_IDS[message_type]: (*unpacking(message_type), self._checks[CAN_IDS[message_type]])
             for message_type in message_types
         }
+        self._taken = self._received
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
         self._own_seen: set[int] = set()
         self._own_ns = -NEVER_NS
+        self._paused_until_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
+        self.sends = True
         self.accepted = 0
         self.refused = 0
 
@@ -131,9 +146,7 @@ class Reception:
             raise ValueError(f"{message_type.__name__} has no counter")
         return check
 
-    def take(
-        self, frame: Frame, now_ns: int = 0
-    ) -> Message | Rejection | SequenceResult | Refused | None:
+    def take(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
 
         Beside a second sender it may be the message of an earlier frame, which comes into use now.
@@ -141,9 +154,9 @@ class Reception:
         ``now_ns``  when it arrived
         """
         can_id, data, flags = frame
-        received = self._received.get(can_id)
+        received = self._taken.get(can_id)
         if received is None:
-            return self._notice_own(can_id, now_ns) if can_id in self._sent_ids else None
+            return self._take_other(frame, now_ns)
         length, wanted_flags, unpack, check = received
         if flags != wanted_flags or len(data) != length:
             return self._refuse_unread(frame)
@@ -175,11 +188,25 @@ class Reception:
                 return unpacked[0]
         return result
 
-    def _notice_own(self, can_id: int, now_ns: int) -> Rejection:
-        """Refuse a frame that only this node sends."""
-        self._own_seen.add(can_id)
+    def _take_other(self, frame: Frame, now_ns: int) -> Message | Cause | None:
+        """Take a frame that is not received here, or not in a pause."""
+        can_id = frame.can_id
+        if can_id in self._sent_ids:
+            self._notice_own(frame, now_ns)
+            return self._refuse(Rejection.OWN_IDENTIFIER)
+        if can_id not in self._received:
+            return None
+        if now_ns < self._paused_until_ns:
+            return self._refuse(Rejection.PAUSED)
+        self._taken = self._received
+        return self.take(frame, now_ns)
+
+    def _notice_own(self, frame: Frame, now_ns: int) -> None:
+        """Note a frame that only this node sends; an intact one begins a pause."""
+        self._own_seen.add(frame.can_id)
         self._own_ns = now_ns
-        return self._refuse(Rejection.OWN_IDENTIFIER)
+        if self.sends and isinstance(decode(frame), Decoded):
+            self._paused_until_ns, self._taken = now_ns + PAUSE_NS, {}
 
     def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
         """Refuse a frame that is not a valid message, for the cause found by ``rejection_of``."""

@@ -39,6 +39,7 @@ class Received:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.reception = Reception(RECEIVED, settings.counters, SENT)
+        self.reception.sends = False  # no command before the first measurement
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = settings.age_limits
         self._vehicle_limit_ns = self._limits.vehicle_state_ns

@@ -308,6 +308,7 @@ class ControllerNode:
         entered = self._supervisor.move_on(arrival_ns, now_ns, law_failed=law_failed)
         if entered is not None:
             self._figures.on_mode(entered)
+            self._received.reception.sends = True
         if entered is _ACTIVE:
             self._law.start(before, self._received.lateral_error_m)
 

@@ -47,6 +47,8 @@ class Rejection(StrEnum):
     """The sender has no value for a signal now."""
     OWN_IDENTIFIER = "own_identifier"
     """Under an identifier that only the receiver sends: there is a second one of it."""
+    PAUSED = "paused"
+    """Not looked at, because somebody else sends the receiver's own messages."""
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

@@ -18,10 +18,15 @@ cautious until CAUTION_NS after the last contradiction.
 
 **Caution.** A frame in sequence waits for WAIT_CYCLES of its sender, and is used when a further one
 comes in sequence. By then the true sender has sent its next frame. If that is no newer than a frame
-that waits, it contradicts it, and neither is used. So whoever forges a frame beside a sender whose
-frames arrive is not followed: at most he keeps these from being used, which is silence.
+that waits, it contradicts it, and neither is used.
+
+**Two streams.** ``resync_run`` frames of other counters within FOREIGN_NS, beside frames in
+sequence, are a second sender, and so is each further one during the caution. For QUIET_NS after it
+no frame is used, whoever came first. So whoever forges frames beside a sender whose frames arrive
+is not followed: at most he keeps these from being used, which is silence.
 """
 
+from collections import deque
 from enum import StrEnum
 from itertools import pairwise
 from typing import NamedTuple
@@ -40,6 +45,10 @@ GAP_NS_MAX = 100_000_000
 """The longest cycle of any message, for a receiver to which no gap is silence [ns]."""
 GAPS = 8
 """How many of them are measured; the longest counts."""
+FOREIGN_NS = 1_000_000_000
+"""In which frames of another stream are counted [ns]."""
+QUIET_NS = 100_000_000
+"""How long nobody is followed after a frame of a second sender [ns]."""
 
 
 class SequenceResult(StrEnum):
@@ -104,6 +113,7 @@ class _Caution:
 
     ``wait_ns``   for how long [ns]
     ``until_ns``  end of the caution [ns]
+    ``quiet_until_ns``  until when no frame is used; 0 before a second stream [ns]
     ``came``      the first content of each counter beyond that of the frame in use
     """
 
@@ -111,6 +121,7 @@ class _Caution:
         self.wait_ns, self.until_ns = wait_ns, until_ns
         self._came = came
         self._waiting: list[_Frame] = []
+        self.quiet_until_ns = 0
 
     def take(self, counter: int, frame: _Frame) -> SequenceResult | _Frame:
         """Let a frame wait; return the one that it confirms, which then is in use, or why none."""
@@ -123,6 +134,8 @@ class _Caution:
             self._waiting = older
             return _CONTRADICTED
         ripe = [one for one in older if one.arrived_ns <= frame.arrived_ns - self.wait_ns]
+        if frame.arrived_ns < self.quiet_until_ns:
+            ripe = []
         self._waiting = [*older[len(ripe) :], frame]
         if not ripe:
             return SequenceResult.WAITING
@@ -155,10 +168,11 @@ class SequenceCheck:
         self._next = _NONE
         self._contents: list[object] = []
         self._arrivals_ns = [0] * COUNTERS
-        self._wrapped_ns = self._wrapped_at = 0
-        self._last_refused = self._last_late = self._last_foreign = _NONE
+        self._wrapped_ns = self._wrapped_at = self._wrapped_lost = 0
+        self._last_refused = self._last_late = _NONE
         self._run = self._run_since_ns = self._late_run = 0
-        self._foreign_run = self._foreign_since_ns = 0
+        self._foreign_ns: deque[int] = deque(maxlen=rule.resync_run)
+        self._waited_ns = 0
         self._last_content: object = None
         self._caution: _Caution | None = None
         self._is_alone = True
@@ -207,6 +221,7 @@ class SequenceCheck:
         """Take the first frame of a stream of counters."""
         self._contents = [None] * COUNTERS
         self._wrapped_ns, self._wrapped_at, self._run = now_ns, counter, 0
+        self._wrapped_lost = self.lost
         if self._caution is not None:  # the frame is to wait, and none is in use
             self.counter = (counter - 1) % COUNTERS
             self._arrivals_ns[self.counter] = now_ns
@@ -224,6 +239,7 @@ class SequenceCheck:
             return self._restarted(counter, frame) or self._doubt(frame.arrived_ns)
         if taken is not SequenceResult.REPEATED:
             self._run, self._is_alone = 0, False
+            self._waited_ns = frame.arrived_ns
         if isinstance(taken, _Frame):
             self._use(taken, frame.arrived_ns)
             return SequenceResult.CONFIRMED
@@ -237,11 +253,14 @@ class SequenceCheck:
             self._contents[skipped % COUNTERS] = _SKIPPED
         self.lost += frame.forward - 1
         if counter < before:
-            if self._caution is None:  # one that goes back may pass the wrap twice
-                passed = COUNTERS - self._wrapped_at + counter
+            passed = COUNTERS - self._wrapped_at + counter
+            is_most = self.lost - self._wrapped_lost <= passed // 2
+            # Leaps measure nothing, and one that goes back may pass the wrap twice.
+            if self._caution is None and is_most:
                 measured_ns = (arrived_ns - self._wrapped_ns) // passed
                 self._period_ns = min(max(measured_ns, PERIOD_NS_MIN), self._period_ns_max)
             self._wrapped_ns, self._wrapped_at = arrived_ns, counter
+            self._wrapped_lost = self.lost
         self._contents[counter], self._arrivals_ns[counter] = frame.content, arrived_ns
         self.counter, self.arrival_ns = counter, now_ns
 
@@ -251,10 +270,15 @@ class SequenceCheck:
         if restarted is not None:
             return restarted
         now_ns = frame.arrived_ns
-        if 0 < frame.forward < HALF:
-            self._note_foreign(counter, now_ns)
-            return SequenceResult.TOO_FAR
+        is_ahead = 0 < frame.forward < HALF
         known = self._contents[counter]
+        late_ns = -frame.forward % COUNTERS * self._period_ns
+        is_explained = known in (_SKIPPED, None) and late_ns <= self._rule.lead_ns
+        is_other = is_ahead or not (is_explained or known == frame.content)
+        if is_other and (self._is_second(now_ns) or self._had_second()):
+            return self._doubt_all(now_ns)
+        if is_ahead:
+            return SequenceResult.TOO_FAR
         if known is _SKIPPED:
             is_next = counter == (self._last_late + 1) % COUNTERS
             self._late_run = self._late_run + 1 if is_next else 1
@@ -291,6 +315,8 @@ class SequenceCheck:
         caution, until_ns = self._caution, now_ns + CAUTION_NS
         if caution is not None:
             caution.until_ns = until_ns
+            if now_ns < caution.quiet_until_ns:
+                caution.quiet_until_ns = now_ns + QUIET_NS
             if not self._is_alone:
                 self._note_second(caution, now_ns)
             self._is_alone = True
@@ -308,6 +334,18 @@ class SequenceCheck:
             return _CONTRADICTED
         self.counter, self.arrival_ns = last, now_ns
         return SequenceResult.TAKEN_BACK
+
+    def _had_second(self) -> bool:
+        """Whether another stream beside this one has caused the caution."""
+        return self._caution is not None and self._caution.quiet_until_ns > 0
+
+    def _doubt_all(self, now_ns: int) -> SequenceResult:
+        """Use no frame that waits, since those of another stream come beside them."""
+        result = self._doubt(now_ns)
+        if self._caution is not None:
+            self._caution.quiet_until_ns = now_ns + QUIET_NS
+            self._note_second(self._caution, now_ns)
+        return result
 
     def _note_second(self, caution: _Caution, now_ns: int) -> None:
         """Note a frame of a second sender; caution lasts from it on."""
@@ -328,13 +366,13 @@ class SequenceCheck:
         arrivals_ns = [self._arrivals_ns[one] for one in counters]
         return max((a - b for a, b in pairwise(arrivals_ns)), default=0)
 
-    def _note_foreign(self, counter: int, now_ns: int) -> None:
-        """Look for a second sender in a frame that is too far ahead, as one that restarted is."""
-        if counter != (self._last_foreign + 1) % COUNTERS or not self._foreign_run:
-            self._foreign_run, self._foreign_since_ns = 0, now_ns
-        self._foreign_run += 1
-        self._last_foreign = counter
-        # Without a frame in use in between it is the only sender, started anew.
-        is_second = (self.arrival_ns or 0) > self._foreign_since_ns
-        if self._foreign_run >= self._rule.resync_run and is_second:
-            self.second_sender_ns = now_ns
+    def _is_second(self, now_ns: int) -> bool:
+        """Whether a frame of another stream is one of many, beside frames in sequence.
+
+        Without these it is of the only sender, which has started anew.
+        """
+        self._foreign_ns.append(now_ns)
+        since_ns = self._foreign_ns[0]
+        in_sequence_ns = max(self._arrivals_ns[self.counter], self._waited_ns)
+        is_many = len(self._foreign_ns) == self._foreign_ns.maxlen
+        return is_many and now_ns - since_ns <= FOREIGN_NS and in_sequence_ns > since_ns

@@ -76,3 +76,39 @@ def hear(
     if since_ns is not None:
         forged_ns.append((since_ns, last_ns))
     return Heard(events, forged_ns, check)
+
+
+class Absence(NamedTuple):
+    """When the true sender is silent, in its periods, and by how much its counters then leap."""
+
+    since: int
+    until: int
+    leap: int
+
+
+def followed_after(
+    rule: SequenceRule,
+    shots: Sequence[Sequence[Shot]],
+    absence: Absence,
+    *,
+    first: int = 0,
+    frames: int = 500,
+) -> int:
+    """Return how many forged frames come into use after the absence of the true sender.
+
+    The intruder begins with the receiver, and takes no notice of whether the true sender is there.
+    """
+    sent = []
+    for number in range(frames):
+        if not absence.since <= number < absence.until:
+            leap = absence.leap if number >= absence.until else 0
+            sent.append((number * PERIOD_NS, -1, number + leap, False))
+        for order, (after_ns, ahead) in enumerate(shots[number % len(shots)]):
+            sent.append((number * PERIOD_NS + after_ns, order, number + ahead, True))
+    check, back_ns, followed = SequenceCheck(rule, PERIOD_NS), absence.until * PERIOD_NS, 0
+    for time_ns, _, number, is_forged in sorted(sent):
+        result = check.check((first + number) % 256, time_ns, (is_forged, number))
+        if result in CHANGING and time_ns >= back_ns:
+            assert isinstance(check.content, tuple)
+            followed += check.content[0]
+    return followed

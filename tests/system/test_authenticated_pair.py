@@ -246,9 +246,10 @@ def spoofed() -> list[Frame]:
 
 
 def test_spoofed_commands_disturb_a_classic_plant(classic: Pair) -> None:
-    """What authentication is for: without a key, true commands are contradicted and come late."""
+    """What authentication is for: without a key nobody is followed beside an intruder."""
     report = Pair(None, None, others=[intruder(spoofed())]).plant.report()
     assert report["rejected"]["contradicted"] > 100
+    assert report["accepted"] < 200
     assert report["lateral_error_peak_m"] > 2.0 * classic.plant.report()["lateral_error_peak_m"]
 
 

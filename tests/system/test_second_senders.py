@@ -15,6 +15,7 @@ from steer_by_wire.dbc.messages import (
     LateralError,
     Message,
     Mode,
+    MotionRequest,
     PlantStatus,
     SecondSender,
     SteeringCommand,
@@ -94,11 +95,10 @@ def hear(warm: Reception, kind: type[Message], offset: int) -> Foreign:
 
 
 @pytest.mark.parametrize(
-    ("kind", "rule", "ahead", "behind"),
-    [(SteeringCommand, COMMANDS, 5, 12), (LateralError, MEASUREMENTS, 31, 38)],
+    ("kind", "rule", "ahead"), [(SteeringCommand, COMMANDS, 5), (LateralError, MEASUREMENTS, 31)]
 )
-def test_of_all_offsets_a_few_are_followed_and_each_for_a_short_time(
-    kind: type[Message], rule: SequenceRule, ahead: int, behind: int
+def test_of_all_offsets_a_few_are_followed_for_a_short_time_and_then_nobody(
+    kind: type[Message], rule: SequenceRule, ahead: int
 ) -> None:
     warm = Reception((kind,), rule)
     for number in range(WARM_UP):
@@ -115,8 +115,7 @@ def test_of_all_offsets_a_few_are_followed_and_each_for_a_short_time(
     for offset, one in heard.items():
         assert one.noticed is SecondSender.PEER, offset
         assert one.accepted_after >= 30, offset
-        if not -behind <= offset <= 2 * ahead + 20:  # the true sender is followed all the time
-            assert one.unused_true <= 2, offset
+        assert one.unused_true >= ATTACK - 6, offset
 
 
 def test_a_network_that_doubles_or_delays_frames_is_no_second_sender() -> None:
@@ -177,10 +176,20 @@ def alone() -> Run:
 
 
 @cache
-def silent(*, is_measured: bool) -> Run:
-    """A run without a message for as long as an attack lasts."""
-    kind = LateralError if is_measured else SteeringCommand
-    return drive(PLANT, CONTROLLER, Attack(kind, 0.0, ONSET_NS, ATTACK_NS))
+def silence_m() -> float:
+    """What the worse silence of a message costs, for as long as an attack lasts."""
+    attacks = (Attack(kind, 0.0, ONSET_NS, ATTACK_NS) for kind in (LateralError, SteeringCommand))
+    return max(drive(PLANT, CONTROLLER, attack).peak_m for attack in attacks)
+
+
+def requests(run: Run) -> list[tuple[int, MotionRequest]]:
+    """What the controller asked of the vehicle's drive, and when."""
+    decoded = [(time_ns, decode(frame)) for time_ns, frame in run.frames]
+    return [
+        (time_ns, one.message.motion_request)
+        for time_ns, one in decoded
+        if isinstance(one, Decoded) and isinstance(one.message, ControllerSafety)
+    ]
 
 
 def notices(run: Run, kind: type[PlantStatus | ControllerSafety]) -> list[tuple[int, SecondSender]]:
@@ -214,32 +223,28 @@ def beside(kind: type[Message], ahead: int) -> Run:
 
 @pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 3, 5, 6, 18, 60, 100])
 def test_no_foreign_stream_of_commands_moves_the_vehicle_further_than_silence_does(
-    alone: Run, ahead: int
+    ahead: int,
 ) -> None:
     run = beside(SteeringCommand, ahead)
     check_notices(run, "controller", OWN, PEER)
     assert run.plant["second_senders"] == ["STEERING_COMMAND"]
-    if -3 <= ahead <= 5:
-        assert run.plant["safety"]["holdings"] == 1
-        assert run.peak_m < silent(is_measured=False).peak_m + 0.1
-    else:  # a contradiction makes the plant cautious, so that the commands act 20 ms later
-        assert run.plant["safety"]["holdings"] == 0
-        assert run.peak_m <= alone.peak_m + (0.002 if ahead < 0 else 0.0)
+    assert run.plant["safety"]["holdings"] >= 1
+    assert run.peak_m < silence_m() + 0.1
+    # The true sender asks the vehicle to stop while it lasts, and no longer.
+    assert MotionRequest.STOP not in {one for _, one in requests(run)[-20:]}
+    stops_ns = [at_ns for at_ns, one in requests(run) if one is MotionRequest.STOP]
+    assert ONSET_NS < stops_ns[0] < ONSET_NS + NS_PER_S
 
 
 @pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 15, 31, 32, 100])
 def test_no_foreign_stream_of_measurements_moves_the_vehicle_further_than_silence_does(
-    alone: Run, ahead: int
+    ahead: int,
 ) -> None:
     run = beside(LateralError, ahead)
     check_notices(run, "plant", OWN, PEER)
     assert run.controller["second_senders"] == ["LATERAL_ERROR"]
-    if -3 <= ahead <= 31:
-        assert run.controller["holds"] == 1
-        assert run.peak_m < silent(is_measured=True).peak_m + 0.1
-    else:
-        assert run.controller["holds"] == 0
-        assert run.peak_m <= alone.peak_m + (0.02 if ahead < 0 else 0.0)
+    assert run.plant["safety"]["holdings"] >= 1
+    assert run.peak_m < silence_m() + 0.1
 
 
 BURST = [Shot(SOON_NS, 1 + step) for step in range(16)]
@@ -266,7 +271,7 @@ def test_no_choice_of_counters_costs_more_than_silence_of_the_same_length(
     value = sign * (0.2 if kind is LateralError else 0.6)
     attack = Attack(kind, value, ONSET_NS, ATTACK_NS, shots, repeats)
     run = drive(PLANT, CONTROLLER, attack)
-    assert run.peak_m < silent(is_measured=kind is LateralError).peak_m + 0.1
+    assert run.peak_m < silence_m() + 0.1
     assert run.plant["safety"]["safe_state"] is None
 
 
@@ -278,7 +283,7 @@ def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: i
     run = drive(PLANT, CONTROLLER, Attack(kind, value, ONSET_NS, ATTACK_NS, shots, repeats=False))
     assert run.controller["holds"] == run.plant["safety"]["holdings"] == 0
     assert run.peak_m < alone.peak_m + 0.05
-    told = [
-        one for _, one in notices(run, PlantStatus if kind is LateralError else ControllerSafety)
-    ]
-    assert 9 <= told.count(OWN) <= 11  # for a second
+    told = notices(run, PlantStatus if kind is LateralError else ControllerSafety)
+    own_ns = [at_ns for at_ns, one in told if one is OWN]
+    assert len(own_ns) >= 9
+    assert own_ns[-1] - ONSET_NS <= 1.1 * NS_PER_S

@@ -69,13 +69,6 @@ class Unheard:
         return [frame for frame in frames if frame.can_id != CAN_IDS[SteeringCommand]]
 
 
-class Second(Unheard):
-    """A controller that starts beside another; the plant hears both."""
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        return self.node.on_tick(now_ns)
-
-
 def node(start_s: float = 0.0) -> ControllerNode:
     return ControllerNode(SETTINGS, round(start_s * NS_PER_S))
 
@@ -111,15 +104,22 @@ def test_time_in_which_it_was_stopped_is_no_time_in_which_the_law_steered() -> N
 
 
 def test_commands_that_never_took_effect_are_a_failure(capsys: pytest.CaptureFixture[str]) -> None:
-    first, second = node(), node(2.0)
-    driven(first, Second(second))
-    assert ending(first)[0].startswith("in control")
-    text, status = ending(second)
-    sent = second.report()["commands_sent"]
-    assert sent > 250
+    controller = node()
+    driven(Unheard(controller))
+    text, status = ending(controller)
+    sent = controller.report()["commands_sent"]
+    assert sent > 450
     assert text == f"no effect: none of its {sent} commands took effect, by the plant's echoes"
     assert status is ExitStatus.CONDITION
     assert "failed: verdict == no effect" in capsys.readouterr().err
+
+
+def test_of_two_controllers_on_one_bus_neither_steers() -> None:
+    first, second = node(), node(2.0)
+    driven(first, second)
+    for controller in (first, second):
+        assert ending(controller)[0].startswith("safe stop at the end")
+        assert controller.report()["second_senders"]
 
 
 def test_commands_that_no_longer_take_effect_are_a_failure() -> None:

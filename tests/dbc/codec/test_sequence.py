@@ -18,7 +18,14 @@ from steer_by_wire.dbc.codec.sequence import (
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.counter_rules import checking
-from tests.support.forged_counters import ALONE, PERIOD_NS, Shot, hear
+from tests.support.forged_counters import (
+    ALONE,
+    PERIOD_NS,
+    Absence,
+    Shot,
+    followed_after,
+    hear,
+)
 
 ACCEPTED = SequenceResult.ACCEPTED
 COMMANDS = PlantSettings().counters
@@ -203,6 +210,68 @@ def test_a_search_finds_no_strategy_that_is_followed(
     rule: SequenceRule, shots: list[list[Shot]], repeats: bool, first: int
 ) -> None:
     check_forged(rule, shots, first, repeats=repeats)
+
+
+TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
+    "far behind after an outage": ([[Shot(14_527_990, -124)]], Absence(150, 188, 0), 161),
+    "far behind after a restart": ([[Shot(SOON, -104)]], Absence(150, 258, 184), 172),
+    "beside it after a restart": ([[Shot(9_900_000, 3)]], Absence(150, 240, 18), 251),
+    "just ahead of it after a restart": (
+        [[Shot(9_900_000, 5)]],
+        Absence(150, 169, 210),
+        248,
+    ),
+    "sparse, behind a true sender that is too far ahead": (
+        [[], [], [], [], [Shot(10_000, 1), Shot(0, -5)], *[[]] * 6, [Shot(10_000, 1)]],
+        Absence(0, 20, 2),
+        0,
+    ),
+    "one lost frame": ([[Shot(5_000_000, 24)]], Absence(150, 151, 0), 128),
+    "before the true sender begins": ([[Shot(SOON, -1)]], Absence(0, 21, 77), 79),
+    "a stream that others interrupt": (
+        [[Shot(9_900_000, 99), Shot(5_000_000, 16), Shot(9_900_000, 3)]],
+        Absence(150, 184, 0),
+        234,
+    ),
+    "leaps that shorten the measured period": (
+        [
+            [],
+            [Shot(25_115_020, 31), Shot(28_999_100, 60), Shot(SOON, 5)],
+            [Shot(5_000_000, -3), Shot(10_000, -122)],
+            [],
+            [Shot(9_900_000, -3)],
+        ],
+        Absence(150, 169, 0),
+        224,
+    ),
+}
+"""Strategies that were followed for ever by earlier rules, found by the search."""
+ABSENCES = st.one_of(
+    st.builds(Absence, st.just(0), st.integers(20, 200), st.integers(0, 255)),
+    st.builds(Absence, st.just(150), st.integers(151, 300), st.integers(0, 255) | st.just(0)),
+)
+
+
+def followed_max(rule: SequenceRule) -> int:
+    """Once, until what a late frame explains has passed and a run contradicts it."""
+    return 1 + rule.lead_ns // PERIOD_NS + rule.resync_run
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+@pytest.mark.parametrize(("shots", "absence", "first"), TAKEN_OVER.values(), ids=TAKEN_OVER)
+def test_who_took_over_from_an_absent_sender_is_not_followed_beside_it(
+    rule: SequenceRule, shots: list[list[Shot]], absence: Absence, first: int
+) -> None:
+    assert followed_after(rule, shots, absence, first=first) <= followed_max(rule)
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+@given(shots=STRATEGIES, absence=ABSENCES, first=st.integers(0, 255))
+@settings(deadline=None, max_examples=150)
+def test_a_search_finds_nobody_who_takes_over_for_longer_than_the_absence(
+    rule: SequenceRule, shots: list[list[Shot]], absence: Absence, first: int
+) -> None:
+    assert followed_after(rule, shots, absence, first=first) <= followed_max(rule)
 
 
 @pytest.mark.parametrize(("wait_cycles", "is_followed"), [(0.0, True), (0.5, True), (1.5, False)])

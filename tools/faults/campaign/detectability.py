@@ -74,7 +74,7 @@ class Mechanism(StrEnum):
 _COUNTS: Mapping[Mechanism, str] = MappingProxyType(
     {
         Mechanism.E2E: "bad_crc masqueraded wrong_length wrong_format repeated out_of_order "
-        "too_far contradicted taken_back own_identifier lost",
+        "too_far contradicted taken_back own_identifier paused lost",
         Mechanism.RANGE: "out_of_range not_available",
         Mechanism.FRESHNESS: "silence stale",
         Mechanism.LIMITER: "intervention",
