@@ -14,13 +14,7 @@ import pytest
 from benchmarks.__main__ import main
 from benchmarks.bus import benchmark
 from benchmarks.bus.allocations import TickMemory, tick_memory
-from benchmarks.bus.lines import (
-    answer_lines,
-    memory_lines,
-    parts,
-    skipped_lines,
-    tick_lines,
-)
+from benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
 from benchmarks.bus.processes import (
     PRIORITY_MIN,
     CompileError,

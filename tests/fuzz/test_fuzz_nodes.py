@@ -12,12 +12,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
-from tests.fuzz.node_targets import (
-    CONTROLLERS,
-    PLANTS,
-    controller_settings,
-    plant_settings,
-)
+from tests.fuzz.node_targets import CONTROLLERS, PLANTS, controller_settings, plant_settings
 from tests.fuzz.traffic import BrokenPromiseError, Choices, Sender, promise
 
 PERIOD_NS = 10 * NS_PER_MS

@@ -12,8 +12,7 @@ from steer_by_wire.tools.cockpit.sampler import Sampler
 
 NS = 1_000_000_000
 PLANT = PlantSettings(
-    duration_s=12.0,
-    latency=BothLatencySettings(downlink=LatencySettings(mean_s=0.08)),
+    duration_s=12.0, latency=BothLatencySettings(downlink=LatencySettings(mean_s=0.08))
 )
 
 

@@ -21,29 +21,19 @@ PAGES = {
     if not {*path.parts} & {*MADE, "CHANGELOG.md"}
 }
 """The text of each page, by its place."""
-PROGRAMS = {
-    "with-vcan": ("with-vcan",),
-    "tools/with_vcan": ("with-vcan",),
-    "steer-by-wire": (),
-}
+PROGRAMS = {"with-vcan": ("with-vcan",), "tools/with_vcan": ("with-vcan",), "steer-by-wire": ()}
 """The first word of a command of ours, and what stands for it behind ``steer-by-wire``."""
 SHOWN_ONLY = ("text", "ini", "toml", "yaml")
 LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
-    (
-        r"^(bus|cockpit|monitor|doctor --measure) ?|^study .*--live",
-        "goes on in real time",
-    ),
+    (r"^(bus|cockpit|monitor|doctor --measure) ?|^study .*--live", "goes on in real time"),
     (
         r"^faults inject (?!--list)|FOLDER|out/gains|out/study|--controller-command",
         "needs something of the reader's",
     ),
-    (
-        r"^(demo|design|faults(?! inject)|paper|study(?! --list))",
-        "takes minutes",
-    ),
+    (r"^(demo|design|faults(?! inject)|paper|study(?! --list))", "takes minutes"),
 )
 """Patterns of commands that are not run, and why; the first that matches counts."""
 FURTHER = re.compile(r"[|&;>()]+|2>")

@@ -153,9 +153,7 @@ def test_a_pair_that_has_met_drives_the_same_run_bit_for_bit(
     assert all(len(heard.frame.data) in (20, 48) for heard in authenticated.heard)
 
 
-def test_a_pair_that_has_not_met_needs_three_status_messages_and_then_drives(
-    classic: Pair,
-) -> None:
+def test_a_pair_that_has_not_met_needs_three_status_messages_and_then_drives(classic: Pair) -> None:
     """Before, the controller does not believe the measurements, and so does not command."""
     pair = Pair(*ends())
     commands = [heard for heard in pair.heard if heard.frame.can_id == CAN_IDS[SteeringCommand]]

@@ -120,7 +120,7 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
     assert any(AUTHENTICATED in line for line in plant.printed)
     assert any(f"refused by authentication: forged {forged}" in line for line in plant.printed)
     assert set(second.report()["node"]["authentication"]["refused"]) <= {
-        *("unsynchronised", "forged", "replayed", "unauthenticated"),
+        *("unsynchronised", "forged", "replayed", "unauthenticated")
     }
     everything = text_of([*reports, tmp_path / "run.log"], [plant, first, second])
     assert key.lower() not in text_of(reports, [])  # not even where it is

@@ -21,12 +21,7 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ("ruff", "format", "--check", "."),
-        ("ruff", "check", "."),
-        ("codespell_lib",),
-        ("mypy",),
-    ],
+    [("ruff", "format", "--check", "."), ("ruff", "check", "."), ("codespell_lib",), ("mypy",)],
     ids=" ".join,
 )
 def test_the_tree_passes(command: tuple[str, ...]) -> None:

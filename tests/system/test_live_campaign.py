@@ -272,10 +272,7 @@ def test_the_table_and_the_record_hold_every_run() -> None:
     (table,) = live_section([outcome, outcome]).tables
     assert {len(row) for row in table.rows} == {len(table.headings)}
     finding = live_finding([outcome, outcome._replace(mistakes=[])])
-    assert (finding.holds, finding.figure) == (
-        False,
-        "1 of 2 runs; first: plant killed: something",
-    )
+    assert (finding.holds, finding.figure) == (False, "1 of 2 runs; first: plant killed: something")
     assert live_finding([outcome._replace(mistakes=[])]).holds
     record = record_of(outcome)
     assert record["reactions"][CONTROLLER] == {"noticed_s": 0.137, "reported_s": 0.138}

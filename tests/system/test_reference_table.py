@@ -101,10 +101,7 @@ class Cell(NamedTuple):
     rms_m: float
 
 
-LIMIT_CYCLES = (
-    Cell(REFERENCE[0], (0.08, 0.03), 0.090),
-    Cell(REFERENCE[6], (0.16, 0.0), 0.088),
-)
+LIMIT_CYCLES = (Cell(REFERENCE[0], (0.08, 0.03), 0.090), Cell(REFERENCE[6], (0.16, 0.0), 0.088))
 """Left out above: their RMS is as small as that of a stable cell, but the steer goes from limit to
 limit. What a limit cycle's RMS is depends on much; here it is 0.086 to 0.106 m, by the seed, and
 0.079 m. The second one's sampled loop, linear, has its largest eigenvalue at |z| = 1.0073 (7 km/h,

@@ -210,10 +210,7 @@ def numbers(value: Any) -> list[float]:
 
 @pytest.mark.parametrize(
     ("vehicle", "steer_rad"),
-    [
-        (OVERSTEER, 0.1),
-        ({"speed_m_s": 250 / 3.6, "rear_cornering_stiffness_n_rad": 50_000}, 0.1),
-    ],
+    [(OVERSTEER, 0.1), ({"speed_m_s": 250 / 3.6, "rear_cornering_stiffness_n_rad": 50_000}, 0.1)],
     ids=["fastest", "oversteering"],
 )
 def test_a_vehicle_that_spins_without_bound_ends_safely_before_it_is_no_number(

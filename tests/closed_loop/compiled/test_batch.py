@@ -20,11 +20,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import preset_names
-from tests.support.compiled_runs import (
-    NETWORKS,
-    assert_same_as_nodes,
-    plant_settings,
-)
+from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes, plant_settings
 
 LOOKING_BACK = (
     ("practical_predictor",),

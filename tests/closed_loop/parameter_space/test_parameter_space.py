@@ -11,9 +11,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
-from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
-    Window,
-)
+from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
 from steer_by_wire.closed_loop.parameter_space.gain_regions import (
     GainRegion,

@@ -57,10 +57,9 @@ def test_what_candump_prints_gives_the_same_figures(varying: Run, tmp_path: Path
     lines = []
     before_ns = entries[0].time_ns
     for entry in entries:
-        time_ns = {
-            "-ta": START_NS + entry.time_ns,
-            "-tz": entry.time_ns - entries[0].time_ns,
-        }.get(way, entry.time_ns - before_ns)
+        time_ns = {"-ta": START_NS + entry.time_ns, "-tz": entry.time_ns - entries[0].time_ns}.get(
+            way, entry.time_ns - before_ns
+        )
         before_ns = entry.time_ns
         marks = "RX - -  " if "-x" in way else ""
         lines.append(plain(entry, f" ({seconds(time_ns)})", marks))

@@ -119,10 +119,7 @@ WRONG: Mapping[str, tuple[Callable[[], Change], str]] = {
     "silent": (lambda: sends(lambda _number: False), NEVER),
     "damaged CRC": (lambda: damages, NEVER),
     "silent from 3 s on": (lambda: sends(lambda n: n < 300), "the plant fell back: for "),
-    "silent for a second": (
-        lambda: sends(lambda n: n % 500 < 400),
-        "the plant fell back: for ",
-    ),
+    "silent for a second": (lambda: sends(lambda n: n % 500 < 400), "the plant fell back: for "),
     "the same counter": (lambda: repeats, "the plant fell back: for "),
     "wrong sign": (lambda: steers(lambda _n, rad: -rad), "verdict: "),
     "always straight": (lambda: steers(lambda _n, _rad: 0.0), "verdict: "),

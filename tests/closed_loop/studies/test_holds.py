@@ -35,11 +35,7 @@ def test_off_the_path_is_beyond_a_limit_in_the_last_window(sign: float) -> None:
     assert verdict(figures(np.full(6001, sign * 0.249))) is Verdict.HOLDS
     assert verdict(figures(np.full(6001, sign * 0.251))) is Verdict.OFF_PATH
     # Once is enough; before the last window it has left the path, unless it has not settled yet.
-    for at, expected in (
-        (400, Verdict.HOLDS),
-        (4400, Verdict.LEFT_PATH),
-        (4600, Verdict.OFF_PATH),
-    ):
+    for at, expected in ((400, Verdict.HOLDS), (4400, Verdict.LEFT_PATH), (4600, Verdict.OFF_PATH)):
         error_m = np.zeros(6001)
         error_m[at] = sign * 0.26
         assert verdict(figures(error_m)) is expected

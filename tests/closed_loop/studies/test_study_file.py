@@ -148,8 +148,7 @@ def test_the_corners_are_those_of_the_presets(tmp_path: Path) -> None:
 
 def test_the_box_lies_between_the_corners(tmp_path: Path) -> None:
     made = scenarios(
-        tmp_path,
-        '[[factors]]\nuse = "paper_box"\n[sampling]\nkind = "sobol"\ncount = 64\n',
+        tmp_path, '[[factors]]\nuse = "paper_box"\n[sampling]\nkind = "sobol"\ncount = 64\n'
     )
     points = np.array([made.case(index).labels for index in range(64)], dtype=np.float64)
     points *= (3.6, 1.0)  # to km/h

@@ -7,12 +7,7 @@ import pytest
 from scipy.stats import gamma
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.controller.analysis.arrivals import (
-    Arrivals,
-    arrivals,
-    constant_cdf,
-    gamma_cdf,
-)
+from steer_by_wire.controller.analysis.arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf
 from steer_by_wire.controller.analysis.jitter import (
     JitterTooLargeError,
     mean_square_decay_1_s,
@@ -24,9 +19,7 @@ from steer_by_wire.controller.filters.transfer_function import Factor, TransferF
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.network.latency_distributions import (
-    gamma_quantile,
-)
+from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.wide_stretches import MODEL, PLANT

@@ -11,10 +11,7 @@ from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_in_json
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
-from steer_by_wire.controller.analysis.periodic_loop import (
-    PeriodicLoop,
-    Responses,
-)
+from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, Responses
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
@@ -38,12 +35,7 @@ def loop_of(
 ) -> PeriodicLoop:
     settings, loop_model = controller(*overrides), LoopModel(vehicle, lag_s, uplink_ns)
     responses = responses_of(overrides)
-    return PeriodicLoop(
-        design_law(settings),
-        settings.loop_delay,
-        loop_model,
-        responses=responses,
-    )
+    return PeriodicLoop(design_law(settings), settings.loop_delay, loop_model, responses=responses)
 
 
 @cache
@@ -136,11 +128,7 @@ def test_periods_of_their_own_are_one_period_together(
 def test_periods_without_a_common_multiple_are_refused() -> None:
     settings = controller(*PREDICTOR, "rate_hz=99")
     with pytest.raises(ValueError, match="no common multiple"):
-        PeriodicLoop(
-            design_law(settings),
-            settings.loop_delay,
-            LoopModel(paper_box().nominal),
-        )
+        PeriodicLoop(design_law(settings), settings.loop_delay, LoopModel(paper_box().nominal))
 
 
 def test_a_loop_that_grows_has_no_noise_gain() -> None:

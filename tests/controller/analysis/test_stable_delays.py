@@ -72,9 +72,7 @@ def test_a_stable_stretch_shorter_than_the_scan_is_found_where_it_is_by_hand() -
 
 
 @pytest.mark.parametrize("whole_periods", [1, 2, 5, 20])
-def test_the_delay_an_integrator_tolerates_is_that_of_its_polynomial(
-    whole_periods: int,
-) -> None:
+def test_the_delay_an_integrator_tolerates_is_that_of_its_polynomial(whole_periods: int) -> None:
     """z^(n+1) - z^n + g has its zeros inside the unit circle for g < 2 sin(π/(4n + 2))."""
     gain = 2.0 * math.sin(math.pi / (4 * whole_periods + 2))
     stable = stable_delays(proportional_loop(100.0 * gain))

@@ -6,11 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.filters.nominal_model import (
-    NominalVehicle,
-    paper_eq19,
-    vehicle_model,
-)
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 
 PAPER = NominalVehicle(2000.0, 3728.0, 190e3, 500e3, 1.3008, 1.5453, 2.0, 5.0 / 3.6)

@@ -75,10 +75,7 @@ def test_the_smith_preset_is_stable_as_far_as_its_file_states() -> None:
     ends = []
     for each in "abcd":
         vehicle = corner(each, 0).vehicle
-        values = {
-            "speed_m_s": vehicle.speed_m_s,
-            "virtual_mass_kg": vehicle.virtual_mass_kg,
-        }
+        values = {"speed_m_s": vehicle.speed_m_s, "virtual_mass_kg": vehicle.virtual_mass_kg}
         model = vehicle_of(settings).model_copy(update=values).model
         ((first_ns, last_ns),) = stable_delays(SampledLoop(design_law(settings), model, PERIOD_NS))
         assert first_ns == 0

@@ -54,9 +54,7 @@ def is_echo(frame: Frame, _now_ns: int = 0) -> bool:
 
 
 @pytest.mark.parametrize("law", [name for name, law in LAWS.items() if law.takes_derivative])
-def test_without_echoes_the_derivative_is_the_filtered_difference_to_the_last_bit(
-    law: str,
-) -> None:
+def test_without_echoes_the_derivative_is_the_filtered_difference_to_the_last_bit(law: str) -> None:
     settings = controller(f"law={law}", KALMAN)
     filtered = controller(f"law={law}")
     np.testing.assert_array_equal(

@@ -16,12 +16,7 @@ from steer_by_wire.controller.history.plan import (
 )
 from steer_by_wire.controller.limits.steer_limits import SteerLimits
 from steer_by_wire.controller.settings import ControllerSettings, on_bus
-from steer_by_wire.dbc.messages import (
-    Decoded,
-    SteeringCommand,
-    SteeringPlan,
-    decode,
-)
+from steer_by_wire.dbc.messages import Decoded, SteeringCommand, SteeringPlan, decode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor

@@ -17,9 +17,7 @@ K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0
 
 def pid() -> LawDesign:
     pd = PdSettings(
-        proportional_gain_rad_m=K_P,
-        derivative_gain_rad_s_m=K_D,
-        derivative_filter_rad_s=N_RAD_S,
+        proportional_gain_rad_m=K_P, derivative_gain_rad_s_m=K_D, derivative_filter_rad_s=N_RAD_S
     )
     tables = {"law": "pid", "pd": pd, "pid": PidSettings(integral_gain_rad_m_s=K_I)}
     return design_law(LawSettings.model_validate(tables))

@@ -83,13 +83,7 @@ def exact_step(state: EstimatorState, speed_m_s: float, lag_s: float, u: float) 
     ]
     rate[2, [1, 5]] = [1.0, -v]
     rate[3, [0, 1, 2]] = [v, p.preview_distance_m, v]
-    start = [
-        *state[1:5],
-        state.wheel_rad if lag_s else u,
-        state.curvature_1_m,
-        state.offset_rad,
-        u,
-    ]
+    start = [*state[1:5], state.wheel_rad if lag_s else u, state.curvature_1_m, state.offset_rad, u]
     if lag_s:
         rate[4, [4, 7]] = [-1.0 / lag_s, 1.0 / lag_s]
     return np.asarray((expm(0.01 * rate) @ start)[:5])

@@ -288,12 +288,7 @@ def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:
     report = plant.node.report()
     assert report["accepted"] == 2
     assert report["lost"] == 2
-    assert report["rejected"] == {
-        "bad_crc": 1,
-        "out_of_order": 1,
-        "repeated": 1,
-        "wrong_length": 1,
-    }
+    assert report["rejected"] == {"bad_crc": 1, "out_of_order": 1, "repeated": 1, "wrong_length": 1}
 
 
 def test_the_report_books_time_by_mode_and_the_age_of_samples() -> None:

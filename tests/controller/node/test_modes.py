@@ -98,11 +98,7 @@ def test_a_transition_notes_its_time_and_staying_does_not() -> None:
 
 
 EVIDENCE = st.builds(
-    Evidence,
-    st.none() | st.integers(0, NOW_NS),
-    st.integers(0, 10),
-    st.booleans(),
-    st.booleans(),
+    Evidence, st.none() | st.integers(0, NOW_NS), st.integers(0, 10), st.booleans(), st.booleans()
 )
 
 

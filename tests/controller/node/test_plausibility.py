@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire import Run, simulate
-from steer_by_wire.controller.node.plausibility import (
-    BOUNDS,
-    DEBOUNCE_S,
-    Plausibility,
-    mean_motion,
-)
+from steer_by_wire.controller.node.plausibility import BOUNDS, DEBOUNCE_S, Plausibility, mean_motion
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import VehicleState
 
@@ -87,10 +82,7 @@ def fault(kind: str, message: str, signal: str, magnitude: float = 1.0) -> dict[
 
 
 CURVATURE = ("VEHICLE_STATE", "preview_curvature_1_m")
-STEER_TWICE = {
-    **fault("scale", "STEERING_COMMAND", "steer_rad", 2.0),
-    "direction": "downlink",
-}
+STEER_TWICE = {**fault("scale", "STEERING_COMMAND", "steer_rad", 2.0), "direction": "downlink"}
 FOUND = {
     "curvature of the wrong sign": (fault("scale", *CURVATURE, -1.0), "heading error, yaw rate"),
     "speed ten times too high": (fault("scale", "VEHICLE_STATE", "speed_m_s", 10.0), ""),

@@ -43,8 +43,7 @@ def plant(mass_kg: float, *overrides: str) -> PlantSettings:
 def law(*, measures_mass: bool) -> ControllerSettings:
     measures = str(measures_mass).lower()
     return controller_preset(
-        "highway_predictor",
-        ["predictor.measures_lag=false", f"predictor.measures_mass={measures}"],
+        "highway_predictor", ["predictor.measures_lag=false", f"predictor.measures_mass={measures}"]
     )
 
 

@@ -41,10 +41,7 @@ def places(link: Link) -> list[tuple[float, ...]]:
     [
         ({"side_force_n": 1500.0}, DisturbanceConfig(1500.0, 0.0, 0.0, 0.0)),
         ({"yaw_moment_n_m": -200.0}, DisturbanceConfig(0.0, -200.0, 0.0, 0.0)),
-        (
-            {"steering_offset_rad": 0.02, "friction": 0.3},
-            DisturbanceConfig(0.0, 0.0, 0.02, 0.7),
-        ),
+        ({"steering_offset_rad": 0.02, "friction": 0.3}, DisturbanceConfig(0.0, 0.0, 0.02, 0.7)),
     ],
 )
 def test_a_message_moves_the_vehicle_as_a_step_of_the_settings_does(
@@ -82,9 +79,7 @@ def test_frictions_one_after_the_other_move_the_vehicle_as_steps_do() -> None:
     ]
     by_settings = Link(
         plant_settings(
-            path={"kind": "straight"},
-            start_on_first_command=False,
-            disturbance={"steps": steps},
+            path={"kind": "straight"}, start_on_first_command=False, disturbance={"steps": steps}
         )
     )
     by_settings.tick_until(END_NS)

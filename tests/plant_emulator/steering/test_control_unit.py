@@ -25,12 +25,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.settings import (
-    SettingsError,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from tests.support.driven_guard import Guarded, answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 

@@ -180,9 +180,7 @@ def entered(overrides: Sequence[str]) -> dict[GuardMode, int]:
 
 
 @pytest.mark.parametrize(
-    ("network", "holdings"),
-    [((0.3, 0.09, 0.02), 40), ((0.4, 0.12, 0.0), 55)],
-    ids=str,
+    ("network", "holdings"), [((0.3, 0.09, 0.02), 40), ((0.4, 0.12, 0.0), 55)], ids=str
 )
 def test_networks_with_jitter_hold_all_the_time_and_do_not_fall_back(
     network: tuple[float, float, float], holdings: int

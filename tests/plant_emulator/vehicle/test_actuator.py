@@ -64,9 +64,7 @@ def test_wheel_follows_a_servo_integrated_in_fine_steps(name: str) -> None:
         assert motion.wheel_rad == pytest.approx(wheel, abs=1e-4)
 
 
-@given(
-    st.lists(st.tuples(st.floats(-0.7, 0.7), st.integers(1, 30_000_000)), max_size=20),
-)
+@given(st.lists(st.tuples(st.floats(-0.7, 0.7), st.integers(1, 30_000_000)), max_size=20))
 @settings(deadline=None)
 def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, int]]) -> None:
     motion = Motion(TRANSPARENT)

@@ -58,8 +58,7 @@ def test_a_step_at_the_start_replaces_the_quiet_beginning() -> None:
 
 def test_side_force_and_yaw_moment_lead_to_their_steady_state() -> None:
     motion = moving(
-        DisturbanceStep(at_s=0.5, side_force_n=2000.0, yaw_moment_n_m=-300.0),
-        side_force_arm_m=-0.4,
+        DisturbanceStep(at_s=0.5, side_force_n=2000.0, yaw_moment_n_m=-300.0), side_force_arm_m=-0.4
     )
     motion.advance(500_000_000)
     assert motion.yaw_rate_rad_s == 0.0
@@ -117,9 +116,7 @@ def test_every_friction_has_one_table_however_often_it_returns() -> None:
 
 def test_steps_out_of_order_are_refused() -> None:
     with pytest.raises(ValidationError, match=r"steps must follow each other in time: 1.0 after"):
-        DisturbanceSettings(
-            steps=(DisturbanceStep(at_s=2.0), DisturbanceStep(at_s=1.0)),
-        )
+        DisturbanceSettings(steps=(DisturbanceStep(at_s=2.0), DisturbanceStep(at_s=1.0)))
 
 
 def test_more_frictions_than_tables_are_refused() -> None:

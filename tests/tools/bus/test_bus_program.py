@@ -333,9 +333,7 @@ def test_pythoncans_player_and_logger_work(stack: ExitStack, directory: Path) ->
     options = ["-i", "emulated", "-c", "tools", "--bus-kwargs", f"address={address}"]
     logger = stack.enter_context(
         subprocess.Popen(
-            [sys.executable, "-u", "-m", "can.logger", *options],
-            stdout=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-u", "-m", "can.logger", *options], stdout=subprocess.PIPE, text=True
         )
     )
     stack.callback(logger.kill)

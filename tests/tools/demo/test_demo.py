@@ -69,7 +69,7 @@ def test_no_frame_of_any_pair_is_damaged(out: Path) -> None:
             report = json.loads((out / law.preset / f"{program}.json").read_text(encoding="utf-8"))
             assert report["node"]["accepted"] > 50
             assert report["node"]["rejected"].keys() <= {
-                *("repeated", "out_of_order", "too_far", "disputed"),
+                *("repeated", "out_of_order", "too_far", "disputed")
             }
 
 

@@ -39,12 +39,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
 from steer_by_wire.tools.monitor.keys import LatencyChoice, keys_in, pressed
-from steer_by_wire.tools.monitor.screen import (
-    one_line,
-    scaled_strip,
-    screen_lines,
-    strip_text,
-)
+from steer_by_wire.tools.monitor.screen import one_line, scaled_strip, screen_lines, strip_text
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"

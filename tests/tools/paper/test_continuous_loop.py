@@ -178,8 +178,7 @@ coefficients = st.floats(-5.0, 5.0)
 
 @settings(deadline=None)
 @given(
-    st.lists(coefficients, min_size=2, max_size=6),
-    st.lists(coefficients, min_size=1, max_size=6),
+    st.lists(coefficients, min_size=2, max_size=6), st.lists(coefficients, min_size=1, max_size=6)
 )
 def test_without_delay_the_count_is_that_of_the_polynomial(p: list[float], q: list[float]) -> None:
     undelayed, delayed = np.array([1.0, *p]), np.array(q[: len(p)])

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from steer_by_wire.tools.paper.parameter_space_figures import (
-    figure_7,
-    figure_8,
-    figure_8_beyond,
-)
+from steer_by_wire.tools.paper.parameter_space_figures import figure_7, figure_8, figure_8_beyond
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 
 

@@ -281,10 +281,7 @@ def test_a_loop_that_fails_the_condition_can_be_stable(
     st.floats(0.001, 0.4),
 )
 def test_a_loop_that_meets_the_condition_is_stable(
-    q_cutoff_rad_s: float,
-    filter_rad_s: float | None,
-    washout_rad_s: float | None,
-    delay_s: float,
+    q_cutoff_rad_s: float, filter_rad_s: float | None, washout_rad_s: float | None, delay_s: float
 ) -> None:
     law = cdob_law(q_cutoff_rad_s, filter_rad_s, washout_rad_s)
     if cdob_small_gain(cdob_parts(law), delay_s).size < 0.999:
