@@ -18,9 +18,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.command_line import output_file
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from tests.fuzz.__main__ import main as fuzz_main
 
-ROOT = Path(__file__).resolve().parents[2]
 DBC = (
     importlib.resources.files("steer_by_wire.dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
 )
@@ -141,15 +139,3 @@ def test_a_port_of_thousands_of_digits_is_no_port() -> None:
 def test_a_name_that_no_file_can_have_is_reported_by_the_option() -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="too long"):
         output_file("9" * 5000)
-
-
-def test_the_fuzzer_says_what_it_needs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.setattr("tests.fuzz.__main__.find_spec", lambda _name: None)
-    assert fuzz_main(["plant"]) == 2
-    assert "pip install '.[fuzz]'" in capsys.readouterr().err
-    saved = tmp_path / "input"
-    saved.write_bytes(b"\2")
-    assert fuzz_main(["plant", "--replay", str(saved)]) == 0
-    assert fuzz_main(["plant", "--replay", str(tmp_path / "gone")]) == 2

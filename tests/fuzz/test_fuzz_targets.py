@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.__main__ import NAMES
 from tests.fuzz.targets import TARGETS
 
 EXAMPLES = {
@@ -79,5 +78,5 @@ def test_what_broke_a_promise_once_breaks_none_now(name: str, found: str) -> Non
     TARGETS[name](bytes.fromhex(found))
 
 
-def test_every_target_is_run_here_and_can_be_named() -> None:
-    assert set(TARGETS) == set(EXAMPLES) == set(NAMES)
+def test_every_target_is_run_here() -> None:
+    assert set(TARGETS) == set(EXAMPLES)

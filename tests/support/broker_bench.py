@@ -17,6 +17,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     Hello,
     pack_frame,
+    unpack_answer,
     unpack_delivery,
 )
 from steer_by_wire.runtime.frame import Frame
@@ -34,6 +35,8 @@ class Bench:
         stack: ExitStack,
         conditions: ChannelConditions = UNDISTURBED,
         data_bitrate_bit_s: int | None = None,
+        *,
+        takes_bus_off: bool = False,
     ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
@@ -50,6 +53,7 @@ class Bench:
             self.journal,
             lambda: self.now_ns,
             conditions=conditions,
+            takes_bus_off=takes_bus_off,
         )
         stack.callback(self.broker.clients.close)
 
@@ -74,7 +78,7 @@ class Bench:
         hello = Hello(channel, receive_own=receive_own, error_frames=error_frames)
         client.sendall(hello.pack())
         self.step()
-        assert len(client.recv(ANSWER.size)) == ANSWER.size
+        self.answer = unpack_answer(client.recv(ANSWER.size))
         return client
 
     def step(self, times: int = 3) -> None:
@@ -82,11 +86,11 @@ class Bench:
         for _ in range(times):
             assert self.broker.serve(0.0)
 
-    def advance(self, duration_ns: int) -> None:
+    def advance(self, duration_ns: int, step_ns: int = CLASSIC_FRAME_NS) -> None:
         """Let time pass, frame by frame."""
         end_ns = self.now_ns + duration_ns
         while self.now_ns < end_ns:
-            self.now_ns = min(self.now_ns + CLASSIC_FRAME_NS, end_ns)
+            self.now_ns = min(self.now_ns + step_ns, end_ns)
             self.step(1)
 
     def gone(self, cause: Cause) -> int:

@@ -1,4 +1,4 @@
-"""The tests' own derivation of how the vehicle moves in one period."""
+"""The vehicle of the tests, and their own derivation of how it moves in one period."""
 
 from functools import cache
 
@@ -6,7 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from steer_by_wire.controller.filters.settings import VehicleModelSettings
+
 PERIOD_S = 0.01
+VEHICLE = VehicleModelSettings(
+    kind="vehicle",
+    virtual_mass_kg=2000.0,
+    yaw_inertia_kg_m2=3728.0,
+    front_cornering_stiffness_n_rad=190e3,
+    rear_cornering_stiffness_n_rad=500e3,
+    front_axle_distance_m=1.3008,
+    rear_axle_distance_m=1.5453,
+    preview_distance_m=2.0,
+    speed_m_s=5.0 / 3.6,
+)
 
 
 @cache

@@ -13,7 +13,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
     ControllerStatus,
-    Decoded,
     DelayStatus,
     Direction,
     LatencyConfig,
@@ -21,7 +20,6 @@ from steer_by_wire.dbc.messages import (
     Mode,
     PlantStatus,
     SteeringCommand,
-    decode,
     encode,
 )
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
@@ -41,6 +39,7 @@ from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from tests.support.authenticated_ends import KEY, controller, meet, plant
+from tests.support.decoded_frames import messages_in
 from tests.support.timed_sender import TimedSender
 
 OTHER_KEY = bytes(range(1, 17))
@@ -206,10 +205,9 @@ def test_refusals_of_authentication_are_reported_on_the_bus_and_kept_apart_in_th
     pair = Pair(*ends(controller_key=OTHER_KEY))
     assert pair.controller_end is not None
     assert pair.plant_end is not None
-    announced = [decode(plain(heard.frame)) for heard in pair.heard]
-    messages = [one.message for one in announced if isinstance(one, Decoded)]
-    by_controller = [one.rejected for one in messages if isinstance(one, ControllerSafety)]
-    by_plant = [one.rejected for one in messages if isinstance(one, PlantStatus)]
+    frames = [plain(heard.frame) for heard in pair.heard]
+    by_controller = [message.rejected for message in messages_in(frames, ControllerSafety)]
+    by_plant = [message.rejected for message in messages_in(frames, PlantStatus)]
     for rejected, modulus, end in (
         (by_controller, 4096, pair.controller_end),
         (by_plant, 32, pair.plant_end),

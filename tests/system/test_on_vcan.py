@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,6 @@ from steer_by_wire.dbc.messages import (
     GroundTruth,
     LatencyConfig,
     LateralError,
-    Message,
     Mode,
     PlantStatus,
     SteeringCommand,
@@ -34,6 +33,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
+from tests.support.decoded_frames import messages_in
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan
@@ -71,13 +71,8 @@ CANDUMP_BUFFER_BYTES = 4_000_000
 """Room for some seconds in which candump does not run."""
 
 
-class Log(list[Frame]):
-    """Every frame on the bus, in the bus's order."""
-
-    def messages(self, kind: type[Message]) -> list[Message]:
-        """Decode what is ``kind``; what does not decode is somebody else's."""
-        decoded = [decode(frame) for frame in self if frame.can_id == CAN_IDS[kind]]
-        return [found.message for found in decoded if isinstance(found, Decoded)]
+Log = list[Frame]
+"""Every frame on the bus, in the bus's order."""
 
 
 class Phases(NamedTuple):
@@ -99,7 +94,7 @@ class Run(NamedTuple):
 
 def read(path: Path) -> Log:
     with path.open(encoding="ascii") as lines:
-        return Log(entry.frame for entry in CandumpReader(lines))
+        return [entry.frame for entry in CandumpReader(lines)]
 
 
 @contextmanager
@@ -188,42 +183,34 @@ def decoding(output: Path) -> Iterator[None]:
 
 def cut(log: Log) -> list[Log]:
     """Cut the log at its marks; what comes after the last belongs to no phase."""
-    phases, current = [], Log()
+    phases: list[Log] = []
+    current: Log = []
     for frame in log:
         if frame.can_id == MARK_ID and not frame.flags & FD:
             phases.append(current)
-            current = Log()
+            current = []
         else:
             current.append(frame)
     return phases
 
 
-def commands(log: Log) -> list[SteeringCommand]:
-    return [
-        message for message in log.messages(SteeringCommand) if isinstance(message, SteeringCommand)
-    ]
-
-
 def mostly_active(log: Log) -> bool:
     """Whether the law was in force, but for stalls of the machine, also one at the end."""
-    modes = [command.mode for command in commands(log)]
+    modes = [command.mode for command in messages_in(log, SteeringCommand)]
     return modes.count(Mode.ACTIVE) > 0.5 * len(modes)
-
-
-def statuses(log: Log) -> list[PlantStatus]:
-    return [message for message in log.messages(PlantStatus) if isinstance(message, PlantStatus)]
 
 
 def test_the_loop_closes_with_every_message_of_the_contract(run: Run) -> None:
     by_tools, optional = {LatencyConfig, DisturbanceConfig}, {PathAhead, SteeringPlan, GroundTruth}
     expected = set(MESSAGE_TYPES.values()) - by_tools - optional
-    assert {kind for kind in expected if run.phases.alone.messages(kind)} == expected
+    assert {kind for kind in expected if messages_in(run.phases.alone, kind)} == expected
     assert mostly_active(run.phases.alone)
     assert run.plant["node"]["motion_s"] > 0
 
 
 def test_no_command_is_lost_on_its_way_to_the_log(run: Run) -> None:
-    counters = [command.command_counter for phase in run.phases for command in commands(phase)]
+    commands = [messages_in(phase, SteeringCommand) for phase in run.phases]
+    counters = [command.command_counter for command in chain.from_iterable(commands)]
     assert len(counters) >= 3 * PHASE_COMMANDS
     assert counters[0] == 0
     assert all(after - before == 1 for before, after in pairwise(counters))
@@ -252,7 +239,9 @@ def test_cantools_decodes_every_frame_that_candump_shows(run: Run) -> None:
 
 
 def test_a_latency_sent_by_cansend_is_in_force_in_both_directions(run: Run) -> None:
-    before, after = statuses(run.phases.alone), statuses(run.phases.latency)
+    before, after = (
+        messages_in(log, PlantStatus) for log in (run.phases.alone, run.phases.latency)
+    )
     assert {status.downlink_latency_s + status.uplink_latency_s for status in before} == {0.0}
     assert max(status.downlink_latency_s for status in after) > 0.5 * LATENCY_S
     assert max(status.uplink_latency_s for status in after) > 0.5 * LATENCY_S
@@ -269,7 +258,8 @@ def test_foreign_frames_of_can_fd_do_no_harm(run: Run) -> None:
 
 
 def test_the_pair_survives_a_flood(run: Run) -> None:
-    assert commands(run.phases.flood), "no command came between two frames of the flood"
+    came = messages_in(run.phases.flood, SteeringCommand)
+    assert came, "no command came between two frames of the flood"
     assert mostly_active(run.phases.after)
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
+from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand
 from steer_by_wire.runtime.exit_status import ExitStatus
+from tests.support.decoded_frames import messages_in
 from tests.support.running_program import RunningProgram, running, wait_until
 from tests.support.slcan_adapter import Adapter, AdapterBus
 
@@ -44,17 +45,14 @@ def start_controller(stack: ExitStack, bus: AdapterBus, *more: str) -> RunningPr
 
 def commands(bus: AdapterBus) -> list[SteeringCommand]:
     """The steering commands that the controller's adapter was given so far."""
-    decoded = [
-        decode(frame)
+    frames = [
+        frame
         for frame in list(bus.adapters[CONTROLLER].frames)
         if frame.can_id == CAN_IDS[SteeringCommand]
     ]
-    assert all(isinstance(found, Decoded) for found in decoded)
-    return [
-        found.message
-        for found in decoded
-        if isinstance(found, Decoded) and isinstance(found.message, SteeringCommand)
-    ]
+    found = messages_in(frames, SteeringCommand)
+    assert len(found) == len(frames)
+    return found
 
 
 def wait_for_mode(bus: AdapterBus, mode: Mode, after: int = 0) -> None:

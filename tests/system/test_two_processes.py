@@ -4,7 +4,6 @@ Results that a stall of the machine can change are compared only if there was no
 lateness, and time that the host gave to others reveal a stall.
 """
 
-import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -14,9 +13,7 @@ import pytest
 from steer_by_wire.closed_loop.live_bus import Bus
 from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
 from steer_by_wire.closed_loop.processes import launched_broker
-from steer_by_wire.closed_loop.start_live_pair import LivePair
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
     ControllerStatus,
@@ -35,9 +32,8 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node.overruns import OverrunSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader
-from tests.support.running_program import PATIENCE_S
+from tests.support.driven_pair import BEAR_ALL, CONTROLLER, drive_pair
 
 DURATION_S = 4.0
 CONTROL_PERIOD_S = 0.01
@@ -46,8 +42,6 @@ ATTEMPTS = 3
 LATENESS_S_MAX = 5e-3
 STEAL_MAX = 0.02
 
-BEAR_ALL = OverrunSettings(overruns_max="off", missed_periods_max="off")
-"""A node of a busy machine misses most of its periods, and would end for that in its safe state."""
 PLANT = PlantSettings(
     duration_s=DURATION_S,
     path=EllipseSettings(semi_major_axis_m=20.0, semi_minor_axis_m=10.0),
@@ -56,19 +50,11 @@ PLANT = PlantSettings(
     ),
     overruns=BEAR_ALL,
 )
-CONTROLLER = controller_preset("practical_pd_ddob").model_copy(update={"overruns": BEAR_ALL})
 
 
 def drive(folder: Path) -> PairResult:
-    files = PairFiles(folder)
-    files.write_settings(PLANT, CONTROLLER)
     with launched_broker() as address:
-        with LivePair(Bus("emulated", "can0", {"address": address}), files) as pair:
-            until_s = time.monotonic() + PATIENCE_S
-            while pair.plant_is_running:
-                assert time.monotonic() < until_s, "the plant does not come to its end"
-                time.sleep(0.05)
-        return pair.result()  # raises unless both have ended with status 0
+        return drive_pair(Bus("emulated", "can0", {"address": address}), folder, PLANT)
 
 
 @pytest.fixture(scope="module")

@@ -14,38 +14,23 @@ from steer_by_wire.controller.analysis.jitter import (
     stable_spreads,
 )
 from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
-from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.laws.assembly import design_law
-from steer_by_wire.controller.laws.settings import LawSettings
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.wide_stretches import MODEL, PLANT
+from tests.support.wide_stretches import (
+    PD,
+    PD_CDOB,
+    PD_DDOB,
+    PD_DOB,
+    PLANT,
+    loop_of,
+    proportional_loop,
+)
 
 MS_NS = 1_000_000
 PERIOD_S = 0.01
-INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
-PAPER_GAINS = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
-WIDE_LIMITS = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
-CDOB = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
-
-
-def law(preset: str, *overrides: str) -> ControllerSettings:
-    every = [*PAPER_GAINS, *MODEL, *WIDE_LIMITS, *overrides]
-    return controller_preset(preset, every)
-
-
-PD = law("practical_pd", "pd.derivative_filter_rad_s=20")
-PD_DOB = law("practical_pd_dob", "pd.derivative_filter_rad_s=5", "dob.q_cutoff_rad_s=2")
-PD_CDOB = law("practical_pd_cdob", *CDOB)
-PD_DDOB = law("practical_pd_ddob", *CDOB, "dob.q_cutoff_rad_s=2")
-
-
-def loop_of(chosen: ControllerSettings) -> SampledLoop:
-    assert chosen.model is not None
-    return SampledLoop(design_law(chosen), chosen.model, chosen.period_ns)
 
 
 def decay_1_s(
@@ -56,13 +41,6 @@ def decay_1_s(
 
 
 # By hand
-
-
-def proportional_loop(gain: float) -> SampledLoop:
-    """y[k+1] = y[k] - gain y of the command held, at 100 Hz."""
-    pd = {"proportional_gain_rad_m": 100.0 * gain, "derivative_gain_rad_s_m": 0.0}
-    design = design_law(LawSettings.model_validate({"law": "pd", "pd": pd}))
-    return SampledLoop(design, INTEGRATOR, 10 * MS_NS)
 
 
 @pytest.mark.parametrize("gain", [0.1, 0.5, 1.2])

@@ -21,27 +21,18 @@ from steer_by_wire.controller.analysis.stable_delays import (
     stable_delays,
 )
 from steer_by_wire.controller.filters.discretization import design_pd
-from steer_by_wire.controller.filters.nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
+from tests.support.own_vehicle import VEHICLE
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
 PAPER_GAINS = {"proportional_gain_rad_m": 1.0596, "derivative_gain_rad_s_m": 0.939}
-VEHICLE = {
-    "virtual_mass_kg": 2000.0,
-    "yaw_inertia_kg_m2": 3728.0,
-    "front_cornering_stiffness_n_rad": 190e3,
-    "rear_cornering_stiffness_n_rad": 500e3,
-    "front_axle_distance_m": 1.3008,
-    "rear_axle_distance_m": 1.5453,
-    "preview_distance_m": 2.0,
-    "speed_m_s": 5.0 / 3.6,
-}
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
 
 
@@ -61,8 +52,7 @@ def margin_ns(loop: SampledLoop, delay_ns_max: int) -> int | None:
 
 
 def law_settings(law: str, **tables: Any) -> LawSettings:
-    vehicle = {"kind": "vehicle", **VEHICLE}
-    return LawSettings.model_validate({"law": law, "nominal_model": vehicle, **tables})
+    return LawSettings.model_validate({"law": law, "nominal_model": VEHICLE, **tables})
 
 
 def observer_settings(law: str) -> LawSettings:
@@ -130,7 +120,7 @@ def test_a_loop_without_feedback_at_rest_is_drift_and_not_stability() -> None:
     published = law_settings(
         "pd_cdob", pd={**PAPER_GAINS, "derivative_filter_rad_s": 5.0}, cdob=cdob
     )
-    model = vehicle_model(NominalVehicle(**VEHICLE))
+    model = VEHICLE.model
     loop = SampledLoop(design_law(published), model, PERIOD_NS)
     assert abs(loop.closed_loop_poles(0)[0]) == pytest.approx(1.0, abs=1e-6)
     assert not loop.is_stable(0)
@@ -214,7 +204,7 @@ def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, peri
 
 @pytest.mark.parametrize("delay_ms", [0, 4, 80])
 def test_the_gain_margins_are_where_stability_ends(delay_ms: int) -> None:
-    model = vehicle_model(NominalVehicle(**VEHICLE))
+    model = VEHICLE.model
     design = design_law(observer_settings("pd_dob"))
     margins = SampledLoop(design, model, PERIOD_NS).margins(delay_ms * MS_NS)
     assert 0.0 < margins.gain_min < 1.0 < margins.gain_max < math.inf

@@ -19,52 +19,30 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.laws.assembly import design_law, required
-from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.controller.laws.assembly import required
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.wide_stretches import MODEL, PLANT
+from tests.support.wide_stretches import (
+    PD,
+    PD_CDOB,
+    PD_DDOB,
+    PD_DOB,
+    PLANT,
+    loop_of,
+    proportional_loop,
+)
 
 MS_NS = 1_000_000
-INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
-PAPER_GAINS = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
-WIDE_LIMITS = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
-
-
-def law(preset: str, *overrides: str) -> ControllerSettings:
-    return controller_preset(preset, [*PAPER_GAINS, *MODEL, *overrides])
-
-
-def loop_of(chosen: ControllerSettings) -> SampledLoop:
-    assert chosen.model is not None
-    return SampledLoop(design_law(chosen), chosen.model, chosen.period_ns)
-
-
-PD = law("practical_pd", "pd.derivative_filter_rad_s=20", *WIDE_LIMITS)
-PD_DOB = law(
-    "practical_pd_dob", "pd.derivative_filter_rad_s=5", "dob.q_cutoff_rad_s=2", *WIDE_LIMITS
-)
-CDOB = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
-PD_CDOB = law("practical_pd_cdob", *CDOB, *WIDE_LIMITS)
-PD_DDOB = law("practical_pd_ddob", *CDOB, "dob.q_cutoff_rad_s=2", *WIDE_LIMITS)
 
 
 # By hand
 
 
-def proportional_loop(gain_1_s: float) -> SampledLoop:
-    """y[k+1] = y[k] - gT ((1 - e) y[k] + e y[k-1]) at 100 Hz, with a delay of e T below T."""
-    pd = {"proportional_gain_rad_m": gain_1_s, "derivative_gain_rad_s_m": 0.0}
-    design = design_law(LawSettings.model_validate({"law": "pd", "pd": pd}))
-    return SampledLoop(design, INTEGRATOR, 10 * MS_NS)
-
-
 def test_a_stable_stretch_shorter_than_the_scan_is_found_where_it_is_by_hand() -> None:
     """z² - (1 - g + g e) z + g e, g = 2.5: stable from 2 - g + 2 g e > 0 to g e < 1."""
-    stable = stable_delays(proportional_loop(250.0))
+    stable = stable_delays(proportional_loop(2.5))
     assert len(stable) == 1
     assert 0 <= stable[0].first_ns - 1_000_000 <= RESOLUTION_NS
     assert 0 <= 4_000_000 - stable[0].last_ns <= RESOLUTION_NS
@@ -75,7 +53,7 @@ def test_a_stable_stretch_shorter_than_the_scan_is_found_where_it_is_by_hand() -
 def test_the_delay_an_integrator_tolerates_is_that_of_its_polynomial(whole_periods: int) -> None:
     """z^(n+1) - z^n + g has its zeros inside the unit circle for g < 2 sin(π/(4n + 2))."""
     gain = 2.0 * math.sin(math.pi / (4 * whole_periods + 2))
-    stable = stable_delays(proportional_loop(100.0 * gain))
+    stable = stable_delays(proportional_loop(gain))
     assert len(stable) == 1
     assert stable[0].first_ns == 0
     last_ns = delay_margin_ns(stable)
@@ -88,7 +66,7 @@ def test_the_delay_an_integrator_tolerates_is_that_of_its_polynomial(whole_perio
 
 
 def test_a_loop_that_tolerates_every_delay_up_to_the_limit_has_no_margin_to_tell() -> None:
-    stable = stable_delays(proportional_loop(1.0))
+    stable = stable_delays(proportional_loop(0.01))
     assert stable == (DelayInterval(0, DELAY_NS_MAX),)
     assert delay_margin_ns(stable) is None
 

@@ -8,17 +8,14 @@ import pytest
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.kalman_derivative import KalmanParams, error_rate_m_s
-from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.gains_over_speed import SPEED_M_S_MAX
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.compiled_runs import assert_same_as_nodes
+from tests.support.deaf_controller import is_echo, run_deaf
 
 KALMAN = "pd.derivative=kalman"
 
@@ -39,18 +36,8 @@ def steers(
     is_dropped: Callable[[Frame, int], bool] = lambda _frame, _now_ns: False,
 ) -> np.ndarray:
     """Return the commands of a run; ``is_dropped`` selects frames lost before the controller."""
-
-    class Deaf(ControllerNode):
-        def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-            return () if is_dropped(frame, now_ns) else super().on_frame(frame, now_ns)
-
-    node = Deaf(settings, 0, samples_max=100_000)
-    VirtualTimeExecutor((PlantNode(plant_settings, 0), node), None, None).run(9_000_000_000)
+    _, node = run_deaf(plant_settings, settings, is_dropped)
     return np.array([sample.sent_steer_rad for sample in node.samples])
-
-
-def is_echo(frame: Frame, _now_ns: int = 0) -> bool:
-    return frame.can_id == CAN_IDS[SteeringStatus]
 
 
 @pytest.mark.parametrize("law", [name for name, law in LAWS.items() if law.takes_derivative])

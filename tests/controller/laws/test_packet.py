@@ -16,11 +16,12 @@ from steer_by_wire.controller.history.plan import (
 )
 from steer_by_wire.controller.limits.steer_limits import SteerLimits
 from steer_by_wire.controller.settings import ControllerSettings, on_bus
-from steer_by_wire.dbc.messages import Decoded, SteeringCommand, SteeringPlan, decode
+from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.decoded_frames import messages_in
 
 RAMP = [0.0, 4.0, *(0.01 * index for index in range(VALUES))]
 
@@ -69,10 +70,8 @@ def run(
     )
     pair = make_virtual_pair(plant, settings)
     sent = frames_of(pair, duration_s + 1.0)
-    decoded = [one.message for one in map(decode, sent) if isinstance(one, Decoded)]
-    plans = [message for message in decoded if isinstance(message, SteeringPlan)]
-    commands = [message for message in decoded if isinstance(message, SteeringCommand)]
-    return plans, commands, dict(pair.plant.report())
+    report = dict(pair.plant.report())
+    return messages_in(sent, SteeringPlan), messages_in(sent, SteeringCommand), report
 
 
 @pytest.mark.parametrize(("delay_s", "spacing"), [(0.0, 4), (0.15, 5), (0.4, 7)])
@@ -152,10 +151,8 @@ def test_with_the_path_ahead_a_plan_foresees_what_is_steered(delay_s: float) -> 
         sent = frames_of(pair, 7.0)
         # The first sample is taken before the first command, and not of the motion.
         wheel = [0.0, *(sample.wheel_angle_rad for sample in pair.plant.samples)]
-        decoded = [one.message for one in map(decode, sent) if isinstance(one, Decoded)]
-        plans = [message for message in decoded if isinstance(message, SteeringPlan)]
         errors = []
-        for number, plan in enumerate(plans[150:450], start=150):
+        for number, plan in enumerate(messages_in(sent, SteeringPlan)[150:450], start=150):
             first = number + (plan.first_sample - number + 128) % 256 - 128
             row = [first, plan.spacing, *plan[4:]]
             errors.append(value_at(row, number + 50) - wheel[number + 50])

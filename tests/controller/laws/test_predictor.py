@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.controller.laws.predictor import design_predictor
@@ -37,23 +36,13 @@ from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     transition_table,
 )
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+from tests.support.own_vehicle import VEHICLE
 from tests.support.predictor_law import SENT, controller, history
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
 LOOP_DELAY = LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)
 SPEEDS = (0.5, 1.39, 1.94, 8.0, 16.7)
-VEHICLE = VehicleModelSettings(
-    kind="vehicle",
-    virtual_mass_kg=2000.0,
-    yaw_inertia_kg_m2=3728.0,
-    front_cornering_stiffness_n_rad=190e3,
-    rear_cornering_stiffness_n_rad=500e3,
-    front_axle_distance_m=1.3008,
-    rear_axle_distance_m=1.5453,
-    preview_distance_m=2.0,
-    speed_m_s=5.0 / 3.6,
-)
 
 
 def gains(speed_m_s: float, lag_s: float = 0.0, sensor_period_s: float = 0.01) -> VehicleGains:
@@ -103,17 +92,8 @@ def test_a_model_step_is_the_exact_solution(speed_m_s: float, lag_s: float) -> N
 
 @pytest.mark.parametrize("speed_m_s", SPEEDS)
 def test_the_model_is_that_of_the_plant_emulator(speed_m_s: float) -> None:
-    p = VEHICLE
-    vehicle = VehicleParams(
-        speed_m_s,
-        p.virtual_mass_kg,
-        p.yaw_inertia_kg_m2,
-        p.front_cornering_stiffness_n_rad,
-        p.rear_cornering_stiffness_n_rad,
-        p.front_axle_distance_m,
-        p.rear_axle_distance_m,
-        p.preview_distance_m,
-    )
+    values = {**VEHICLE.model_dump(), "speed_m_s": speed_m_s}
+    vehicle = VehicleParams(**{name: values[name] for name in VehicleParams._fields})
     table = table_rows(transition_table(emulator_matrix(vehicle, 0.0)))
     g = gains(speed_m_s)
     x = ANY_STATE

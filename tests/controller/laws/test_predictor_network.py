@@ -1,6 +1,6 @@
 """The predictor law through network and faults: varying latency, lost echoes, hold and stop."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,11 @@ from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LawInput, LoopDelay
 from steer_by_wire.controller.laws import predictor as predictor_module
 from steer_by_wire.controller.laws.assembly import design_law
-from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
-from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from tests.support.deaf_controller import is_echo, run_deaf
 from tests.support.predictor_law import controller, history
 
 MS = 1_000_000
@@ -30,26 +27,8 @@ def plant(*overrides: str) -> PlantSettings:
     return plant_preset("paper_corner_d", overrides)
 
 
-def run(
-    plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
-    is_dropped: Callable[[Frame, int], bool] = lambda _frame, _now_ns: False,
-) -> tuple[PlantNode, ControllerNode]:
-    """Run both nodes; ``is_dropped`` selects frames that never reach the controller."""
-
-    class Deaf(ControllerNode):
-        def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-            return () if is_dropped(frame, now_ns) else super().on_frame(frame, now_ns)
-
-    plant_node = PlantNode(plant_settings, 0)
-    controller_node = Deaf(controller_settings, 0, samples_max=100_000)
-    executor = VirtualTimeExecutor((plant_node, controller_node), None, None)
-    executor.run(round(plant_settings.duration_s * 1e9) + 1_000_000_000)
-    return plant_node, controller_node
-
-
 def rms_after_5_s(plant_settings: PlantSettings, controller_settings: ControllerSettings) -> float:
-    plant_node, _ = run(plant_settings, controller_settings)
+    plant_node, _ = run_deaf(plant_settings, controller_settings)
     errors = [s.lateral_error_m for s in plant_node.samples if s.time_s > 5.0]
     return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -96,18 +75,14 @@ def test_another_delay_than_that_measured_does_not_hold_it(
 # Echoes that stop and come back
 
 
-def is_echo(frame: Frame) -> bool:
-    return frame.can_id == CAN_IDS[SteeringStatus]
-
-
 def test_without_echoes_the_law_is_pd_ddob_and_neither_change_is_a_jump() -> None:
     """No echo reaches the controller from 6 s to 10 s, in the midst of a curve."""
     settings = controller()
     network = ("duration_s=16", "latency.downlink.mean_s=0.15", "latency.uplink.mean_s=0.02")
-    _, deaf = run(
+    _, deaf = run_deaf(
         plant(*network), settings, lambda frame, now_ns: is_echo(frame) and 6e9 < now_ns < 10e9
     )
-    _, hears = run(plant(*network), settings)
+    _, hears = run_deaf(plant(*network), settings)
     predicts = np.array([s.law_output.network_disturbance_rad == 0.0 for s in deaf.samples])
     times_s = np.array([s.time_ns for s in deaf.samples]) * 1e-9
     timeout_s = 1e-9 * settings.age_limits.steering_status_ns
@@ -148,7 +123,7 @@ def test_the_filter_goes_on_after_a_hold_and_starts_anew_after_a_safe_stop(
     """In a curve nothing is received for 0.3 s, which is a hold, and then for 1.5 s."""
     is_short, end_ns = silence_s < 1.0, round((6.0 + silence_s) * 1e9)
     network = ("duration_s=12", "latency.downlink.mean_s=0.2", "latency.uplink.mean_s=0.05")
-    plant_node, node = run(
+    plant_node, node = run_deaf(
         plant(*network), controller(), lambda _frame, now_ns: 6e9 < now_ns < end_ns
     )
     modes = {sample.mode for sample in node.samples if sample.time_ns > 6e9}

@@ -29,18 +29,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
-
-VEHICLE = {
-    "kind": "vehicle",
-    "virtual_mass_kg": 2000.0,
-    "yaw_inertia_kg_m2": 3728.0,
-    "front_cornering_stiffness_n_rad": 190e3,
-    "rear_cornering_stiffness_n_rad": 500e3,
-    "front_axle_distance_m": 1.3008,
-    "rear_axle_distance_m": 1.5453,
-    "preview_distance_m": 2.0,
-    "speed_m_s": 5.0 / 3.6,
-}
+from tests.support.own_vehicle import VEHICLE
 
 
 def link(**tables: Any) -> Link:
@@ -158,7 +147,7 @@ def test_recovery_makes_no_jump(law: str, outage_periods: int) -> None:
         law=law,
         dob={"q_cutoff_rad_s": 2.0},
         cdob={"q_cutoff_rad_s": 10.0, "washout_rad_s": 1.0},
-        nominal_model=VEHICLE,
+        nominal_model=VEHICLE.model_dump(),
         limits={"steer_rate_rad_s_max": 1000.0},
     )
     plant.drive(20, 0.2)
@@ -341,7 +330,7 @@ def test_no_frame_at_any_time_makes_it_raise_or_break_a_limit(
         law="pd_ddob",
         dob={"q_cutoff_rad_s": 20.0},
         cdob={"q_cutoff_rad_s": 50.0},
-        nominal_model=VEHICLE,
+        nominal_model=VEHICLE.model_dump(),
     )
     for frame, wait_ns in arrivals:
         plant.node.on_frame(frame, plant.now_ns)

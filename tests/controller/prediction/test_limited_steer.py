@@ -8,7 +8,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.prediction.gains_over_speed import (
     EstimatorSettings,
     Feedback,
@@ -19,19 +18,9 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState, model_step
 from steer_by_wire.plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
+from tests.support.own_vehicle import VEHICLE
 
 SPEED_M_S = 60.0 / 3.6
-VEHICLE = VehicleModelSettings(
-    kind="vehicle",
-    virtual_mass_kg=2000.0,
-    yaw_inertia_kg_m2=3728.0,
-    front_cornering_stiffness_n_rad=190e3,
-    rear_cornering_stiffness_n_rad=500e3,
-    front_axle_distance_m=1.3008,
-    rear_axle_distance_m=1.5453,
-    preview_distance_m=2.0,
-    speed_m_s=12.5,
-)
 LIMIT_RAD = steady_turn_rad(VEHICLE, SPEED_M_S, 16.0)
 (GAINS,) = together(
     [design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(0.57, 0.0))]

@@ -11,9 +11,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
-    Decoded,
     LateralError,
-    Message,
     Mode,
     Rejection,
     SteeringCommand,
@@ -27,6 +25,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, View
 from steer_by_wire.runtime.settings import SettingsError, load_settings
+from tests.support.decoded_frames import decoded, messages_in
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -90,14 +89,7 @@ def frames(came: Sequence[tuple[int, Frame]]) -> list[Frame]:
 
 
 def steers(came: Sequence[tuple[int, Frame]]) -> list[float]:
-    found = [decode(frame) for frame in frames(came)]
-    return [one.message.steer_rad for one in found if isinstance(one, Decoded)]  # type: ignore[union-attr]
-
-
-def message_of(frame: Frame) -> Message:
-    decoded = decode(frame)
-    assert isinstance(decoded, Decoded)
-    return decoded.message
+    return [message.steer_rad for message in messages_in(frames(came), SteeringCommand)]
 
 
 def test_before_the_onset_and_after_the_end_nothing_is_changed() -> None:
@@ -182,7 +174,7 @@ def test_a_wrong_identifier_is_found_by_the_data_id() -> None:
 
 def test_a_spoofed_command_is_valid_and_one_counter_ahead() -> None:
     came = frames(passed(fault(FaultKind.SPOOF, 0.25, signal="steer_rad")))
-    forged = message_of(came[11])
+    forged = decoded(came[11]).message
     assert isinstance(forged, SteeringCommand)
     assert forged.steer_rad == pytest.approx(0.25)
     assert (came[10], came[11].data[2]) == (commands(11)[10], 11)

@@ -226,18 +226,10 @@ def test_the_gain_is_that_of_the_single_track_model_in_a_steady_turn() -> None:
 
 
 def test_the_gain_of_the_default_vehicle_is_what_the_documentation_says() -> None:
-    v = VehicleSettings()
+    vehicle = VehicleSettings()
     for speed_km_h, expected in ((5.0, 0.676), (7.0, 1.322), (60.0, 70.8)):
-        p = VehicleParams(
-            speed_km_h / 3.6,
-            v.virtual_mass_kg,
-            v.yaw_inertia_kg_m2,
-            v.front_cornering_stiffness_n_rad,
-            v.rear_cornering_stiffness_n_rad,
-            v.front_axle_distance_m,
-            v.rear_axle_distance_m,
-            v.preview_distance_m,
-        )
+        values = {**vehicle.model_dump(), "speed_m_s": speed_km_h / 3.6}
+        p = VehicleParams(**{name: values[name] for name in VehicleParams._fields})
         assert gain(p) == pytest.approx(expected, abs=0.001 * max(expected, 1.0))
 
 

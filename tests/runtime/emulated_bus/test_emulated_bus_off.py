@@ -4,10 +4,8 @@ The broker is stepped by hand on a fake clock; the last test runs a real one.
 """
 
 import socket
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 import can
 import pytest
@@ -15,30 +13,23 @@ import pytest
 from steer_by_wire.closed_loop.processes import launched_broker
 from steer_by_wire.runtime.bus_model.bus_model import BusLoad
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BUS_OFF, RESTARTED, error_causes
-from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
-from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.bus_off_recovery import SEQUENCE_BITS, SEQUENCES, Recovery
-from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
+from steer_by_wire.runtime.emulated_bus.journal import Cause
 from steer_by_wire.runtime.emulated_bus.protocol import (
-    ANSWER,
     BUS_OFF_NS_MAX,
     CLASSIC_RECORD,
     BusOff,
-    Hello,
     ProtocolError,
     pack_bus_off,
-    pack_frame,
-    unpack_answer,
-    unpack_delivery,
     unpack_request,
 )
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from tests.support.broker_bench import BITRATE_BIT_S, Bench, received, send
 from tests.support.running_program import PATIENCE_S
 
-BITRATE_BIT_S = 500_000
 BIT_NS = NS_PER_S // BITRATE_BIT_S
 RECOVERY_NS = SEQUENCES * SEQUENCE_BITS * BIT_NS
 """2.816 ms: of an idle bus."""
@@ -46,71 +37,27 @@ STEP_NS = 10_000
 COMMAND, OTHER = Frame(0x100, b"command"), Frame(0x110, b"other")
 
 
-class Table:
-    """A broker, its clock and its clients, which are bare sockets."""
+class Table(Bench):
+    """A broker with three clients: a node, its peer, and one that asks for the node's bus-off."""
 
     def __init__(self, stack: ExitStack, *, takes_bus_off: bool = True) -> None:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
-        self._path, self._stack = folder / "socket", stack
-        listener = stack.enter_context(listening(UnixAddress(self._path)))
-        self.now_ns = 0
-        self.lines: list[str] = []
-        self.journal = Journal(lambda line: not self.lines.append(line))  # type: ignore[func-returns-value]
-        self.broker = Broker(
-            listener,
-            BITRATE_BIT_S,
-            None,
-            self.journal,
-            lambda: self.now_ns,
-            takes_bus_off=takes_bus_off,
-        )
-        stack.callback(self.broker.clients.close)
+        super().__init__(stack, takes_bus_off=takes_bus_off)
         self.node, self.peer, self.asking = self.join(), self.join(), self.join()
 
-    def join(self) -> socket.socket:
-        client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-        client.connect(str(self._path))
-        client.setblocking(False)
-        client.sendall(Hello("can0").pack())
-        self.step()
-        self.answer = unpack_answer(client.recv(ANSWER.size))
-        return client
-
-    def step(self) -> None:
-        for _ in range(3):
-            assert self.broker.serve(0.0)
-
-    def advance(self, duration_ns: int) -> None:
-        end_ns = self.now_ns + duration_ns
-        while self.now_ns < end_ns:
-            self.now_ns = min(self.now_ns + STEP_NS, end_ns)
-            assert self.broker.serve(0.0)
+    def advance(self, duration_ns: int, step_ns: int = STEP_NS) -> None:
+        super().advance(duration_ns, step_ns)
 
     def send(self, client: socket.socket, *frames: Frame) -> None:
-        client.sendall(b"".join(pack_frame(CLASSIC_RECORD, frame) for frame in frames))
+        send(client, *frames)
         self.step()
 
     def send_off(self, can_id: int = 0x100, restart_after_ns: int = 0) -> None:
         self.asking.sendall(pack_bus_off(CLASSIC_RECORD, BusOff(can_id, False, restart_after_ns)))
         self.step()
 
-    def heard(self, client: socket.socket) -> list[Frame]:
-        try:
-            raw = client.recv(1 << 16)
-        except BlockingIOError:
-            return []
-        size = CLASSIC_RECORD.size
-        records = [raw[place : place + size] for place in range(0, len(raw), size)]
-        delivered = [unpack_delivery(CLASSIC_RECORD, one)[0] for one in records]
-        return [one for one in delivered if isinstance(one, Frame)]
-
     def causes(self, client: socket.socket) -> list[str]:
-        return [
-            cause
-            for frame in self.heard(client)
-            if frame.flags & ERROR
-            for cause in error_causes(frame)
-        ]
+        frames = [frame for frame in received(client) if frame.flags & ERROR]
+        return [cause for frame in frames for cause in error_causes(frame)]
 
 
 @pytest.fixture
@@ -124,7 +71,7 @@ def table(stack: ExitStack) -> Table:
     table = Table(stack)
     table.send(table.node, COMMAND)
     table.advance(NS_PER_MS)
-    assert table.heard(table.peer) == [COMMAND]
+    assert received(table.peer) == [COMMAND]
     return table
 
 
@@ -134,9 +81,9 @@ def test_a_node_in_bus_off_is_reported_and_neither_sends_nor_hears(table: Table)
     table.send(table.node, COMMAND, COMMAND)
     table.send(table.peer, OTHER)
     table.advance(10 * NS_PER_MS)
-    assert table.heard(table.peer) == []
-    assert table.heard(table.node) == []
-    assert table.heard(table.asking) == [COMMAND, OTHER], "all others go on"
+    assert received(table.peer) == []
+    assert received(table.node) == []
+    assert received(table.asking) == [COMMAND, OTHER], "all others go on"
     channel = table.broker.channels["can0"]
     assert (channel.bus_offs, channel.lost_in_bus_off) == (1, 2)
 
@@ -149,10 +96,10 @@ def test_on_an_idle_bus_it_is_back_1408_bits_after_its_restart_and_not_before(ta
     table.send(table.node, COMMAND)
     table.advance(2 * STEP_NS)
     assert table.causes(table.node) == [RESTARTED]
-    assert table.heard(table.peer) == [], "what was sent before is lost"
+    assert received(table.peer) == [], "what was sent before is lost"
     table.send(table.node, COMMAND)
     table.advance(NS_PER_MS)
-    assert table.heard(table.peer) == [COMMAND]
+    assert received(table.peer) == [COMMAND]
 
 
 def test_on_a_full_bus_it_needs_128_frames_of_others(table: Table) -> None:
@@ -180,7 +127,7 @@ def test_its_frames_that_wait_for_the_wire_are_lost_and_its_place_is_free(table:
     assert table.causes(table.node)[-1] == RESTARTED
     table.send(table.node, *[COMMAND] * 64)
     table.advance(30 * NS_PER_MS)
-    assert table.heard(table.peer) == [COMMAND] * 64
+    assert received(table.peer) == [COMMAND] * 64
 
 
 def test_a_second_request_starts_it_earlier_and_never_later(table: Table) -> None:
@@ -211,7 +158,7 @@ def test_a_node_may_leave_in_bus_off(table: Table) -> None:
     table.advance(10 * NS_PER_MS)
     table.send(table.peer, OTHER)
     table.advance(NS_PER_MS)
-    assert OTHER in table.heard(table.asking)
+    assert OTHER in received(table.asking)
 
 
 def test_a_broker_that_does_not_allow_it_disconnects_who_asks(stack: ExitStack) -> None:
@@ -222,7 +169,7 @@ def test_a_broker_that_does_not_allow_it_disconnects_who_asks(stack: ExitStack) 
     assert table.journal.disconnections[Cause.REFUSED] == 1
     assert "requests a bus-off, which this bus does not allow" in table.lines[-1]
     table.advance(NS_PER_MS)
-    assert table.heard(table.node) == [], "and nothing happens"
+    assert received(table.node) == [], "and nothing happens"
 
 
 def test_the_journal_and_the_report_contain_it(table: Table) -> None:
