@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -122,12 +123,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return scheduler
 
 
+def test_files() -> Iterator[Path]:
+    """Yield every module of tests, also those behind a link: with-vcan has its own beside it."""
+    for folder, _, files in os.walk(TESTS, followlinks=True):
+        yield from (Path(folder, name) for name in files if fnmatch(name, "test_*.py"))
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
     """Have each worker begin with other folders: what one has compiled is there for the others."""
     worker: dict[str, Any] | None = getattr(session.config, "workerinput", None)
     if worker is not None and {Path(name).resolve() for name in session.config.args} == {TESTS}:
-        folders = sorted({str(file.parent) for file in TESTS.rglob("test_*.py")})
+        folders = sorted({str(file.parent) for file in test_files()})
         number, count = int(worker["workerid"].removeprefix("gw")), worker["workercount"]
         begin = len(folders) * number // count
         session.config.args = folders[begin:] + folders[:begin]

@@ -154,7 +154,7 @@ def test_the_script_installs_what_vcan0_needs_and_runs_the_readmes_command() -> 
 
 @pytest.mark.parametrize("table", [conftest.NEEDS_LINUX, conftest.NEEDS_POSIX])
 def test_what_is_skipped_elsewhere_exists(table: dict[str, str]) -> None:
-    names = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
+    names = {path.stem for path in conftest.test_files()}
     assert table.keys() - names == set()
 
 

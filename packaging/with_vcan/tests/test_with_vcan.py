@@ -21,7 +21,7 @@ from steer_by_wire.with_vcan.guard import descendants
 from steer_by_wire.with_vcan.request import BackendError, Request
 from tests.support.running_program import PATIENCE_S, wait_until
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")
 COMMAND = (sys.executable, "-S", WITH_VCAN)
 """It takes the standard library alone. Where ``python3`` is a script that looks for the

@@ -15,7 +15,7 @@ from steer_by_wire.tools.doctor import checks as doctor_checks
 from steer_by_wire.with_vcan import uml, xstate
 from steer_by_wire.with_vcan.request import BackendError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 NOBODY = 65534
 AVX512 = "model name\t: AMD EPYC\nflags\t\t: fpu xsave avx avx512f avx512_bf16\n"
 AMX = "processor\t: 1\nflags\t\t: fpu xsave avx512f amx_bf16 avx512_fp16 amx_tile amx_int8\n"

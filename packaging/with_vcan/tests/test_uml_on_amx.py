@@ -17,8 +17,8 @@ from steer_by_wire.with_vcan.__main__ import choose
 from steer_by_wire.with_vcan.request import SYSTEM_FOLDERS, BackendError, Request
 from tests.support.running_program import PATIENCE_S
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ROOT / "tests" / "support"
+ROOT = Path(__file__).resolve().parents[3]
+SOURCES = Path(__file__).parent
 LINUX_UML = shutil.which("linux.uml")
 AVX512 = "flags\t\t: fpu xsave avx avx512f avx512_bf16\n"
 AMX = "flags\t\t: fpu xsave avx avx512f avx512_fp16 amx_tile amx_int8\n"
