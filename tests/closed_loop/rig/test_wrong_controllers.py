@@ -12,8 +12,15 @@ import pytest
 
 from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import CAN_IDS, Rejection, SteeringCommand, decode, encode
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    LateralError,
+    Rejection,
+    SteeringCommand,
+    decode,
+    encode,
+)
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import View
 
@@ -27,8 +34,10 @@ Change = Callable[[int, SteeringCommand, int], Sequence[Frame]]
 class Changed:
     """A controller whose commands are changed before they are sent."""
 
-    def __init__(self, start_ns: int, change: Change) -> None:
-        self._node, self._change = ControllerNode(SETTINGS, start_ns), change
+    def __init__(
+        self, start_ns: int, change: Change, settings: ControllerSettings = SETTINGS
+    ) -> None:
+        self._node, self._change = ControllerNode(settings, start_ns), change
         self._number = -1
         self.finished = False
 
@@ -188,6 +197,56 @@ def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
 
 def test_frames_that_are_passed_on_unchanged_pass(tmp_path: Path) -> None:
     driven(tmp_path, steers(lambda _n, rad: rad)).assert_holds(rms_m=0.05)
+
+
+FAST = controller_preset(
+    "practical_pd",
+    [
+        "pd.proportional_gain_rad_m=1.06",
+        "pd.derivative_gain_rad_s_m=0.9",
+        "pd.derivative_filter_rad_s=60",
+    ],
+)
+"""Stable up to 25.3 ms of delay, of which the wait for the next tick takes 10 ms."""
+
+
+@pytest.mark.parametrize("by", [0, 1])
+def test_a_cycle_too_late_is_red_where_a_cycle_matters(by: int, tmp_path: Path) -> None:
+    rig = Rig(tmp_path, overrides={**PLANT, "latency.downlink.mean_s": 0.012})
+    outcome = rig.run(lambda start_ns: Changed(start_ns, late(by), FAST))
+    if not by:
+        outcome.assert_holds()
+        return
+    assert first_line(outcome).startswith("verdict: limit cycle: ")
+
+
+class Startled(Changed):
+    """Falls silent for good after 45 ms without a measurement."""
+
+    _heard_ns = 0
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        if frame.can_id == CAN_IDS[LateralError] and self._heard_ns >= 0:
+            is_gap = self._heard_ns and now_ns - self._heard_ns > 45_000_000
+            self._heard_ns = -1 if is_gap else now_ns
+        return super().on_frame(frame, now_ns)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        sent = super().on_tick(now_ns)
+        return sent if self._heard_ns >= 0 else ()
+
+
+def test_a_controller_that_fails_for_one_seed_is_red_for_that_alone(tmp_path: Path) -> None:
+    red = []
+    for seed in range(5):
+        rig = Rig(tmp_path / str(seed), overrides={**PLANT, "latency.uplink.loss": 0.15}, seed=seed)
+        outcome = rig.run(lambda start_ns: Startled(start_ns, steers(lambda _n, rad: rad)))
+        if outcome.report["safety"]["fallbacks"]:
+            assert first_line(outcome).startswith("the plant fell back: for ")
+            red.append(seed)
+        else:
+            outcome.assert_holds()
+    assert len(red) == 1
 
 
 IGNORES = """

@@ -29,7 +29,7 @@ def test_a_draw_is_repeated_by_its_seed_and_number() -> None:
 
 
 def test_a_wrong_verdict_counts_outside_what_it_cannot_tell() -> None:
-    right = Asked(1, "practical_pd", "own", 0.4, 2.0 * BAND_1_S, False, Verdict.HOLDS, ())
+    right = Asked(1, "practical_pd", "own", 0.0, 0.4, 2.0 * BAND_1_S, False, Verdict.HOLDS, ())
     wrong = right._replace(verdict=Verdict.LIMIT_CYCLE)
     missed = right._replace(decay_1_s=-2.0 * BAND_1_S)
     asked = [

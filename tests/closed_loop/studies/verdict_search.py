@@ -5,7 +5,9 @@
 A loop is a law, its rate, its sensors' period, its gains, a vehicle, and one of the delays at which
 ``check`` finds its stability to begin or end. It runs for a minute 2 % below and 2 % above that
 delay, each with the limits of commands that its preset has, and with limits that hardly bite. It is
-to hold where the analysis says stable, and not to hold where it says unstable.
+to hold where the analysis says stable, and not to hold where it says unstable. With noise on the
+lateral error it runs where it is unstable, and at half that delay if it is stable there: noise is
+not to make an oscillation of it. Closer to the boundary noise alone drives a loop to its limits.
 
 The analysis also gives the rate at which the slowest mode decays or grows, λ. The verdict compares
 two windows of 15 s, and needs a mode that shows within the minute: the search counts its errors by
@@ -53,7 +55,9 @@ TWO_RATES_SHARE = 0.03
 as long as a loop with a measurement at every tick, as does a law that looks back."""
 LIMITS = {"own": (), "wide": ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")}
 DURATION_S = 60.0
-BESIDE, SIDES = 0.02, (-1, 1)
+SHARES = (0.98, 1.02, 0.5)
+"""Of the delay at which stability begins or ends."""
+NOISES_M = (0.002, 0.02)
 BAND_1_S = 0.03
 """Of |λ|, below which the verdict on a minute cannot tell."""
 _DELAY_NS_MAX = 600_000_000
@@ -64,14 +68,14 @@ _ENDS = {Outcome.COMPLETE: RunEnd.COMPLETE, Outcome.LEFT_RANGE: RunEnd.LEFT_RANG
 
 
 class DrawnLoop(NamedTuple):
-    """A loop, a delay at which its stability begins or ends, and its decay 2 % below and above."""
+    """A loop, a delay at which its stability begins or ends, and its decay at SHARES of it."""
 
     preset: str
     overrides: tuple[str, ...]
     speed_m_s: float
     virtual_mass_kg: float
     boundary_ns: int
-    decays_1_s: tuple[float, float]
+    decays_1_s: tuple[float, ...]
 
 
 class Asked(NamedTuple):
@@ -85,6 +89,7 @@ class Asked(NamedTuple):
     number: int
     preset: str
     limits: str
+    noise_m: float
     delay_s: float
     decay_1_s: float
     is_sparse: bool
@@ -93,7 +98,9 @@ class Asked(NamedTuple):
 
     @property
     def agrees(self) -> bool:
-        """Whether both say the same."""
+        """Whether both say the same. Noise may move a stable loop, but not make it oscillate."""
+        if self.noise_m and self.decay_1_s > 0.0:
+            return self.verdict not in (Verdict.UNSTABLE, Verdict.LIMIT_CYCLE)
         return (self.verdict is Verdict.HOLDS) == (self.decay_1_s > 0.0)
 
 
@@ -138,18 +145,14 @@ def _drawn(rng: np.random.Generator) -> DrawnLoop | None:
     boundary_ns = int(rng.choice(ends))
     if boundary_ns > _IN_TRANSIT_MAX * settings.period_ns:
         return None
-    below, above = (loop.decay_1_s(_beside(boundary_ns, side)) for side in SIDES)
-    if (below > 0.0) == (above > 0.0):
+    decays_1_s = tuple(loop.decay_1_s(round(share * boundary_ns)) for share in SHARES)
+    if (decays_1_s[0] > 0.0) == (decays_1_s[1] > 0.0):
         return None  # the stretch beyond is shorter than 2 %
-    return DrawnLoop(preset, overrides, speed_m_s, mass_kg, boundary_ns, (below, above))
+    return DrawnLoop(preset, overrides, speed_m_s, mass_kg, boundary_ns, decays_1_s)
 
 
 def _about_one(rng: np.random.Generator) -> float:
     return float(np.exp(rng.uniform(-0.7, 0.7)))
-
-
-def _beside(boundary_ns: int, side: int) -> int:
-    return round(boundary_ns * (1.0 + side * BESIDE))
 
 
 def _settings(preset: str, overrides: Sequence[str]) -> ControllerSettings:
@@ -166,21 +169,25 @@ def _nominal(speed_m_s: float, mass_kg: float) -> NominalVehicle:
 
 
 def asked_of(seed: int, number: int) -> Iterator[Asked]:
-    """Run one loop on both sides of its boundary, with either limits."""
+    """Run one loop on both sides of its boundary, with either limits, and with noise."""
     drawn = drawn_loop(seed, number)
-    for side, decay_1_s in zip(SIDES, drawn.decays_1_s, strict=True):
-        delay_ns = _beside(drawn.boundary_ns, side)
-        for name, limits in LIMITS.items():
-            settings = _settings(drawn.preset, (*drawn.overrides, *limits))
-            plant = _plant(drawn, settings, delay_ns * 1e-9)
-            verdict = verdict_on(plant, settings)
+    facts = (*drawn.overrides, *_vehicle(drawn.speed_m_s, drawn.virtual_mass_kg))
+    for place, (share, decay_1_s) in enumerate(zip(SHARES, drawn.decays_1_s, strict=True)):
+        delay_s = round(share * drawn.boundary_ns) * 1e-9
+        quiet, is_half = [(name, 0.0) for name in LIMITS], place == 2
+        noisy = [("own", noise_m) for noise_m in NOISES_M]
+        runs = [*([] if is_half else quiet), *(noisy if is_half == (decay_1_s > 0.0) else [])]
+        for limits, noise_m in runs:
+            settings = _settings(drawn.preset, (*drawn.overrides, *LIMITS[limits]))
+            verdict = verdict_on(_plant(drawn, settings, delay_s, noise_m), settings)
             is_sparse = bool(sparse_measurements(settings, settings.link.sensor_period_s))
-            facts = (*drawn.overrides, *_vehicle(drawn.speed_m_s, drawn.virtual_mass_kg))
-            delay_s = delay_ns * 1e-9
-            yield Asked(number, drawn.preset, name, delay_s, decay_1_s, is_sparse, verdict, facts)
+            of = (number, drawn.preset, limits, noise_m, delay_s, decay_1_s)
+            yield Asked(*of, is_sparse, verdict, facts)
 
 
-def _plant(drawn: DrawnLoop, settings: ControllerSettings, delay_s: float) -> PlantSettings:
+def _plant(
+    drawn: DrawnLoop, settings: ControllerSettings, delay_s: float, noise_m: float
+) -> PlantSettings:
     """Return a straight path on which a push of a second has to be corrected."""
     push_rad = round(0.05 * min(1.0, (1.4 / drawn.speed_m_s) ** 2), 5)
     pushed = f"{{at_s=0.5, steering_offset_rad={push_rad}}}, {{at_s=1.5, steering_offset_rad=0.0}}"
@@ -193,6 +200,8 @@ def _plant(drawn: DrawnLoop, settings: ControllerSettings, delay_s: float) -> Pl
             f"sensor_period_ms={settings.link.sensor_period_ms}",
             f"latency.downlink.mean_s={delay_s!r}",
             f"disturbance.steps=[{pushed}]",
+            f"sensor_noise.lateral_error_m={noise_m}",
+            f"seed={drawn.boundary_ns % 1000}",
         ],
     )
     return plant.model_copy(update={"safety": UNGUARDED})
@@ -242,15 +251,19 @@ def wrong_of(asked: Sequence[Asked]) -> list[Asked]:
 
 
 def summary(asked: Sequence[Asked]) -> Iterator[str]:
-    """Yield counts by |λ|, and every wrong verdict outside the band."""
-    yield f"{'|λ| [1/s]':>16} {'runs':>6} {'false holds':>12} {'false alarms':>13}"
+    """Yield counts by noise and |λ|, and every wrong verdict outside the band."""
     edges = (0.0, 0.001, 0.003, 0.01, 0.02, 0.03, 0.05, 0.1, 0.3, np.inf)
-    for low, high in pairwise(edges):
-        judged = (one for one in asked if not one.is_sparse)
-        inside = [one for one in judged if low <= abs(one.decay_1_s) < high]
-        wrong = [one for one in inside if not one.agrees]
-        held = sum(one.verdict is Verdict.HOLDS for one in wrong)
-        yield f"{low:>7g} to {high:<5g} {len(inside):>6} {held:>12} {len(wrong) - held:>13}"
+    for noise_m in (0.0, *NOISES_M):
+        yield f"noise of {1e3 * noise_m:g} mm"
+        yield f"{'|λ| [1/s]':>16} {'runs':>6} {'false holds':>12} {'false alarms':>13}"
+        for low, high in pairwise(edges):
+            judged = (one for one in asked if not one.is_sparse and one.noise_m == noise_m)
+            inside = [one for one in judged if low <= abs(one.decay_1_s) < high]
+            wrong = [one for one in inside if not one.agrees]
+            held = sum(one.verdict is Verdict.HOLDS for one in wrong)
+            yield f"{low:>7g} to {high:<5g} {len(inside):>6} {held:>12} {len(wrong) - held:>13}"
+    sparse = [one for one in asked if one.is_sparse]
+    yield f"spikes between samples: {len(sparse)} runs, {sum(not o.agrees for o in sparse)} wrong"
     yield from (json.dumps(one._asdict()) for one in wrong_of(asked))
 
 
