@@ -38,5 +38,7 @@ def test_a_wrong_verdict_counts_outside_what_it_cannot_tell() -> None:
         wrong._replace(is_sparse=True),
     ]
     assert wrong_of(asked) == [wrong, missed]
-    (row,) = [line for line in summary(asked) if line.lstrip().startswith("0.05 to 0.1")]
-    assert row.split()[-3:] == ["3", "1", "1"]
+    noisy = right._replace(noise_m=0.02)
+    asked += [noisy._replace(verdict=Verdict.OFF_PATH), noisy._replace(verdict=Verdict.UNSTABLE)]
+    rows = [line for line in summary(asked) if line.lstrip().startswith("0.05 to 0.1")]
+    assert [row.split()[-3:] for row in rows] == [["3", "1", "1"], ["0"] * 3, ["2", "0", "1"]]
