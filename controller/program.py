@@ -13,7 +13,7 @@ from pathlib import Path
 from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
 from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
-from ..runtime.command_line import add_json_argument, command_parser, run_main, say
+from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ..runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "Holds a vehicle on its path at a fixed rate, over a CAN bus.",
         f"{NAME} --preset practical_pd_ddob",
         PRESETS,
+        ControllerSettings,
     )
     _add_law_arguments(parser)
     parser.add_argument(
@@ -73,7 +74,7 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
         f"{CHECK_NAME} --preset practical_pd_ddob",
         "[SETTINGS.toml] [options]",
     )
-    add_settings_arguments(parser, PRESETS)
+    add_settings_arguments(parser, PRESETS, ControllerSettings)
     _add_law_arguments(parser)
     add_json_argument(parser)
     add_fail_if_argument(parser, CHECK_QUANTITIES)
@@ -88,11 +89,12 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
         help="take [nominal_model] from [vehicle] of a file",
     )
     laws = ", ".join(LAWS)
-    parser.add_argument(
+    law = parser.add_argument(
         "--law",
         metavar="NAME",
         help=f"short for --set law=NAME: {laws}, or package.module:LAW of your own",
     )
+    offer(law, lambda: LAWS)
     parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
 
 

@@ -38,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "Emulates vehicle, path, actuator and network latency on a CAN bus.",
         f"{NAME} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
         PRESETS,
+        PlantSettings,
     )
     parser.add_argument(
         "--vehicle",

@@ -14,7 +14,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -127,15 +127,20 @@ def add_json_argument(parser: argparse.ArgumentParser, *, shows: bool = True) ->
 
 def add_overrides_argument(
     parser: argparse._ActionsContainer,
-    option: str = "--set",
     what: str = "override one setting",
-    dest: str | None = "overrides",
+    keys: Callable[[], Iterable[str]] = tuple,
 ) -> None:
-    """Add a repeatable option for ``TABLE.KEY=VALUE``; ``dest`` as in argparse."""
+    """Add ``--set TABLE.KEY=VALUE``, repeatable; the shell is offered the ``keys``."""
     metavar, repeatable = "TABLE.KEY=VALUE", f"{what}; repeatable"
-    parser.add_argument(
-        option, dest=dest, action="append", default=[], metavar=metavar, help=repeatable
+    action = parser.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar=metavar, help=repeatable
     )
+    offer(action, lambda: [f"{key}=" for key in keys()])
+
+
+def offer(action: argparse.Action, values: Callable[[], Iterable[str]]) -> None:
+    """Offer values of an option to the shell, which are not all that it takes."""
+    setattr(action, "values", values)  # noqa: B010 - argparse's own attributes are others
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
 from . import __version__
+from .completion import answer_from_cache, keep, offer_values
 from .runtime.command_line import start_program
 
 NAME = "steer-by-wire"
@@ -181,13 +182,21 @@ def _print_completion(words: Sequence[str]) -> int:
 
 def _complete() -> int:
     """Answer the shell's request for completions, which comes in the environment (argcomplete)."""
+    line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
+    named = line.split(maxsplit=2)[1:2]
+    is_behind = len(line.split()) > 2 or line.endswith(" ")
+    is_bash = os.environ.get("_ARGCOMPLETE_SHELL", "bash") == "bash"
+    if named and is_behind and is_bash and answer_from_cache(named[0], line):
+        return 0
     import argcomplete
 
     def answer(parser: argparse.ArgumentParser, *_arguments: object) -> NoReturn:
+        if named and parser.prog == f"{NAME} {named[0]}":
+            keep(named[0], parser)
+        offer_values(parser)
         argcomplete.autocomplete(parser, always_complete_options="long")
         raise SystemExit(0)
 
-    line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
     words = argcomplete.lexers.split_line(line)[3]  # the complete words
     if len(words) > 1 and words[1] in PROGRAMS:
         os.environ["_ARGCOMPLETE"] = "2"  # the program's own words begin after its name

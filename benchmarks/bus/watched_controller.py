@@ -135,7 +135,9 @@ ANSWERS: dict[str, Callable[[ControllerNode], Watched]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = make_parser(NAME, "The controller program, watched.", NAME, PRESETS)
+    parser = make_parser(
+        NAME, "The controller program, watched.", NAME, PRESETS, ControllerSettings
+    )
     parser.add_argument("--answer", choices=tuple(ANSWERS), default="at-rate")
     parser.add_argument("--ticks", type=output_file, metavar="FILE", help="when each tick ran")
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

@@ -12,6 +12,7 @@ from ..command_line import (
     add_json_argument,
     add_overrides_argument,
     command_parser,
+    offer,
     output_file,
     seconds,
     whole_number,
@@ -19,6 +20,7 @@ from ..command_line import (
 from ..port.python_can import add_bus_arguments
 from ..recording.recording import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
+from ..settings.mistakes import setting_keys
 from .bus_options import clock
 from .host import priority
 
@@ -29,11 +31,11 @@ PATIENCE_S = 60.0
 
 
 def make_parser(
-    name: str, doc: str | None, example: str, preset_package: str
+    name: str, doc: str | None, example: str, preset_package: str, model: type[Settings]
 ) -> argparse.ArgumentParser:
     """Return a parser with the common options; see ``command_parser`` for the arguments."""
     parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
-    add_settings_arguments(parser, preset_package)
+    add_settings_arguments(parser, preset_package, model)
     add_json_argument(parser, shows=False)
     parser.add_argument(
         "--record",
@@ -76,16 +78,19 @@ def make_parser(
     return parser
 
 
-def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str) -> None:
+def add_settings_arguments(
+    parser: argparse.ArgumentParser, preset_package: str, model: type[Settings]
+) -> None:
     """Add the options that ``load_program_settings`` reads."""
     presets = ", ".join(preset_names(preset_package))
     parser.add_argument(
         "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
     )
-    parser.add_argument(
+    preset = parser.add_argument(
         "--preset", metavar="NAME", help=f"preset, which the file overrides: {presets}"
     )
-    add_overrides_argument(parser)
+    offer(preset, lambda: preset_names(preset_package))
+    add_overrides_argument(parser, keys=lambda: setting_keys(model))
 
 
 def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
@@ -148,4 +153,5 @@ def settings_file(package: str) -> Callable[[str], Path]:
             )
         return Path(str(resources.files(package) / f"{text}.toml"))
 
+    setattr(read, "values", lambda: preset_names(package))  # noqa: B010 - for the shell
     return read

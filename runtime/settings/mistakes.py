@@ -93,6 +93,14 @@ def _meant_below(root: Schema, name: str, siblings: Iterable[str]) -> str:
     return f"did you mean {' or '.join(nearest)}?"
 
 
+def setting_keys(model: type[BaseModel]) -> list[str]:
+    """Return the dotted keys of all values that are no tables."""
+    root = schema_of(model)
+    found = dict.fromkeys([*root["properties"], *_keys_below(root, root, (), ())])
+    tables = {key.rpartition(".")[0] for key in found}
+    return sorted(key for key in found if key not in tables)
+
+
 def _keys_below(root: Schema, schema: Schema, path: KeyPath, above: Sequence[str]) -> Iterator[str]:
     """Return the dotted keys of the tables below ``schema``; lists are left out."""
     for alternative in _alternatives(root, schema, None):

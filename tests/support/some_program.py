@@ -87,9 +87,8 @@ def channel(request: pytest.FixtureRequest) -> str:
 def options(presets: str, channel: str) -> Callable[..., argparse.Namespace]:
     def parse(*arguments: str) -> argparse.Namespace:
         bus = ("-i", "virtual", "-c", channel)
-        return make_parser(NAME, "Does little.", NAME, presets).parse_args(
-            [*bus, *ORDINARY, *arguments]
-        )
+        parser = make_parser(NAME, "Does little.", NAME, presets, SomeSettings)
+        return parser.parse_args([*bus, *ORDINARY, *arguments])
 
     return parse
 

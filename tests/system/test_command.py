@@ -240,6 +240,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
             **os.environ,
             "_ARGCOMPLETE": "1",
             "_ARGCOMPLETE_IFS": "\n",
+            "XDG_CACHE_HOME": str(tmp_path / "cache"),
             "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
             "COMP_LINE": line,
             "COMP_POINT": str(len(line)),
@@ -257,12 +258,22 @@ def completions(line: str, tmp_path: Path) -> set[str]:
         ("steer-by-wire stu", {"study"}),
         ("steer-by-wire check --p", {"--preset"}),
         ("steer-by-wire bus --", {"--address", "--bitrate", "--json"}),
+        ("steer-by-wire run --preset pap", {"paper_nominal", "paper_pd"}),
+        ("steer-by-wire run --set plant.latency.up", {"plant.latency.uplink.mean_s="}),
+        ("steer-by-wire controller --law pd_", {"pd_dob", "pd_cdob", "pd_ddob"}),
+        ("steer-by-wire study com", {"compare", "compare_at_speed"}),
+        ("steer-by-wire cockpit --bus e", {"emulated"}),
     ],
 )
-def test_a_shell_is_offered_programs_and_their_options(
+def test_a_shell_is_offered_programs_options_and_values(
     line: str, offered: set[str], tmp_path: Path
 ) -> None:
-    assert offered <= completions(line, tmp_path)
+    first = completions(line, tmp_path)
+    assert offered <= first
+    if line.count(" ") > 1:
+        kept = list((tmp_path / "cache").rglob("*.json"))
+        assert len(kept) == 1
+        assert completions(line, tmp_path) == first  # now without importing the program
 
 
 @pytest.mark.parametrize("shell", command.SHELLS)

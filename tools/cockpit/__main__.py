@@ -24,7 +24,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.live_bus import BUSES
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
-from steer_by_wire.runtime.command_line import command_parser, output_file, run_main, say
+from steer_by_wire.runtime.command_line import command_parser, offer, output_file, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
@@ -59,11 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--log-channel", metavar="NAME", help="channel to replay, if there are several"
     )
-    parser.add_argument(
-        "--scenario",
-        metavar="TITLE",
-        help=f"preset to begin with: {', '.join(one.title for one in scenarios())}",
+    titles = [one.title for one in scenarios()]
+    scenario = parser.add_argument(
+        "--scenario", metavar="TITLE", help=f"preset to begin with: {', '.join(titles)}"
     )
+    offer(scenario, lambda: titles)
     parser.add_argument(
         "--bus",
         choices=BUSES,

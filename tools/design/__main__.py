@@ -48,6 +48,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import load_settings, preset_names
+from steer_by_wire.runtime.settings.mistakes import setting_keys
 from steer_by_wire.tools.design.frontier.program import run_frontier
 from steer_by_wire.tools.design.frontier.settings import FrontierSettings
 from steer_by_wire.tools.design.law_design import Design, NoDesignError, verification_line, verify
@@ -116,7 +117,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--frontier", type=settings_file(FRONTIERS), metavar="FRONTIER",
         help="compare the structures of a law instead: a file, or frontier",
     )  # fmt: skip
-    add_overrides_argument(parser, what="override one value of the specification")
+    what = "override one value of the specification"
+    add_overrides_argument(parser, what, lambda: setting_keys(Specification))
     add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR",

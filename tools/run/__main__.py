@@ -21,6 +21,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.agreed_point import judged_like
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
@@ -35,7 +36,13 @@ from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.command_line import add_json_argument, command_parser, run_main, say
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    command_parser,
+    offer,
+    run_main,
+    say,
+)
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program.bus_options import (
@@ -94,9 +101,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
-    parser.add_argument(
+    law = parser.add_argument(
         "--law", metavar="NAME", help="short for --set controller.law=NAME; also package.module:LAW"
     )
+    offer(law, lambda: LAWS)
     parser.add_argument(
         "--controller-command",
         type=shlex.split,

@@ -10,7 +10,9 @@ from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.command_line import offer
 from ...runtime.settings import Settings, SettingsError, preset_names
+from ...runtime.settings.mistakes import setting_keys
 
 PLANT_SIDE, CONTROLLER_SIDE = "plant", "controller"
 _PACKAGES: Mapping[str, str] = MappingProxyType(
@@ -26,7 +28,7 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
 
     ``default``  the controller's preset, for the help
     """
-    parser.add_argument(
+    preset = parser.add_argument(
         "--preset",
         type=_preset,
         action="append",
@@ -34,7 +36,8 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
         metavar="NAME",
         help=f"of plant or controller, one each (default: {default}): {', '.join(_names())}",
     )
-    parser.add_argument(
+    offer(preset, _names)
+    override = parser.add_argument(
         "--set",
         type=_override,
         dest="overrides",
@@ -42,6 +45,10 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
         default=[],
         metavar="SIDE.KEY=VALUE",
         help="override one setting, such as plant.seed=3; repeatable",
+    )
+    offer(
+        override,
+        lambda: [f"{s}.{key}=" for s, model in _MODELS.items() for key in setting_keys(model)],
     )
 
 

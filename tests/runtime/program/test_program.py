@@ -163,7 +163,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
         "from steer_by_wire.runtime.command_line import run_main;"
         "from steer_by_wire.runtime.program.run_node import run_node;"
         "from steer_by_wire.runtime.program.node_options import make_parser;"
-        "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
+        "options = make_parser(NAME, '', '', sys.argv[2], SomeSettings).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
         "sys.exit(run_main(NAME, run))"
     )

@@ -1,0 +1,98 @@
+"""Completion in the shell within a tenth of a second: what parsers know is kept in a file.
+
+argcomplete asks the program anew at every key, whose imports take seconds. The first key behind a
+program's name still does; its options and their values then lie in the user's cache, by program,
+until a file of the package changes. Standard library only.
+"""
+
+import argparse
+import json
+import os
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+
+NO_SPACE = "="
+"""Behind the key of a setting there is a value."""
+
+
+def keep(program: str, parser: argparse.ArgumentParser) -> None:
+    """Keep what a parser knows; one with subcommands is left to argcomplete."""
+    if any(isinstance(action, argparse._SubParsersAction) for action in parser._actions):
+        return
+    options = {
+        option: None if action.nargs == 0 else _values(action)
+        for action in parser._actions
+        for option in action.option_strings
+        if option.startswith("--") and action.help != argparse.SUPPRESS
+    }
+    places = [value for action in parser._get_positional_actions() for value in _values(action)]
+    file = _file(program)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for former in file.parent.glob(f"*-{program}.json"):
+            former.unlink(missing_ok=True)
+        partial = file.with_suffix(f".{os.getpid()}")
+        partial.write_text(json.dumps({"options": options, "places": places}), encoding="utf-8")
+        partial.replace(file)
+    except OSError:
+        return  # slow, but right
+
+
+def answer_from_cache(program: str, line: str) -> bool:
+    """Answer bash's request if what the program knows is kept; returns whether it was."""
+    try:
+        known = json.loads(_file(program).read_text(encoding="utf-8"))
+        words = shlex.split(line)
+    except (OSError, ValueError):
+        return False
+    last = "" if line.endswith(" ") else words.pop()
+    found = list(_candidates(known, words[-1], last))
+    if not found or "=" in last:
+        return False
+    end = " " if len(found) == 1 and not found[0].endswith(NO_SPACE) else ""
+    escaped = [re.sub(r"([\s'\"()&;<>|$`\\])", r"\\\1", each) + end for each in found]
+    _write(os.environ.get("_ARGCOMPLETE_IFS", "\v").join(escaped))
+    return True
+
+
+def _candidates(known: dict[str, Any], before: str, last: str) -> Iterator[str]:
+    values = known["options"].get(before)
+    if values is None:
+        values = known["options"] if last.startswith("-") else known["places"]
+    yield from (value for value in values if value.startswith(last))
+
+
+def _values(action: argparse.Action) -> list[str]:
+    values = getattr(action.type, "values", None) or getattr(action, "values", None)
+    return [*map(str, action.choices or ())] if values is None else list(values())
+
+
+def offer_values(parser: argparse.ArgumentParser) -> None:
+    """Let argcomplete know the values too."""
+    for action in parser._actions:
+        if values := _values(action):
+            setattr(action, "completer", lambda values=values, **_: values)  # noqa: B010
+
+
+def _file(program: str) -> Path:
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    package = Path(__file__).parent
+    newest_ns = max(
+        os.stat(os.path.join(folder, name)).st_mtime_ns
+        for folder, _, names in os.walk(package, followlinks=True)
+        for name in names
+        if name.endswith((".py", ".toml"))
+    )
+    stamp = f"{__version__}-{newest_ns}-{program}.json"
+    return base / "steer-by-wire-emulator" / "completion" / stamp
+
+
+def _write(text: str) -> None:
+    name = os.environ.get("_ARGCOMPLETE_STDOUT_FILENAME")
+    with open(name or 8, "wb", closefd=bool(name)) as stream:
+        stream.write(text.encode())
