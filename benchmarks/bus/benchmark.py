@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="only lateness and skipped ticks, on an emulated bus; needs no SocketCAN",
     )
     parser.add_argument(
-        "--seconds",
+        "--duration",
         type=seconds,
         default=4.0,
         help="duration of each short run (default: %(default)g)",
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--repetitions", type=whole_number(1, 1000), default=5, help="default: %(default)s"
     )
     parser.add_argument(
-        "--long-seconds",
+        "--long-duration",
         type=seconds,
         default=60.0,
         metavar="SECONDS",
@@ -126,7 +126,7 @@ def _run_all(
     """
     answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING if bench.channel}
     ticks = []
-    short_s, long_s = options.seconds + BETWEEN_S, options.long_seconds + BETWEEN_S
+    short_s, long_s = options.duration + BETWEEN_S, options.long_duration + BETWEEN_S
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         total_s = options.repetitions * (len(answered) + 1) * short_s + long_s
@@ -134,13 +134,13 @@ def _run_all(
         for _ in range(options.repetitions):
             for who in answered:
                 progress.update(task, description=who)
-                answered[who].append(answer_run(bench, who, RATE_HZ, options.seconds))
+                answered[who].append(answer_run(bench, who, RATE_HZ, options.duration))
                 progress.advance(task, short_s)
             progress.update(task, description=f"lateness at {RATE_HZ} Hz")
-            ticks.append(tick_run(bench, RATE_HZ, options.seconds))
+            ticks.append(tick_run(bench, RATE_HZ, options.duration))
             progress.advance(task, short_s)
-        progress.update(task, description=f"{options.long_seconds:g} s at {LONG_RATE_HZ} Hz")
-        long = tick_run(bench, LONG_RATE_HZ, options.long_seconds)
+        progress.update(task, description=f"{options.long_duration:g} s at {LONG_RATE_HZ} Hz")
+        long = tick_run(bench, LONG_RATE_HZ, options.long_duration)
     return answered, ticks, long
 
 

@@ -317,7 +317,7 @@ def test_the_program_writes_every_line_with_its_target(
 @needs_gcc
 def test_without_can_lateness_and_skipped_ticks_are_measured(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
-    short = ["--seconds", "0.2", "--long-seconds", "0.2", "--repetitions", "1", "--priority", "0"]
+    short = ["--duration", "0.2", "--long-duration", "0.2", "--repetitions", "1", "--priority", "0"]
     assert main(["bus", *short, "--no-can", "--json", str(out)]) == 0
     content = json.loads(out.read_text(encoding="utf-8"))
     assert [line["target"] for line in content["lines"] if line["target"]] == [

@@ -199,7 +199,7 @@ Report = Callable[[str], None]
 
 
 def steps(options: argparse.Namespace) -> int:
-    """Return how many measurements of ``options.seconds`` there are."""
+    """Return how many measurements of ``options.duration`` there are."""
     return (1 + _wants_rights(options)) * (len(RATES_HZ) + 1)
 
 
@@ -239,12 +239,12 @@ def _measure(
     with real_time(request) as answers:
         for rate_hz in RATES_HZ:
             report(f"wake-ups at {rate_hz} Hz, {rights}")
-            wake_ups.append(measure_wake_ups(opened.port, rate_hz, options.seconds, spin_ns))
+            wake_ups.append(measure_wake_ups(opened.port, rate_hz, options.duration, spin_ns))
     report(f"round trips, {rights}")
     round_trip, obstacle = None, ""
     try:
-        with echoing(options, request, options.seconds + ECHO_GRACE_S), real_time(request):
-            round_trip = measure_round_trip(opened.port, options.seconds, spin_ns)
+        with echoing(options, request, options.duration + ECHO_GRACE_S), real_time(request):
+            round_trip = measure_round_trip(opened.port, options.duration, spin_ns)
     except BusError as error:
         obstacle = str(error)
     return Measured(rights, answers, wake_ups, round_trip, obstacle)
