@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, end_of
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, Verdict, end_of
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.random_streams import Stream
 from ...plant_emulator.network.settings import LatencySettings, Order
@@ -21,7 +21,7 @@ from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
-from ..compiled.engine import Outcome, run_batch
+from ..compiled.engine import BatchRun, Outcome, run_batch
 from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from .node_runs import run_on_nodes
@@ -29,10 +29,13 @@ from .run_figures import (
     CG_STRIDE,
     COLUMNS,
     COUNTS,
+    FigureRules,
+    Figures,
     LatencyFigures,
     latency_figures,
     rules_of,
     take_figures,
+    verdict_of,
 )
 from .scenario import Pair, Scenarios
 
@@ -45,6 +48,24 @@ _ENDS = {
     Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE,
     Outcome.LAW_FAILED: RunEnd.LAW_FAILED,
 }
+
+
+def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: BatchRun) -> Verdict:
+    """Return the verdict on a compiled run, by the thresholds of its plant."""
+    figures = np.empty(len(Figures._fields))
+    rules = rules_of(plant.verdict, plant, controller)
+    _take_figures(rules, run, latency_figures(run.downlink_latency_s), figures)
+    return verdict_of(plant.verdict, end_of(_ENDS[run.outcome], figures[_DURATION]), figures)
+
+
+def _take_figures(
+    rules: FigureRules, run: BatchRun, latency: LatencyFigures, row: FloatArray
+) -> None:
+    behind_m = rules.behind_preview_m
+    cg_m = run.deviation_m(run.motion.preview_distance_m, CG_STRIDE)
+    followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
+    moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
+    take_figures(rules, *moved, cg_m, run.sent_rad, latency, row)
 
 
 class Losses(NamedTuple):
@@ -199,11 +220,7 @@ class Computer:
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        preview_m, behind_m = run.motion.preview_distance_m, rules.behind_preview_m
-        cg_m, figures = run.deviation_m(preview_m, CG_STRIDE), row[: -len(COUNTS)]
-        followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
-        moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
-        take_figures(rules, *moved, cg_m, run.sent_rad, known, figures)
+        _take_figures(rules, run, known, row[: -len(COUNTS)])
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)

@@ -26,18 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
-from steer_by_wire.closed_loop.studies.run_figures import figures_of, rules_of, verdicts
+from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.analysis.check_in_json import loop_around, stable_delays_of
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.evaluation.run_verdict import (
-    RUN_ENDS,
-    RunEnd,
-    Verdict,
-    VerdictRules,
-)
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.settings import SettingsError
@@ -64,7 +59,6 @@ _DELAY_NS_MAX = 600_000_000
 _TWO_RATES_PERIODS = 50
 _IN_TRANSIT_MAX = 200
 """Commands on their way at the boundary: each is a state, and 600 of them take seconds."""
-_ENDS = {Outcome.COMPLETE: RunEnd.COMPLETE, Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE}
 
 
 class DrawnLoop(NamedTuple):
@@ -179,7 +173,8 @@ def asked_of(seed: int, number: int) -> Iterator[Asked]:
         runs = [*([] if is_half else quiet), *(noisy if is_half == (decay_1_s > 0.0) else [])]
         for limits, noise_m in runs:
             settings = _settings(drawn.preset, (*drawn.overrides, *LIMITS[limits]))
-            verdict = verdict_on(_plant(drawn, settings, delay_s, noise_m), settings)
+            plant = _plant(drawn, settings, delay_s, noise_m)
+            verdict = verdict_on(plant, settings, run_batch(plant, settings))
             is_sparse = bool(sparse_measurements(settings, settings.link.sensor_period_s))
             of = (number, drawn.preset, limits, noise_m, delay_s, decay_1_s)
             yield Asked(*of, is_sparse, verdict, facts)
@@ -205,17 +200,6 @@ def _plant(
         ],
     )
     return plant.model_copy(update={"safety": UNGUARDED})
-
-
-def verdict_on(plant: PlantSettings, settings: ControllerSettings) -> Verdict:
-    """Return the verdict on a compiled run."""
-    run = run_batch(plant, settings)
-    rules = rules_of(VerdictRules(), plant, settings)
-    error_m = run.lateral_error_m
-    moved = run.time_s, error_m, error_m, run.wheel_angle_rad
-    found = figures_of(rules, *moved, run.cg_deviation_m, run.sent_rad, run.downlink_latency_s)
-    end = RUN_ENDS.index(_ENDS.get(run.outcome, RunEnd.LAW_FAILED))
-    return verdicts(VerdictRules(), np.array([end]), np.array([found]))[0]
 
 
 def is_told(one: Asked) -> bool:

@@ -41,7 +41,6 @@ class TrialsTable(Settings):
     ``jitter_share``         spread of the latency over its mean, which is the guaranteed delay over
                              1 + ``margin_share``
     ``seeds``                of the jitter, from 1001 on: no design has used them
-    ``lost_m``               a run beyond it is lost
     """
 
     sensor_noise_m: PositiveFloat = 0.02
@@ -50,7 +49,6 @@ class TrialsTable(Settings):
     lag_s: PositiveFloat = 0.1
     jitter_share: Annotated[float, Field(gt=0.0, le=2.0)] = 0.3
     seeds: Annotated[int, Field(ge=1, le=100_000)] = 100
-    lost_m: PositiveFloat = 0.5
 
 
 class FrontierSettings(Settings):

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....closed_loop.compiled.engine import Outcome, run_batch
+from ....closed_loop.compiled.engine import run_batch
+from ....closed_loop.studies.compiled_runs import verdict_on
 from ....controller.filters.nominal_model import NominalVehicle
 from ....controller.laws.feed_forward import FeedForwardSettings
 from ....controller.settings import ControllerSettings
+from ....plant_emulator.evaluation.run_verdict import Verdict
 from ....plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from ....plant_emulator.path.settings import PathSettings, StraightSettings
 from ....plant_emulator.sensors.settings import SensorNoiseSettings
@@ -38,14 +40,14 @@ _WRONG_FRONT_STIFFNESS = 0.7
 
 
 class Trials(NamedTuple):
-    """Results at the delay that a design guarantees; infinite where the run was lost.
+    """Results at the delay that a design guarantees; infinite where the run does not hold.
 
     ``noisy_rms_m``     nominal vehicle, sensor noise
     ``wind_peak_m``     peak on a straight after the step of the side force
     ``offset_left_m``   mean error at the end, after a step of the wheel's offset
     ``wrong_rms_m``     heaviest and fastest corner, its front tyres softer by 30 %
     ``jitter_median_m``, ``jitter_95_m``  RMS over the seeds
-    ``jitter_lost``     how many of the seeds left the path
+    ``jitter_lost``     how many of the seeds do not hold
     """
 
     noisy_rms_m: float
@@ -155,10 +157,8 @@ def _run(
     )
     batch = run_batch(plant, settings)
     counts = batch.lateral_error_m[batch.time_s >= asked.ignore_s]
-    if batch.outcome is not Outcome.COMPLETE:
+    if verdict_on(plant, settings, batch) is not Verdict.HOLDS:
         return _LOST
-    peak_m = float(np.abs(counts).max())
     last = batch.lateral_error_m[batch.time_s >= asked.course.duration_s - _LAST_S]
-    if peak_m > asked.trials.lost_m:
-        return _LOST
+    peak_m = float(np.abs(counts).max())
     return _Errors(float(np.sqrt(np.mean(np.square(counts)))), peak_m, abs(float(last.mean())))
