@@ -67,26 +67,6 @@ def test_a_ramp_may_be_slow() -> None:
     assert guarded.target == pytest.approx(0.25 - 1.5e-6, abs=1e-9)
 
 
-def test_a_run_of_commands_ends_the_fallback_and_nothing_jumps() -> None:
-    """0.5 rad/s: 0.005 rad in 10 ms. Of three commands the third is followed, from where it was."""
-    guarded = Guarded(ramp_step_rad=0.0)
-    steady(guarded, 0.25)
-    back_ms = 1000.0
-    for step in range(2):
-        assert not guarded.command(back_ms + 10.0 * step, 0.2)
-        assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FALLBACK", 0.25, step + 1)
-        assert guarded.x.arrived_ns == round((back_ms + 10.0 * step) * MS_NS)
-    assert guarded.command(back_ms + 20.0, 0.2)
-    assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FOLLOWING", 0.25, 0)
-    targets = []
-    for step in range(1, 13):
-        assert guarded.command(back_ms + 20.0 + 10.0 * step, 0.1)
-        targets.append(guarded.target)
-    expected = [0.1 + max(0.05 - 0.005 * step, 0.0) for step in range(1, 13)]
-    assert targets == pytest.approx(expected, abs=1e-12)
-    assert targets[-1] == 0.1
-
-
 def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
     guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
     steady(guarded, 0.25)
@@ -125,20 +105,6 @@ def test_a_wheel_that_does_not_follow_makes_the_safe_state_due_at_once_and_for_g
     for step in range(20):
         assert not guarded.command(1000.0 + 10.0 * step, 0.25)
     assert guarded.x == before
-
-
-def test_a_wheel_that_follows_changes_nothing_but_when_it_was_seen() -> None:
-    guarded = Guarded()
-    guarded.command(0.0, 0.25)
-    before = guarded.x
-    guarded.wheel(10.0, 0.25)
-    assert (guarded.x, guarded.followed_ns) == (before, 10 * MS_NS)
-    guarded.until(650.0)
-    guarded.command(650.0, 0.3)
-    before = guarded.x
-    assert (before.mode, before.good_run) == (MODES.index("FALLBACK"), 1)
-    guarded.wheel(650.0, guarded.target)
-    assert (guarded.x, guarded.followed_ns) == (before, 650 * MS_NS)
 
 
 def test_the_time_of_a_wheel_that_does_not_follow_begins_when_it_last_did() -> None:
@@ -183,17 +149,6 @@ def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
     assert not guarded.command(override_ms + 1.0, 1.0)
     guarded.until(override_ms + 10.0)
     assert guarded.log[-1] == (override_ms + 10.0, "SAFE_STATE", before - 0.0625)
-
-
-def test_an_override_comes_after_a_fallback_has_ended() -> None:
-    guarded = Guarded(override_ms=5000.0)
-    guarded.command(0.0, 0.03125)
-    guarded.until(1e5)
-    assert guarded.log == [
-        (140.0, "HOLDING", 0.03125),
-        (640.0, "FALLBACK", 0.0),
-        (5000.0, "SAFE_STATE", 0.0),
-    ]
 
 
 def test_a_timer_that_comes_late_still_obeys_the_override() -> None:

@@ -34,31 +34,6 @@ def test_after_a_hold_of_any_length_nothing_jumps_from_either_side(silence_ms: f
         assert (guarded.mode, guarded.x.fade_rad) == ("FOLLOWING", 0.0)
 
 
-def test_a_command_before_the_timer_ends_no_hold_and_one_after_it_moves_nothing() -> None:
-    for is_timer_first in (False, True):
-        guarded = Guarded()
-        steady(guarded, 0.25)
-        if is_timer_first:
-            guarded.until(240.0)
-        guarded.command(240.0, 0.0)
-        assert guarded.mode == ("HOLDING" if is_timer_first else "FOLLOWING")
-        assert guarded.target == (0.25 if is_timer_first else 0.0)
-        assert guarded.x.good_run == is_timer_first
-
-
-def test_a_run_of_commands_ends_the_hold_and_one_less_does_not() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    for time_ms, run in ((300.0, 1), (310.0, 2)):
-        assert guarded.command(time_ms, 0.25)
-        assert (guarded.mode, guarded.x.good_run) == ("HOLDING", run)
-        assert tested.is_overruled(guarded.x)
-    assert guarded.command(320.0, 0.25)
-    assert (guarded.mode, guarded.x.good_run) == ("FOLLOWING", 0)
-    assert guarded.x.deadline_ns == 460 * MS_NS
-    assert not tested.is_overruled(guarded.x)
-
-
 def test_a_silence_in_the_run_starts_it_anew_and_only_the_fade_goes_on() -> None:
     """By what fades in 140 ms, towards the command before; the newest moves nothing."""
     for side in (1.0, -1.0):
@@ -88,20 +63,6 @@ def test_the_clock_stands_while_commands_are_no_older_than_what_is_no_silence() 
     assert guarded.mode == "HOLDING"
     guarded.until(1060.0)
     assert guarded.mode == "FALLBACK"
-
-
-@pytest.mark.parametrize("gap_ms", [150.0, 200.0, 400.0])
-def test_single_commands_end_in_fallback_and_move_no_more_than_their_fade(gap_ms: float) -> None:
-    guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
-    guarded.command(0.0, 0.0)
-    followed, before = 0, 0.0
-    while guarded.command((followed + 1) * gap_ms, 0.5 * (-1) ** followed):
-        followed += 1
-        assert abs(guarded.target - before) <= 0.07 + 1e-12
-        before = guarded.target
-    assert guarded.mode == "FALLBACK"
-    assert followed == 500.0 // (gap_ms - 140.0)
-    assert not guarded.command((followed + 2) * gap_ms, 0.0)
 
 
 def test_damaged_commands_that_use_up_the_run_let_the_clock_run_on() -> None:
@@ -150,20 +111,6 @@ def test_recovery_comes_as_soon_as_so_many_more_commands_were_good_than_damaged(
             assert (guarded.mode == "FALLBACK") == (most < recovery_frames)
             if guarded.mode != "FALLBACK":
                 break
-
-
-def test_an_override_comes_in_the_midst_of_a_run() -> None:
-    guarded = Guarded(override_ms=400.0, recovery_frames=9)
-    steady(guarded, 0.25)
-    for time_ms in (300.0, 390.0):
-        guarded.command(time_ms, 0.25)
-        assert guarded.x.deadline_ns == 400 * MS_NS
-    guarded.until(400.0)
-    assert guarded.mode == "SAFE_STATE"
-    guarded = Guarded(override_ms=400.0)
-    for time_ms in (0.0, 350.0, 360.0, 370.0):
-        guarded.command(time_ms, 0.25)
-    assert (guarded.mode, guarded.x.deadline_ns) == ("FOLLOWING", 400 * MS_NS)
 
 
 def test_whatever_comes_fallback_comes_in_silence_and_no_step_is_more_than_fade_and_command() -> (

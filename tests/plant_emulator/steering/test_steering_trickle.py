@@ -209,13 +209,3 @@ def test_a_compiled_run_with_a_trickle_equals_the_nodes(overrides: Sequence[str]
     law = controller_preset("practical_predictor")
     run = assert_same_as_nodes(plant_settings(overrides), law)
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
-
-
-def test_the_steering_holds_until_its_run_is_whole() -> None:
-    tested = held(link())
-    tested.tick_until(BACK_NS)
-    for step in range(5):
-        assert tested.node.report()["safety"]["mode"] == "holding"
-        tested.command(BACK_NS + step * PERIOD_NS, 0.1)
-        tested.tick_until(BACK_NS + step * PERIOD_NS)
-    assert tested.node.report()["safety"]["mode"] == "following"

@@ -193,12 +193,6 @@ def test_a_controller_that_is_started_anew_is_followed() -> None:
     assert lateness.max_s < 1e-6
 
 
-def test_before_the_first_frame_there_is_a_view() -> None:
-    view = BusWatch(0).view(0)
-    assert (view.error, view.controller, view.round_trip) == (None, None, None)
-    assert view.frames_per_s == 0.0
-
-
 @given(
     st.lists(
         st.tuples(
