@@ -7,8 +7,10 @@ RUN apt-get update -qq && apt-get install -y -qq --no-install-recommends \
 WORKDIR /opt/steer-by-wire
 COPY . .
 RUN pip install --quiet --no-cache-dir '.[tools]'
-# With --user the home folder would be /, where nothing can be kept.
+# Not root; --user "$(id -u)" writes into a folder of yours. Its home would be /: nothing is kept there.
 ENV HOME=/tmp
 WORKDIR /work
+RUN chown 10001 /work
+USER 10001
 ENTRYPOINT ["steer-by-wire"]
 CMD ["--help"]

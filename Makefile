@@ -36,7 +36,7 @@ LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap docs 
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:
 	uv pip compile --universal --python-version 3.11 $(addprefix --extra ,$(LOCKED_EXTRAS)) --no-header --no-annotate \
-	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
+	    --no-emit-index-url --no-emit-find-links --generate-hashes --quiet --output-file requirements.lock pyproject.toml
 
 clean:
 	rm -rf $(VENV) out docs/_build docs/gallery docs/generated examples/out build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -16,6 +16,7 @@ from tests.support import vcan_session
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / ".ci" / "run"
 WORKFLOWS = ROOT / ".github" / "workflows"
+NAMES = ("ci.yml", "vcan.yml", "release.yml")
 ACTION = ROOT / "action.yml"
 PACKAGES = {"user-mode-linux", "kmod", "can-utils", "iproute2"}
 
@@ -39,6 +40,11 @@ def vcan_jobs() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
+def every_job() -> list[dict[str, Any]]:
+    return [job for name in NAMES for job in content_of(WORKFLOWS / name)["jobs"].values()]
+
+
+@pytest.fixture(scope="module")
 def action() -> dict[str, Any]:
     return content_of(ACTION)
 
@@ -46,7 +52,7 @@ def action() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("check_jsonschema", "--builtin-schema", "vendor.github-workflows", "ci.yml", "vcan.yml"),
+        ("check_jsonschema", "--builtin-schema", "vendor.github-workflows", *NAMES),
         ("check_jsonschema", "--builtin-schema", "vendor.github-actions", str(ACTION)),
         ("yamllint", "--strict", "--config-file", "../yamllint.yml", ".", str(ACTION)),
     ],
@@ -86,22 +92,55 @@ def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, A
     assert f"--interfaces vcan0,{vcan_session.NETEM_CHANNEL}" in text
 
 
-def test_every_command_of_the_workflows_is_well_formed(
-    jobs: dict[str, Any], vcan_jobs: dict[str, Any]
-) -> None:
-    for job in (*jobs.values(), *vcan_jobs.values()):
+def test_every_command_of_the_workflows_is_well_formed(every_job: list[dict[str, Any]]) -> None:
+    for job in every_job:
         text = re.sub(r"\$\{\{.*?\}\}", "x", commands(job))
         checked = subprocess.run([bash(), "-n"], input=text.encode(), capture_output=True)
         assert checked.returncode == 0, checked.stderr
 
 
-def test_every_action_of_the_workflows_is_ours_or_pinned_to_a_version(
-    jobs: dict[str, Any], vcan_jobs: dict[str, Any]
+def test_every_action_of_the_workflows_is_ours_or_pinned_to_a_commit(
+    every_job: list[dict[str, Any]],
 ) -> None:
-    every = [step for job in (*jobs.values(), *vcan_jobs.values()) for step in job["steps"]]
-    used = [step["uses"] for step in every if "uses" in step]
+    used = [step["uses"] for job in every_job for step in job["steps"] if "uses" in step]
     assert used.count("./") == 2
-    assert all(re.fullmatch(r"\./|actions/[a-z-]+@v\d+", name) for name in used)
+    assert all(re.fullmatch(r"\./|actions/[a-z-]+@[0-9a-f]{40}", name) for name in used)
+
+
+def test_the_lock_has_a_hash_for_every_distribution() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="ascii")
+    entries = re.split(r"\n(?=\S)", lock.strip())
+    assert len(entries) > 100
+    assert [entry for entry in entries if "--hash=sha256:" not in entry] == []
+
+
+@pytest.mark.parametrize("before", ["1", ""], ids=["restricted", "no such setting"])
+def test_the_action_puts_the_restriction_back(
+    action: dict[str, Any], before: str, tmp_path: Path
+) -> None:
+    """The lines about it alone: the others install packages."""
+    packages, _, last = action["runs"]["steps"]
+    lines = packages["run"].partition("key=")
+    sysctl = f'[ "$1" = -n ] && {{ echo {before}; exit; }}' if before else '[ "$1" = -n ] && exit 1'
+    for name, text in (("sysctl", f'{sysctl}\necho "$@" >> set'), ("sudo", 'exec "$@"')):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n", encoding="ascii")
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / "output").touch()
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "GITHUB_OUTPUT": "output"}
+
+    def run(commands: str) -> None:
+        whole = [bash(), "-euo", "pipefail", "-c", commands]
+        subprocess.run(whole, cwd=tmp_path, env=environment, check=True)
+
+    run("".join(lines[1:]))
+    kept = (tmp_path / "output").read_text(encoding="ascii").removeprefix("restriction=").strip()
+    assert ("restriction" in last["if"], "always()" in last["if"]) == (True, True)
+    if kept:
+        environment["RESTRICTION"] = kept
+        run(last["run"])
+    changed = (tmp_path / "set").read_text("ascii").splitlines() if before else []
+    key = "kernel.apparmor_restrict_unprivileged_userns"
+    assert changed == ([f"-q -w {key}=0", f"-q -w {key}={before}"] if before else [])
 
 
 DOCKER = """#!/bin/sh
@@ -159,7 +198,7 @@ def test_what_is_skipped_elsewhere_exists(table: dict[str, str]) -> None:
 
 
 def test_the_action_uses_every_input_and_names_what_vcan0_needs(action: dict[str, Any]) -> None:
-    packages, run = action["runs"]["steps"]
+    packages, run, _ = action["runs"]["steps"]
     assert set(packages["run"].split()) >= PACKAGES
     used = {text for text in run["env"].values() if text.startswith("${{ inputs.")}
     assert used == {f"${{{{ inputs.{name} }}}}" for name in action["inputs"]}
