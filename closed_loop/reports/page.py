@@ -30,6 +30,17 @@ a { color: #0b5394; }
 .poor { background: #fbe4e0; border-color: #b3402a; }
 .more { background: #e5eefa; border-color: #2a5db0; }
 .caption { color: #444; font-size: .92rem; max-width: 62rem; }
+.table { overflow-x: auto; }
+.verdict { font-size: 1.1rem; }
+nav { columns: 16rem; font-size: .92rem; }
+@media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; } }
+@media (prefers-color-scheme: dark) {
+  body { color: #e4e4e4; background: #16181a; }
+  a { color: #8ab8e8; } summary, .caption { color: #b4b4b4; }
+  th, td, section { border-color: #444; }
+  img { filter: brightness(.88); border-radius: .4rem; }
+  .good, .fair, .poor, .more { color: #1a1a1a; }
+}
 @media print { body { margin: 0; max-width: none; font-size: 11px; }
   section { border: 0; } img, tr { break-inside: avoid; } }
 """
@@ -82,9 +93,14 @@ def number(text: str) -> Cell:
     return Cell(text, "number")
 
 
-def page(title: str, sections: Sequence[Section]) -> str:
-    """Return the page."""
-    body = "\n".join(_section(section) for section in sections)
+def page(title: str, sections: Sequence[Section], verdict: str | Cell = "") -> str:
+    """Return the page: the verdict, a list of the sections, and these."""
+    keyed = [each._replace(key=each.key or f"s{at}") for at, each in enumerate(sections, 1)]
+    links = [_inline(Cell(each.title, link=f"#{each.key}")) for each in keyed]
+    head = [f'<p class="verdict">{_inline(verdict)}</p>'] if verdict else []
+    if len(links) > 2:
+        head.append(f"<nav>{'<br />'.join(links)}</nav>")
+    body = "\n".join([*head, *map(_section, keyed)])
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -107,8 +123,7 @@ def _section(section: Section) -> str:
     parts += [_picture(picture) for picture in section.pictures]
     parts += [_table(table) for table in section.tables if table.rows]
     parts += [f'<p class="caption">{escape(text)}</p>' for text in section.notes]
-    key = f' id="{escape(section.key)}"' if section.key else ""
-    return f"<section{key}>\n" + "\n".join(parts) + "\n</section>"
+    return f'<section id="{escape(section.key)}">\n' + "\n".join(parts) + "\n</section>"
 
 
 def _picture(picture: Picture) -> str:
@@ -130,7 +145,7 @@ def _table(table: Table) -> str:
         "<tr>" + "".join(f"<td{_column(cell)}>{_inline(cell)}</td>" for cell in row) + "</tr>"
         for row in table.rows
     )
-    return f"<table>\n{head}<tbody>\n{rows}\n</tbody>\n</table>"
+    return f'<div class="table"><table>\n{head}<tbody>\n{rows}\n</tbody>\n</table></div>'
 
 
 def _column(cell: Cell) -> str:

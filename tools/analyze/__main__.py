@@ -29,7 +29,6 @@ from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
-from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -48,7 +47,7 @@ from steer_by_wire.runtime.settings import (
     read_table,
 )
 from steer_by_wire.tools.analyze.mcap_export import McapFile
-from steer_by_wire.tools.analyze.report import report_html
+from steer_by_wire.tools.analyze.report import report_html, verdict_of
 from steer_by_wire.tools.analyze.result import Result, print_results
 from steer_by_wire.tools.analyze.signal_tables import CsvTable, MissingLibraryError, ParquetTable
 
@@ -144,9 +143,7 @@ def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitSt
         report = {"node": result.figures["held_path"], "log": result.figures}
         log = f": {result.folder.name}" if len(results) > 1 else ""
         status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
-        obstacle = result.figures["not_judged"]
-        text = f"none: {obstacle}" if obstacle else verdict_text(report["node"])
-        print(f"{log}: verdict: {text}".removeprefix(": "))
+        print(f"{log}: verdict: {verdict_of(result.figures)}".removeprefix(": "))
     return status
 
 

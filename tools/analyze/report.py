@@ -11,6 +11,7 @@ from ...closed_loop.recordings.latency_from_counters import Durations
 from ...closed_loop.recordings.log_analysis import LogAnalysis
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...closed_loop.reports.plot_style import COLOURS, plot_style, png_of
+from ...plant_emulator.evaluation.report_in_words import verdict_text
 
 if TYPE_CHECKING:
     from .smoothing import SmoothedTable
@@ -74,7 +75,13 @@ def report_html(title: str, figures: Mapping[str, Any], pictures: Sequence[Pictu
     sections += [_messages(figures), _refused(figures)]
     if figures["gaps"]:
         sections.append(_gaps(figures))
-    return page(title, sections)
+    return page(title, sections, f"verdict: {verdict_of(figures)}")
+
+
+def verdict_of(figures: Mapping[str, Any]) -> str:
+    """Return the verdict on a log in words, or why there is none."""
+    obstacle = figures["not_judged"]
+    return f"none: {obstacle}" if obstacle else verdict_text(figures["held_path"])
 
 
 def milliseconds(value_s: float | None, digits: int = 2) -> str:

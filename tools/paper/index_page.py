@@ -1,5 +1,6 @@
 """The index page: the result of each figure and table of the paper."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
@@ -43,7 +44,9 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
     """
     about = Section("What is compared", [_ABOUT], tables=(_meanings(written), _summary(written)))
     sections = [_section(item, read_png) for item in written]
-    return page("SAE 2018-01-1086, reproduced", [about, *sections])
+    counts = Counter(str(item.verdict) for item in written)
+    verdict = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+    return page("SAE 2018-01-1086, reproduced", [about, *sections], verdict)
 
 
 def heading(item: Written) -> str:

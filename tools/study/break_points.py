@@ -373,6 +373,8 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
             fontsize=8.5,
         )
         high_ms = 1.3 * end_ms
+    low_ms = max((tick for tick in _TICKS_MS if tick <= low_ms), default=low_ms)
+    high_ms = min((tick for tick in _TICKS_MS if tick >= high_ms), default=high_ms)
     panel.set_ylim(low_ms, high_ms)
     ticks_ms = [tick for tick in _TICKS_MS if low_ms <= tick <= high_ms]
     panel.set_yticks(ticks_ms, [f"{tick:g}" for tick in ticks_ms])

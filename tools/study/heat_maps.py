@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import LogLocator
 
 from ...closed_loop.reports.page import Picture, Section
 from ...closed_loop.studies.result_reader import VERDICTS, Rows
@@ -138,6 +139,8 @@ def _draw(
     figure.supxlabel(axes.mean.title, fontsize=10)
     figure.supylabel(axes.jitter.title, fontsize=10)
     bar = figure.colorbar(mesh, ax=panels, label=title, shrink=0.9, pad=0.02)
+    if isinstance(norm, LogNorm):  # of all minor ticks the labels would overlap
+        bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     for axis_format in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
         axis_format("{x:g}")
     shown = [h for i, h in enumerate(HATCHES.items()) if np.any(maps.family == i)]

@@ -13,6 +13,7 @@ from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...closed_loop.studies.base_settings import leaves
 from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import (
+    HOLDS,
     VERDICTS,
     FactorRecord,
     Rows,
@@ -50,7 +51,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         *filter(None, (seeds_section(study, rows),)),
         *_laws(study, rows, axes),
         *delay_sections(study, rows),
-        _maps(study, rows, axes),
+        *filter(None, (_maps(study, rows, axes),)),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows, axes),
     ]
@@ -58,7 +59,9 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         sections.append(_break_points(study, rows, axes, break_point_seeds))
         sections.append(_worst(study, rows))
     file = folder / PAGE
-    file.write_text(page(f"Study {study.name}", sections), encoding="utf-8")
+    held = np.count_nonzero(rows.verdict == HOLDS)
+    verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
+    file.write_text(page(f"Study {study.name}", sections, verdict), encoding="utf-8")
     return file
 
 
@@ -74,7 +77,9 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     return [law_section(found, pictures)]
 
 
-def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
+def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section | None:
+    if len(axes.jitter.labels) < 2 or len(axes.mean.labels) < 2:
+        return None  # one row or column of cells says less than the table of the laws
     maps = heat_maps(rows, axes, len(study.names))
     pictures = [
         _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names)),
@@ -87,7 +92,7 @@ def _break_points(study: StudyRecord, rows: Rows, axes: StudyAxes, seeds: int) -
     points = break_points(study, rows, axes, seeds)
     pictures = (
         [_save(study, "break_points", lambda: draw_break_points(points, axes, study.names))]
-        if points
+        if len({point.jitter for point in points}) > 1
         else []
     )
     return break_point_section(study, axes, points, pictures)

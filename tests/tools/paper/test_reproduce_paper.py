@@ -169,7 +169,7 @@ def test_figures_of_several_runs_end_up_on_one_page_in_the_paper_s_order(tmp_pat
             Reproduction(key, "t", "c", (picture,), COMPARISONS, Verdict.REPRODUCED, "w"), tmp_path
         )
     page = reproduce_paper.write_index(tmp_path).read_text(encoding="utf-8")
-    assert re.findall(r'<section id="(\w+)">', page) == ["figure_09", "table_2"]
+    assert re.findall(r'<section id="(\w+)">', page) == ["s1", "figure_09", "table_2"]
     assert (tmp_path / "table_2.csv").read_text(encoding="utf-8") == "time_s,end_m\n0.0,\n0.1,2.0\n"
     assert read_written(tmp_path, ["table_2"])[0].comparisons == COMPARISONS
 

@@ -1,6 +1,7 @@
 """The report of a study: what it aggregates by hand, its bounds, and the page as a whole."""
 
 import math
+import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -103,8 +104,15 @@ def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
     assert file == results / PAGE
     assert "Small &amp; <quick>" not in text
     assert next(root.iter("h2")).text == "Small & <quick>"
-    for word in ("http:", "https:", "<script", "href="):
+    for word in ("http:", "https:", "<script"):
         assert word not in text
+    links = [link.get("href", "") for link in root.iter("a")]
+    sections = [f"#{section.get('id')}" for section in root.iter("section")]
+    assert links[: len(sections)] == sections  # a list of contents
+    assert all(link.startswith("#") for link in links)
+    paragraph = next(root.iter("p"))
+    assert paragraph.get("class") == "verdict"
+    assert re.fullmatch(r"\d+ of \d+ runs hold the path", paragraph.text or "")
     images = [image.get("src", "") for image in root.iter("img")]
     assert len(images) == len(PICTURES)
     assert all(source.startswith("data:image/png;base64,") for source in images)
@@ -154,7 +162,7 @@ def test_a_study_without_latencies_has_a_page_too_whose_pictures_are_the_same_by
     folder = computed(tmp_path, bare)
     text = write(folder).read_text(encoding="utf-8")
     assert "varies no mean latency" in text
-    assert text.count("data:image/png;base64,") == 3
+    assert text.count("data:image/png;base64,") == 1
     assert write(folder).read_text(encoding="utf-8") == text
 
 

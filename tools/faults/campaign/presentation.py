@@ -128,7 +128,13 @@ def campaign_page(
     how_many = f"{len(failed)} of {len(results)}." if failed else "None."
     sections.append(Section("Runs that failed", [how_many], tables=[_failed_table(failed)]))
     sections.append(Section("Operating points", [], tables=[_points_table(spec)]))
-    return page("Fault campaign", sections)
+    failing = sum(finding.holds is False for finding in findings)
+    verdict = (
+        Cell(f"{failing} of {len(findings)} criteria fail", "poor")
+        if failing
+        else Cell(f"none of {len(findings)} criteria fails", "good")
+    )
+    return page("Fault campaign", sections, verdict)
 
 
 def _findings_table(findings: Sequence[Finding]) -> Table:
