@@ -222,7 +222,9 @@ class SequenceCheck:
         self._contents = [None] * COUNTERS
         self._wrapped_ns, self._wrapped_at, self._run = now_ns, counter, 0
         self._wrapped_lost = self.lost
-        if self._caution is not None:  # the frame is to wait, and none is in use
+        if self._caution is None:
+            self._foreign_ns.clear()
+        else:  # the frame is to wait, and none is in use
             self.counter = (counter - 1) % COUNTERS
             self._arrivals_ns[self.counter] = now_ns
             self._caution = _Caution(self._caution.wait_ns, self._caution.until_ns, {})
@@ -254,8 +256,8 @@ class SequenceCheck:
         self.lost += frame.forward - 1
         if counter < before:
             passed = COUNTERS - self._wrapped_at + counter
-            is_most = self.lost - self._wrapped_lost <= passed // 2
-            # Leaps measure nothing, and one that goes back may pass the wrap twice.
+            is_most = passed >= HALF and self.lost - self._wrapped_lost <= passed // 2
+            # A few leaps measure nothing, and one that goes back may pass the wrap twice.
             if self._caution is None and is_most:
                 measured_ns = (arrived_ns - self._wrapped_ns) // passed
                 self._period_ns = min(max(measured_ns, PERIOD_NS_MIN), self._period_ns_max)

@@ -226,6 +226,11 @@ TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
         Absence(0, 20, 2),
         0,
     ),
+    "leaps that wrap at once": (
+        [[], [Shot(10_000, -3), Shot(10_000, 30), Shot(10_000, -99), Shot(10_000, -1)]],
+        Absence(0, 20, 0),
+        0,
+    ),
     "one lost frame": ([[Shot(5_000_000, 24)]], Absence(150, 151, 0), 128),
     "before the true sender begins": ([[Shot(SOON, -1)]], Absence(0, 21, 77), 79),
     "a stream that others interrupt": (
@@ -254,7 +259,7 @@ ABSENCES = st.one_of(
 
 def followed_max(rule: SequenceRule) -> int:
     """Once, until what a late frame explains has passed and a run contradicts it."""
-    return 1 + rule.lead_ns // PERIOD_NS + rule.resync_run
+    return 2 + rule.lead_ns // PERIOD_NS + rule.resync_run
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
