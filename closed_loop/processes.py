@@ -213,7 +213,10 @@ class Processes:
         return status
 
     def _last_line(self, name: str) -> str:
-        return (self._printed(name).strip().splitlines() or ["it printed nothing"])[-1]
+        lines = self._printed(name).strip().splitlines()
+        # python-can says this of any program that crashed, after the exception.
+        said = [line for line in lines if not line.endswith("was not properly shut down")]
+        return (said or ["it printed nothing"])[-1]
 
     def _printed(self, name: str) -> str:
         return self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")

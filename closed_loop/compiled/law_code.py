@@ -125,7 +125,12 @@ def _compiled(controller: ControllerSettings, record: Law, fastmath: bool) -> Co
     @lru_cache(maxsize=_SPEEDS_KEPT)
     def params_at(speed_m_s: float) -> Memory:
         memory, at = memory_of(params), design.params_at
-        values, tables = with_tables(design.params if at is None else at(speed_m_s))
+        found = design.params if at is None else at(speed_m_s)
+        if found is None:
+            raise LawNotCompiledError(
+                f"law = {controller.law!r}: no params at {speed_m_s:g} m/s: {design.mistake()}"
+            )
+        values, tables = with_tables(found)
         memory.array[...] = values
         return memory._replace(tables=tables)
 

@@ -17,6 +17,8 @@ from types import FrameType
 
 GRACE_S = 3.0
 STATUS_NOT_FOUND = 127
+STATUS_SIGNAL = 128
+"""Plus the number of the signal that ended it, as in a shell."""
 STATUS_KILLED = 124
 """It did not end when asked to, as with timeout(1)."""
 
@@ -24,7 +26,7 @@ STATUS_KILLED = 124
 def main(words: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status, 0 when it was asked to end and did.
 
-    STATUS_KILLED if it did not.
+    STATUS_KILLED if it did not. A signal that ended it is named on standard error.
     """
     command = list(sys.argv[1:] if words is None else words)
     try:
@@ -43,6 +45,10 @@ def main(words: Sequence[str] | None = None) -> int:
         signal.signal(number, end)
     status = _wait(program, lambda: asked)
     _signal_group(program.pid, signal.SIGKILL)
+    if not asked and status < 0:
+        number = signal.Signals(-status)
+        print(f"{command[0]}: {number.name}: {signal.strsignal(number)}", file=sys.stderr)
+        return STATUS_SIGNAL + number
     if not asked:
         return status
     return STATUS_KILLED if status == -signal.SIGKILL else 0

@@ -108,7 +108,9 @@ def _guarded(law: Law, settings: "LawSettings") -> LawDesign:
         cause = f"{type(error).__name__}: {error}".splitlines()[0]
         raise SettingsError(f"law = {settings.law!r}: its design fails: {cause}") from error
     after_hold = partial(guard.after_hold, design.params)
+    at = design.params_at
     return design._replace(
+        params_at=None if at is None else partial(guard.params_at, at),
         initial_state=partial(guard.at_rest, design.params),
         step=guard.step,
         recovered_state=None if law.after_hold is None else after_hold,

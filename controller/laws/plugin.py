@@ -61,7 +61,7 @@ class Guard:
 
     def step(self, params: Any, state: Any, observed: LawInput) -> tuple[Any, LawOutput]:
         """Advance the law by one period; an invalid output is replaced by one without numbers."""
-        if state is None:
+        if state is None or params is None:
             return state, _NO_NUMBER
         try:
             after, output = self._law.step(params, state, observed)
@@ -78,17 +78,21 @@ class Guard:
             self._note(error)
             return -1
 
+    def params_at(self, at: Callable[[float], Any], speed_m_s: float) -> Any:
+        """Return the law's params at a speed; None, on which every step fails, if it raises."""
+        return self._unless_raised(at, speed_m_s)
+
     def at_rest(self, params: Any, lateral_error_m: float) -> Any:
         """Return the law's state at rest; None, on which every step fails, if it raises."""
-        return self._state(self._law.at_rest, params, lateral_error_m)
+        return self._unless_raised(self._law.at_rest, params, lateral_error_m)
 
     def after_hold(self, params: Any, state: Any, lateral_error_m: float) -> Any:
         """Return the law's state after a hold; None if it raises."""
         if self._law.after_hold is None:
             return self.at_rest(params, lateral_error_m)
-        return self._state(self._law.after_hold, params, state, lateral_error_m)
+        return self._unless_raised(self._law.after_hold, params, state, lateral_error_m)
 
-    def _state(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _unless_raised(self, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except Exception as error:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
+from steer_by_wire.controller.law_interface import Schedule
 from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.runtime.settings import Settings
@@ -126,3 +127,21 @@ NEEDS_TABLE = Law(
 )
 
 PLAIN = {"step": _steer}
+
+
+class StandingGain(NamedTuple):
+    gain_rad_m: float
+
+
+def at_a_stand_only(speed_m_s: float) -> StandingGain:
+    if speed_m_s > 0.0:
+        raise ZeroDivisionError("no gain at this speed")
+    return StandingGain(1.0)
+
+
+def steer_at_a_stand(p: StandingGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    return x, LawOutput(-p.gain_rad_m * observed.lateral_error_m, 0.0, 0.0, 0.0)
+
+
+NO_SCHEDULE = Law(steer_at_a_stand, at_rest, lambda _settings: Schedule(at_a_stand_only))
+"""Its design works, and it fails on the first speed that it hears."""

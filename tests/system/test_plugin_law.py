@@ -217,6 +217,7 @@ def test_check_analyses_a_linear_one_and_says_of_others_that_they_are_not(
         ("NOT_A_NUMBER", ""),
         ("NO_OUTPUT", ": TypeError: "),
         ("NO_REST", ": RuntimeError: no rest"),
+        ("NO_SCHEDULE", ": ZeroDivisionError: no gain at this speed"),
     ],
 )
 def test_one_that_fails_is_held_started_anew_once_and_then_stopped(law: str, mistake: str) -> None:
@@ -239,6 +240,13 @@ def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
     assert run.outcome is Outcome.LAW_FAILED
     assert (len(run.tick_s), len(run.time_s)) == (50, 50)
     assert run.sent_rad.tolist() == [sample.sent_steer_rad for sample in pair.controller.samples]
+
+
+def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_line() -> None:
+    with pytest.raises(
+        LawNotCompiledError, match=r"no params at 1\.\d+ m/s: ZeroDiv.* no gain at this speed$"
+    ):
+        run_batch(plant_settings((), 1.0), controller(f"{LAWS}:NO_SCHEDULE"))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ import asyncio
 import json
 import logging
 import secrets
-import signal
 import sys
 import time
 import webbrowser
@@ -24,7 +23,14 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.live_bus import BUSES
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
-from steer_by_wire.runtime.command_line import command_parser, offer, output_file, run_main, say
+from steer_by_wire.runtime.command_line import (
+    command_parser,
+    ending_signals,
+    offer,
+    output_file,
+    run_main,
+    say,
+)
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
@@ -40,7 +46,7 @@ from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
-from steer_by_wire.tools.cockpit.server import HOST, Server, serve
+from steer_by_wire.tools.cockpit.server import HOST, Server, serving
 
 NAME = "steer-by-wire cockpit"
 
@@ -123,21 +129,19 @@ async def _serve(
     token = secrets.token_urlsafe(16)
     end = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, end.set)
-    runner, port = await serve(Server(token, desk, block), HOST, options.port)
-    address = f"http://{HOST}:{port}/{token}/"
-    say(NAME, f"open {address}")
-    if options.browser:
-        await asyncio.to_thread(webbrowser.open, address)
-    try:
-        if desk is not None and first is not None:
-            await desk.start(first)
-        await end.wait()
-    finally:
-        await runner.cleanup()
-        if desk is not None:
-            await desk.close()
+    with ending_signals(lambda *_signal: loop.call_soon_threadsafe(end.set)):
+        try:
+            async with serving(Server(token, desk, block), HOST, options.port) as port:
+                address = f"http://{HOST}:{port}/{token}/"
+                say(NAME, f"open {address}")
+                if options.browser:
+                    await asyncio.to_thread(webbrowser.open, address)
+                if desk is not None and first is not None:
+                    await desk.start(first)
+                await end.wait()
+        finally:
+            if desk is not None:
+                await desk.close()
     return ExitStatus.OK
 
 

@@ -13,7 +13,8 @@ import asyncio
 import json
 import os
 import secrets
-from contextlib import suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Handler, Middleware
@@ -24,10 +25,16 @@ from .replay import read_replay
 from .signals import packed_rows
 
 HOST = "127.0.0.1"
+STRANGERS_MAX = 16
+"""Connections open at once that have not asked with the token. A browser asks at once, so that who
+only connects cannot keep it out, nor use up the program's files."""
 
 
-def guarded(token: str) -> Middleware:
-    """Return the middleware that refuses all but our own pages."""
+def guarded(token: str, strangers: dict[web.RequestHandler, None]) -> Middleware:
+    """Return the middleware that refuses all but our own pages.
+
+    ``strangers``  connections that have not asked with the token; those that do leave it
+    """
 
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -43,6 +50,7 @@ def guarded(token: str) -> Middleware:
             raise web.HTTPForbidden(
                 text="refused: open the whole address that steer-by-wire cockpit has printed\n"
             )
+        strangers.pop(request.protocol, None)
         response = await handler(request)
         if not response.prepared:  # as a websocket is
             response.headers.update(_HEADERS)
@@ -81,11 +89,24 @@ class Server:
         self._token = token
         self._desk = desk
         self._block = block
+        self._strangers: dict[web.RequestHandler, None] = {}
         self.pages = 0
+
+    def connection(self, runner: web.AppRunner) -> web.RequestHandler:
+        """Return the protocol of a new connection; too many strangers close the oldest of them."""
+        if runner.server is None:
+            raise RuntimeError("a connection before the server is set up")
+        connection = runner.server()
+        self._strangers[connection] = None
+        if len(self._strangers) > STRANGERS_MAX:
+            oldest = next(iter(self._strangers))
+            del self._strangers[oldest]
+            oldest.force_close()
+        return connection
 
     def application(self) -> web.Application:
         """Return the application."""
-        app = web.Application(middlewares=[guarded(self._token)])
+        app = web.Application(middlewares=[guarded(self._token, self._strangers)])
         app.router.add_get("/{token}/", self._index)
         app.router.add_get("/{token}/socket", self._socket)
         app.router.add_get("/{token}/replay", self._replay)
@@ -186,10 +207,17 @@ class Server:
             await asyncio.sleep(due_s - loop.time())
 
 
-async def serve(server: Server, host: str, port: int) -> tuple[web.AppRunner, int]:
-    """Start to serve; returns what to clean up, and the port. Raises OSError."""
+@asynccontextmanager
+async def serving(server: Server, host: str, port: int) -> AsyncIterator[int]:
+    """Serve within the block; yields the port. Raises OSError."""
     runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
-    site = web.TCPSite(runner, host, port)
-    await site.start()
-    return runner, int(runner.addresses[0][1])
+    try:
+        loop = asyncio.get_running_loop()
+        listening = await loop.create_server(
+            lambda: server.connection(runner), host, port, backlog=STRANGERS_MAX
+        )
+        yield int(listening.sockets[0].getsockname()[1])
+        listening.close()
+    finally:
+        await runner.cleanup()

@@ -120,6 +120,31 @@ def test_a_command_that_is_not_there_never_drives_the_plant(tmp_path: Path) -> N
     assert "never driven" in undriven
 
 
+JOIN = """
+import argparse, os
+from can.cli import add_bus_arguments, create_bus_from_namespace
+parser = argparse.ArgumentParser()
+add_bus_arguments(parser)
+bus = create_bus_from_namespace(parser.parse_args())
+"""
+
+
+@pytest.mark.parametrize(
+    ("crash", "said"),
+    [
+        ("1 / 0", "1: ZeroDivisionError: division by zero"),
+        ("os.kill(os.getpid(), 11)", "139: {python}: SIGSEGV: Segmentation fault"),
+    ],
+)
+def test_of_a_program_that_crashes_its_exception_or_signal_is_said(
+    tmp_path: Path, crash: str, said: str
+) -> None:
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0}, bus="emulated")
+    outcome = rig.run([sys.executable, "-c", JOIN + crash, "{bus}"])
+    ending, *_ = failure_of(outcome)
+    assert ending == f"controller has ended with status {said.format(python=sys.executable)}"
+
+
 def test_a_command_that_cannot_join_the_emulated_bus_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"^\./mine: .* with-vcan pytest"):
         Rig(tmp_path, bus="emulated").run(["./mine", "{channel}"])

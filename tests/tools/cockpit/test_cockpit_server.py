@@ -4,7 +4,7 @@ import asyncio
 import json
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import aiohttp
@@ -24,7 +24,7 @@ from steer_by_wire.runtime.node.real_time import Received
 from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.desk import LISTENS_ONLY, NOT_OURS, Desk
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
-from steer_by_wire.tools.cockpit.server import HOST, Server, serve
+from steer_by_wire.tools.cockpit.server import HOST, STRANGERS_MAX, Server, serving
 
 TOKEN = "the-token"  # noqa: S105 of this test
 PATIENCE_S = 60.0
@@ -74,12 +74,13 @@ def asked(client: Client, *, may_control: bool = False, port: FakePort | None = 
     async def run() -> Any:
         lane = Lane(port or FakePort(), time.monotonic_ns())
         desk = Desk(None, lane, "a fake bus", may_control=may_control)
-        runner, number = await serve(Server(TOKEN, desk, None), HOST, 0)
         try:
-            async with aiohttp.ClientSession() as session:
+            async with (
+                serving(Server(TOKEN, desk, None), HOST, 0) as number,
+                aiohttp.ClientSession() as session,
+            ):
                 return await client(session, f"http://{HOST}:{number}/{TOKEN}/")
         finally:
-            await runner.cleanup()
             await desk.close()
 
     return asyncio.run(run())
@@ -110,6 +111,24 @@ def test_only_who_has_the_whole_address_is_let_in(
             return answer.status
 
     assert asked(client) == status
+
+
+def test_who_only_connects_keeps_nobody_out() -> None:
+    async def client(session: aiohttp.ClientSession, address: str) -> tuple[int, int]:
+        port = URL(address).port
+        idle = [await asyncio.open_connection(HOST, port) for _ in range(4 * STRANGERS_MAX)]
+        async with session.get(address) as answer:
+            status = answer.status
+        closed = 0
+        for reader, writer in idle:
+            with suppress(TimeoutError, ConnectionError):
+                closed += await asyncio.wait_for(reader.read(1), 0.01) == b""
+            writer.close()
+        return status, closed
+
+    status, closed = asked(client)
+    assert status == 200
+    assert closed >= 3 * STRANGERS_MAX
 
 
 @pytest.mark.parametrize("name", ["%2E", "%2E%2E", "%00", "nosuch.log", "a%2Fb.log", "%20", ".log"])
