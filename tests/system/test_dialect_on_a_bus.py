@@ -1,0 +1,43 @@
+"""Both programs in real time, each behind its gateway: structure only, as a machine may stall."""
+
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.plant_emulator.__main__ import main as plant_main
+from steer_by_wire.runtime.exit_status import ExitStatus
+from tests.support.running_program import running
+
+CAR = Path(__file__).parents[1] / "dbc" / "dialect" / "my_car.toml"
+DIALECT = ("--dialect", str(CAR))
+
+
+def test_two_programs_speak_the_car_s_messages(tmp_path: Path) -> None:
+    with launched_broker() as address:
+        bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
+        report, other = tmp_path / "plant.json", tmp_path / "controller.json"
+        drive = ("--duration", "60", "--set", "safety.ftti_ms=off")
+        with (
+            running("steer_by_wire.plant_emulator", [*bus, *DIALECT, *drive], report) as plant,
+            running("steer_by_wire.controller", [*bus, *DIALECT], other) as controller,
+        ):
+            plant.wait_for("FOLLOWING")
+            controller.wait_for("ACTIVE|steers")
+            controller.interrupt()
+            plant.interrupt()
+            reports = plant.report()["node"], controller.report()["node"]
+    for node in reports:
+        assert node["dialect"]["accepted"] > 0
+        assert node["dialect"]["sent"] > 0
+        assert not set(node["dialect"]["refused"]) & {
+            "bad checksum",
+            "wrong length",
+            "out of range",
+        }
+    assert any("dialect: " in line for line in plant.printed)
+
+
+def test_a_key_beside_a_dialect_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert plant_main([*DIALECT, "--key-file", "no.key"]) == ExitStatus.SETTINGS
+    assert "--dialect takes no --key-file" in capsys.readouterr().err
