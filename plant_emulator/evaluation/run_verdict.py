@@ -188,7 +188,8 @@ def verdicts(
     grows = amplitude_m >= rules.growth * before_m
     wheel_grows = wheel_rad >= rules.growth * wheel_before_rad
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
-    drifts = (np.abs(mean_m) >= rules.off_path_m) & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
+    is_farther = np.abs(mean_m) > np.maximum(rules.off_path_m, np.abs(column("mean_before_m")))
+    drifts = is_farther & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
     is_off = swings | ~(peak_m <= rules.off_path_m)
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),

@@ -8,6 +8,8 @@ delay, each with the limits of commands that its preset has, and with limits tha
 to hold where the analysis says stable, and not to hold where it says unstable. With noise on the
 lateral error it runs where it is unstable, and at half that delay if it is stable there: noise is
 not to make an oscillation of it. Closer to the boundary noise alone drives a loop to its limits.
+Noise that holds the rate of the commands at its limit also changes the loop, so that these runs are
+counted and not demanded.
 
 The analysis also gives the rate at which the slowest mode decays or grows, λ. The verdict compares
 two windows of 15 s, and needs a mode that shows within the minute: the search counts its errors by
@@ -203,8 +205,8 @@ def _plant(
 
 
 def is_told(one: Asked) -> bool:
-    """Whether the verdict is to agree: outside the band, and where samples show the wheel."""
-    return abs(one.decay_1_s) >= BAND_1_S and not one.is_sparse
+    """Whether it is to agree: outside the band, without noise, and where samples show the wheel."""
+    return abs(one.decay_1_s) >= BAND_1_S and not one.is_sparse and not one.noise_m
 
 
 def main() -> int:

@@ -320,6 +320,11 @@ def test_noise_does_not_make_an_error_unstable_by_chance() -> None:
 # The whole manoeuvre, and the point that is followed
 
 
+def test_a_car_that_crossed_the_path_and_is_closer_than_before_does_not_drift() -> None:
+    assert judged(np.where(TIME_S < 45.0, -0.9, 0.46)).verdict is Verdict.DECAYS
+    assert judged(np.where(TIME_S < 45.0, -0.46, 0.9)).verdict is Verdict.DRIFTS
+
+
 def test_an_error_within_the_first_seconds_is_that_of_the_start() -> None:
     start = np.where(TIME_S < 4.9, 1.0, 0.0)
     assert judged(start).verdict is Verdict.HOLDS
