@@ -121,7 +121,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
             "kind": "single_lane_change",
             "start_m": 33.3,
             "offset_m": 3.5,
-            "length_m": 60,
+            "length_m": 90,
         },
         "plant.vehicle.speed_m_s": 60 / 3.6,
         "plant.latency.downlink.mean_s": 0.25,

@@ -9,7 +9,7 @@ plan minimise, until 1.5 s after the plan and for the path as far as it is known
     sum of (k y)² + (u - u_ss)²     u_ss holds the vehicle on the path at that sample
 
 with angle and rate limited: least distance programming, Lawson and Hanson 1974. Compared with
-``packet`` on a path known ahead, with a wheel that turns at 0.2 rad/s at most:
+``packet`` on a path known ahead, with a wheel that turns at 0.03 rad/s at most:
 
 ::
 
@@ -156,11 +156,11 @@ LAW = PACKET._replace(  # [own_law] is as [packet]
     step=step, at_rest=at_rest, design=design, after_hold=None, plan=plan, looking_back=None
 )
 SLOW_WHEEL = {
-    "plant.path": {"kind": "single_lane_change", "start_m": 33.3, "offset_m": 3.5, "length_m": 30},
+    "plant.path": {"kind": "single_lane_change", "start_m": 33.3, "offset_m": 3.5, "length_m": 65},
     "plant.vehicle.speed_m_s": 60 / 3.6,
     "plant.latency.downlink.mean_s": 0.25,
     "plant.path_ahead": {},
-    "controller.limits.steer_rate_rad_s_max": 0.2,
+    "controller.limits.steer_rate_rad_s_max": 0.03,
 }
 
 

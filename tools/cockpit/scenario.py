@@ -27,7 +27,7 @@ PATHS: Mapping[str, Mapping[str, Any] | None] = {
     "ellipse 24 by 14 m": {"kind": "ellipse", "semi_major_axis_m": 24.0, "semi_minor_axis_m": 14.0},
     "circle, radius 50 m": {"kind": "circle", "radius_m": 50.0},
     "single lane change": {"kind": "single_lane_change", "start_m": 20.0},
-    "double lane change": {"kind": "double_lane_change", "start_m": 20.0},
+    "double lane change": {"kind": "double_lane_change", "start_m": 20.0, "length_m": 90.0},
     "straight": {"kind": "straight"},
 }
 _PAGE = "the page"

@@ -346,6 +346,7 @@ def _settings(
         horizon_s_max=table.horizon_s_max,
         measures_lag=table.measures_lag,
         measures_mass=table.measures_mass,
+        lateral_acceleration_m_s2_max=table.lateral_acceleration_m_s2_max,
     )
     return ControllerSettings(
         **tables,

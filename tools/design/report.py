@@ -250,9 +250,9 @@ def _untouched(settings: ControllerSettings) -> list[str]:
 
 def path_in_words(path: PathSettings) -> str:
     """Return a path with its measures."""
-    kind, *measures = path.model_dump(mode="json").items()
-    words = [str(kind[1]).replace("_", " "), *(f"{key} {value}" for key, value in measures)]
-    return ", ".join(words)
+    measures = path.model_dump(mode="json")
+    kind = str(measures.pop("kind")).replace("_", " ")
+    return ", ".join([kind, *(f"{key} {value}" for key, value in measures.items())])
 
 
 def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:

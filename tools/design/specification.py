@@ -96,13 +96,12 @@ class CourseTable(Settings):
     """`[course]`: the paths to be driven, each from rest on it and for the same time.
 
     ``friction``           the least of the roads that the vehicle's virtual masses stand for
-    ``friction_share_max``  how much of it the bends may need at the highest speed; none: any, with
-                           a warning above 1
+    ``friction_share_max``  how much of it the bends may need at the highest speed
     """
 
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
     friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
-    friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
     paths: Annotated[tuple[PathSettings, ...], Field(min_length=1, max_length=20)]
 
 
@@ -139,7 +138,8 @@ class PredictorTable(Settings):
 
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
-    ``measures_lag``, ``measures_mass``  become the preset's [predictor]
+    ``measures_lag``, ``measures_mass``, ``lateral_acceleration_m_s2_max``  become the preset's
+                                [predictor]
     ``delay_averaging_s``       becomes the preset's [link]
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
@@ -153,6 +153,7 @@ class PredictorTable(Settings):
     values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
     measures_lag: bool = False
     measures_mass: bool = False
+    lateral_acceleration_m_s2_max: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     fallback: str | None = None
     delay_ms_max: DelayMs = 500.0

@@ -19,7 +19,6 @@ from ...plant_emulator.path.drivability import GRAVITY_M_S2, lateral_acceleratio
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.steering.settings import UNGUARDED
 from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
@@ -69,7 +68,6 @@ def plant_settings(asked: Drive) -> PlantSettings:
         path=asked.path,
         actuator=ActuatorSettings(lag_s=asked.lag_s),
         latency=BothLatencySettings(downlink=asked.latency),
-        safety=UNGUARDED,
     )
 
 
@@ -83,8 +81,8 @@ def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSe
         Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
     )
     return (
-        f"# The plant to the controllers of {spec.name}: as in the runs that confirm them, thus\n"
-        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(plant)
+        f"# The plant to the controllers of {spec.name}, as in the runs that confirm them,\n"
+        "# without latency.\n" + dump_toml(plant)
     )
 
 
@@ -116,13 +114,11 @@ def course_line(spec: Specification, vehicle: VehicleFile) -> str:
         f"the course asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at {speed_m_s:.4g}"
         f" m/s, {share:.2f} of what friction {course.friction:g} gives"
     )
-    if course.friction_share_max is not None and share > course.friction_share_max:
+    if share > course.friction_share_max:
         raise SettingsError(
             f"{line}; at most {course.friction_share_max:g} is allowed: choose a gentler path or a"
             " lower speed"
         )
-    if share > 1.0:
-        return f"warning: {line}: no car follows it, only the linear model does"
     return line
 
 

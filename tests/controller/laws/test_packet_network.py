@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from steer_by_wire import run_study, simulate
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.plant_emulator.settings import plant_preset
 
 LANE_M = VerdictRules().road_m
-PATH = 'kind="single_lane_change", start_m=33.333333333333336, offset_m=3.5, length_m=60.0'
+PATH = 'kind="single_lane_change", start_m=33.333333333333336, offset_m=3.5, length_m=90.0'
 SPEED_M_S = 16.666666666666668
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1])
-def test_a_plan_does_not_play_a_counter_steer_through_the_next_burst(delay_s: float) -> None:
-    """With this seed the vehicle left its lane: the plan asked for a steer that nothing passed."""
+def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float) -> None:
+    """With this seed, a plan without the limit asks for twice that."""
     plant = plant_preset(
         "highway_nominal",
         [
@@ -27,9 +28,12 @@ def test_a_plan_does_not_play_a_counter_steer_through_the_next_burst(delay_s: fl
             f"latency.downlink={{mean_s={delay_s}, loss=0.25, burst_frames=15}}",
         ],
     )
-    run = simulate(plant, "highway_packet", seed=2022943290145447842, duration_s=10.0)
-    assert 0.3 < abs(run.plant.lateral_error_m).max() < 0.75
-    assert abs(run.controller.sent_rad).max() < 0.23  # 16 m/s² at 60 km/h
+    limited = controller_preset("highway_packet")
+    free = controller_preset("highway_packet", ["predictor.lateral_acceleration_m_s2_max=100"])
+    runs = [simulate(plant, law, seed=8, duration_s=10.0) for law in (limited, free)]
+    largest_rad = [abs(run.controller.sent_rad).max() for run in runs]
+    assert largest_rad[0] < 0.0425  # 3 m/s² at 60 km/h
+    assert largest_rad[1] > 0.07
 
 
 def test_no_drawn_run_loses_its_lane(tmp_path: Path) -> None:

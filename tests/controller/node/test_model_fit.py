@@ -1,5 +1,7 @@
 """Whether a vehicle is in the box of [validity], as its yaw rate shows: of runs at two speeds."""
 
+from math import pi, sin
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,21 +16,32 @@ def mass(virtual_mass_kg: float) -> dict[str, Any]:
     return {"plant.vehicle.virtual_mass_kg": virtual_mass_kg}
 
 
-def report(preset: str, vehicle: dict[str, Any], noise_rad_s: float = 0.0) -> Any:
+@pytest.fixture
+def winding(tmp_path: Path) -> dict[str, Any]:
+    """Return a road that winds, with bends of up to 2.2 m/s² at 60 km/h."""
+    points = (f"{x},{4.0 * sin(2.0 * pi * x / 140.0)}" for x in range(0, 600, 20))
+    (tmp_path / "road.csv").write_text("\n".join(["x_m,y_m", *points]))
+    return {
+        "plant.path": {"kind": "waypoints", "file": str(tmp_path / "road.csv")},
+        "plant.vehicle.speed_m_s": 60.0 / 3.6,
+    }
+
+
+def report(preset: str, overrides: dict[str, Any], duration_s: float = 20.0) -> Any:
     plant = "highway_nominal" if preset.startswith("highway") else "paper_nominal"
-    overrides = vehicle | {"plant.sensor_noise.yaw_rate_rad_s": noise_rad_s}
-    return simulate(plant, preset, seed=1, duration_s=15.0, overrides=overrides).controller_report
+    run = simulate(plant, preset, seed=1, duration_s=duration_s, overrides=overrides)
+    return run.controller_report
 
 
 @pytest.mark.parametrize("preset", ["highway_pd_ddob", "highway_predictor"])
 @pytest.mark.parametrize("noise_rad_s", [0.0, 0.005])
-@pytest.mark.parametrize(("vehicle", "fits"), [(mass(1600.0), True), (mass(5000.0), True)])
+@pytest.mark.parametrize("mass_kg", [1600.0, 5000.0])
 def test_the_ends_of_the_box_fit_and_their_mass_is_known(
-    preset: str, noise_rad_s: float, vehicle: dict[str, Any], fits: bool
+    preset: str, noise_rad_s: float, mass_kg: float, winding: dict[str, Any]
 ) -> None:
-    found = report(preset, vehicle, noise_rad_s)
-    assert found["model"]["fits"] is fits
-    (mass_kg,) = vehicle.values()
+    noise = {"plant.sensor_noise.yaw_rate_rad_s": noise_rad_s}
+    found = report(preset, winding | mass(mass_kg) | noise)
+    assert found["model"]["fits"]
     deviation_kg = found["model"]["virtual_mass_std_kg"]
     assert found["model"]["virtual_mass_kg"] == pytest.approx(mass_kg, abs=3.0 * deviation_kg)
     assert deviation_kg < 0.1 * mass_kg
@@ -38,15 +51,27 @@ def test_the_ends_of_the_box_fit_and_their_mass_is_known(
 @pytest.mark.parametrize("preset", ["highway_pd_ddob", "highway_predictor"])
 @pytest.mark.parametrize("vehicle", [mass(6000.0), SOFT], ids=["6000 kg", "stiffness -70 %"])
 def test_a_vehicle_beyond_the_box_reads_model_misfit_and_asks_to_slow_down(
-    preset: str, vehicle: dict[str, Any]
+    preset: str, vehicle: dict[str, Any], winding: dict[str, Any]
 ) -> None:
-    found = report(preset, vehicle)
+    found = report(preset, winding | vehicle)
     assert not found["model"]["fits"]
     assert found["validity_share"]["model_misfit"] > 0.1
 
 
+@pytest.mark.parametrize(("mass_kg", "fits"), [(6000.0, True), (8000.0, False)])
+def test_a_single_gentle_lane_change_shows_only_what_is_far_from_the_box(
+    mass_kg: float, fits: bool
+) -> None:
+    fast = {"plant.vehicle.speed_m_s": 60.0 / 3.6}
+    found = report("highway_predictor", fast | mass(mass_kg))["model"]
+    assert found["fits"] is fits
+    assert found["virtual_mass_kg"] == pytest.approx(mass_kg, rel=0.05)
+
+
 def test_at_walking_speed_the_mass_neither_shows_nor_matters() -> None:
-    ordinary, heavy = (report("practical_pd_ddob", each) for each in (mass(2000.0), mass(6000.0)))
+    ordinary, heavy = (
+        report("practical_pd_ddob", each, 15.0) for each in (mass(2000.0), mass(6000.0))
+    )
     for found in (ordinary, heavy):
         assert found["model"]["fits"]
         assert found["model"]["virtual_mass_kg"] is None

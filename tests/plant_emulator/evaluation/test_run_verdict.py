@@ -183,29 +183,29 @@ def test_a_plant_that_nobody_commands_has_not_started() -> None:
     assert verdict_text(report) == "no start: no command ever reached the plant"
 
 
-@pytest.mark.parametrize("preset", ["highway_pd", "highway_pd_ddob", "highway_predictor"])
-def test_a_plant_for_the_highway_permits_the_lane_change_at_60_km_h(preset: str) -> None:
-    run = simulate("highway_corner_d", preset)
-    assert run.plant_report["limited_share"] == 0.0
-    # 0.28 to 0.37 m off in the change itself, which is more than a lane change may be.
-    assert run.plant_report["verdict"] == "left path"
-    assert run.plant_report["windows"]["end_peak_m"] < 0.1
-    assert simulate("highway_corner_c", preset).plant_report["verdict"] == "holds"
+@pytest.mark.parametrize(
+    "preset", ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"]
+)
+@pytest.mark.parametrize(("corner", "noise_m"), [("b", 0.0), ("d", 0.0), ("c", 0.02), ("d", 0.02)])
+def test_the_steering_passes_the_lane_change_for_the_highway(
+    preset: str, corner: str, noise_m: float
+) -> None:
+    noise = {"plant.sensor_noise.lateral_error_m": noise_m}
+    report = simulate(f"highway_corner_{corner}", preset, overrides=noise).plant_report
+    assert report["verdict"] == "holds"
+    assert report["limited_share"] < 0.02
 
 
 def test_limits_that_forbid_the_manoeuvre_are_named() -> None:
     run = simulate(
         "highway_corner_c",
         "highway_predictor",
-        overrides={
-            "plant.safety.lateral_acceleration_m_s2_max": 3.0,
-            "plant.safety.lateral_jerk_m_s3_max": 5.0,
-        },
+        overrides={"plant.path.length_m": 30.0},
     )
     report = run.plant_report
     assert report["verdict"] != "holds"
-    assert report["lateral_error_rms_m"] > 5.0
-    assert 0.5 < report["limited_share"] == pytest.approx(sum(report["limited_share_by"].values()))
+    assert report["lateral_error_rms_m"] > 0.3
+    assert 0.1 < report["limited_share"] == pytest.approx(sum(report["limited_share_by"].values()))
     assert set(report["limited_share_by"]) == {"lateral_jerk", "lateral_acceleration"}
     assert "the plant's steering limited for " in verdict_text(report)
     assert "lateral jerk" in verdict_text(report)

@@ -35,8 +35,8 @@ def test_the_lane_change_of_iso_3888_1_as_a_path_is_no_road_for_60_km_h() -> Non
     assert "\n" not in line
 
 
-@pytest.mark.parametrize("name", [one for one in preset_names(PRESETS) if "highway" not in one])
-def test_every_shipped_plant_at_walking_speed_is_driven_with_half_of_its_grip(name: str) -> None:
+@pytest.mark.parametrize("name", preset_names(PRESETS))
+def test_every_shipped_plant_is_driven_with_half_of_its_grip(name: str) -> None:
     """The virtual mass is the mass over the friction: 2000 kg on all of these roads."""
     plant = load_settings(PlantSettings, read_preset(PRESETS, name))
     friction = min(1.0, 2000.0 / plant.vehicle.virtual_mass_kg)

@@ -57,11 +57,15 @@ def shipped_candidate(name: str, law: str) -> Candidate:
     return Candidate(law, tuple(places))
 
 
+def vehicle_of(family: str) -> Path:
+    return SHIPPED / "highway_vehicle.toml" if family == "highway" else PAPER_VEHICLE
+
+
 @cache
 def fine_study(family: str) -> Study:
     """All of the file but the jitter, which takes long in virtual time."""
     spec = load_settings(Specification, None, SHIPPED / f"{family}.toml", ["jitter=[]"])
-    return make_study(spec, shipped_vehicle(), fine=True)
+    return make_study(spec, load_settings(VehicleFile, None, vehicle_of(family)), fine=True)
 
 
 @pytest.mark.parametrize(
@@ -70,6 +74,7 @@ def fine_study(family: str) -> Study:
         *(("practical", law) for law in ("pid", *PAPER_LAWS)),
         ("practical_long_delay", "pd_ddob"),
         ("practical_half_second", "pd_ddob"),
+        *(("highway", law) for law in ("pd", "pd_ddob")),
     ],
 )
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
@@ -79,7 +84,7 @@ def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> 
     found = Found(candidate, judgement, confirmation, judged=0)
     assert found.feasible
     assert judgement.violation == 0.0
-    sources = (PAPER_VEHICLE.name, f"{family}.toml")
+    sources = (vehicle_of(family).name, f"{family}.toml")
     text = preset_text(study.spec, study.vehicle, describe(study, found), sources)
     lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)
     assert text == "".join(line for line in lines if not line.startswith("#   jitter"))
