@@ -119,6 +119,7 @@ def _run(options: argparse.Namespace) -> int:
         (*RECEIVED, *SENT),
         partial(conclude, settings),
         ENDING,
+        settings.law_that_reads_the_vehicle,
     )
 
 

@@ -42,6 +42,12 @@ class ControllerSettings(LawSettings):
         return round(NS_PER_S / self.rate_hz)
 
     @property
+    def law_that_reads_the_vehicle(self) -> str:
+        """The law's name if it reads more than the lateral error; else empty."""
+        reads_more = self.law_record.looks_back or self.feed_forward is not None
+        return self.law if reads_more else ""
+
+    @property
     def steer_limits(self) -> SteerLimits:
         """The bounds of one command."""
         return steer_limits_of(self.limits, self.period_ns)

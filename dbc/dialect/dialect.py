@@ -11,10 +11,16 @@ from cantools.database.can import Database, Message
 from ...runtime.exit_status import one_line
 from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
-from ..messages import CAN_IDS, MESSAGE_TYPES
+from ..messages import CAN_IDS, MESSAGE_TYPES, LateralError, SteeringStatus, VehicleState
 from .car_message import CarMessage, raw_constant
 from .settings import CONTROLLER, DialectSettings, MessageSettings, Quantity
 
+_OF_OURS = {
+    LateralError: {Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR},
+    SteeringStatus: {Quantity.WHEEL_ANGLE, Quantity.APPLYING},
+    VehicleState: {Quantity.SPEED, Quantity.YAW_RATE, Quantity.PREVIEW_CURVATURE},
+}
+"""What each of our measurements carries."""
 COMMANDS = frozenset({Quantity.STEER, Quantity.ENGAGED})
 """What the controller sends; the plant sends the others."""
 
@@ -31,8 +37,15 @@ class Dialect(NamedTuple):
 
     @property
     def carried(self) -> frozenset[Quantity]:
-        """Every quantity that a message carries."""
-        return frozenset(quantity for one in self.messages for quantity in one.carries)
+        """Every quantity that a message carries, of the car or kept of ours."""
+        kept = (of for kind, of in _OF_OURS.items() if CAN_IDS[kind] in self.kept_ids)
+        return frozenset().union(*kept, *(one.carries for one in self.messages))
+
+    def refuse_law(self, law: str) -> None:
+        """Raise SettingsError if no signal carries what a law reads beside the lateral error."""
+        if missing := sorted(_OF_OURS[VehicleState] - self.carried):
+            what = f"--dialect: law {law} reads more than the lateral error"
+            raise SettingsError(f"{what}, and no signal carries {', '.join(missing)}")
 
 
 def read_dialect(file: Path) -> Dialect:

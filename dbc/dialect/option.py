@@ -36,8 +36,12 @@ def run_node_in_dialect(
     known: Collection[type[Message]],
     conclude: Callable[[N], None],
     ending: Ending,
+    law: str = "",
 ) -> ExitStatus:
-    """Run a node as ``run_secured_node`` does, behind a gateway if a dialect is given."""
+    """Run a node as ``run_secured_node`` does, behind a gateway if a dialect is given.
+
+    ``law``  of a controller that reads VEHICLE_STATE; empty for one that does not
+    """
     if options.dialect is None:
         return run_secured_node(name, options, settings, end, make_node, known, conclude, ending)
     if options.key_file is not None:
@@ -47,6 +51,8 @@ def run_node_in_dialect(
     from .gateway import Gateway, dialect_text
 
     dialect = read_dialect(options.dialect)
+    if law:
+        dialect.refuse_law(law)
     own, peer = (ends.PLANT, ends.CONTROLLER) if end is PLANT else (ends.CONTROLLER, ends.PLANT)
     received = dialect.sent_by(peer)
     if any(one.flags & FD for one in dialect.messages):

@@ -21,7 +21,6 @@ from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_diale
 from steer_by_wire.dbc.dialect.gateway import Gateway, dialect_text
 from steer_by_wire.dbc.dialect.proposal import proposal
 from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
-from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.command_line import (
@@ -73,8 +72,6 @@ def _check(options: argparse.Namespace) -> int:
     dialect = read_dialect(options.dialect)
     Console(width=100).print(_table(dialect))
     missing = [one for one in _NEEDED_BY if one not in dialect.carried]
-    if CAN_IDS[LateralError] in dialect.kept_ids:
-        missing = [one for one in missing if "error" not in one]
     for quantity in missing:
         print(f"missing: {quantity}: needed by {_NEEDED_BY[quantity]}")
     plant = PlantSettings(duration_s=MOTION_S)

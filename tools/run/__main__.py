@@ -156,6 +156,8 @@ def _run(options: argparse.Namespace) -> int:
         run = run_in_real_time(plant_settings, ours, log)
     else:
         dialect = None if options.dialect is None else read_dialect(options.dialect)
+        if dialect is not None and ours is not None and (law := ours.law_that_reads_the_vehicle):
+            dialect.refuse_law(law)
         run = run_in_virtual_time(
             plant_settings, controller, bus, log, is_ideal=options.ideal_wire, dialect=dialect
         )

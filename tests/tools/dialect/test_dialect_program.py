@@ -26,7 +26,8 @@ def test_a_first_mapping_is_read_and_names_its_guesses(
     file = Path(shutil.copy(DBC, tmp_path)).with_suffix(".toml")
     file.write_text(text, encoding="utf-8")
     guessed = {Quantity.STEER, Quantity.ENGAGED, Quantity.WHEEL_ANGLE, Quantity.SPEED}
-    assert read_dialect(file).carried == guessed | {Quantity.YAW_RATE}
+    kept = {Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR}
+    assert read_dialect(file).carried == guessed | kept | {Quantity.YAW_RATE}
     mapped = [line for line in text.splitlines() if re.match("signals|counter|# checksum", line)]
     assert len(mapped) == 9
     assert all("# guess: " in line for line in mapped)
@@ -44,7 +45,7 @@ def test_the_check_names_what_is_missing_and_leaves_a_minute_of_traffic(
     assert main(["check", str(file), "--out", str(log)]) == ExitStatus.OK
     said = capsys.readouterr().out
     assert re.search(r"STEER_REQUEST 0x100 +controller +10 +REQUEST_COUNTER +sum ", said)
-    assert re.findall("missing: (.*):", said) == ["yaw_rate_rad_s"]
+    assert re.findall("missing: (.*?):", said) == ["yaw_rate_rad_s"]
     assert re.search(r"plant: \d+ frames sent, 600\d accepted, refused: none", said)
     lines = log.read_text(encoding="utf-8").splitlines()
     first_s, last_s = (float(lines[place].split(")")[0].strip("(")) for place in (0, -1))
@@ -62,6 +63,23 @@ def test_a_run_says_what_its_gateways_did(capsys: pytest.CaptureFixture[str]) ->
         r"dialect +plant emulator: \d+ frames sent, 20\d accepted, refused: none", said
     )
     assert re.search(r"dialect +controller: 20\d frames sent, \d+ accepted, refused: none", said)
+
+
+@pytest.mark.parametrize("law", ["predictor", "delayed_set_point"])
+def test_a_law_that_reads_what_the_car_lacks_is_refused(
+    law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(DBC, tmp_path)
+    file = tmp_path / "my_car.toml"
+    text = re.sub("signals.(YAW_RATE|CURVATURE) .*\n", "", CAR.read_text(encoding="utf-8"))
+    file.write_text(text, encoding="utf-8")
+    words = ["--dialect", str(file), "--preset", f"practical_{law}", "--duration", "1"]
+    assert run(words) == ExitStatus.SETTINGS
+    assert capsys.readouterr().err == (
+        f"steer-by-wire run: error: --dialect: law {law} reads more than the lateral error, and no"
+        " signal carries preview_curvature_1_m, yaw_rate_rad_s\n"
+    )
+    assert run([*words, "--law", "pd"]) == ExitStatus.OK
 
 
 @pytest.mark.parametrize(
