@@ -8,9 +8,7 @@ from cantools.database.can import Message as Definition
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.controller.node.newest_messages import RECEIVED as CONTROLLER_RECEIVES
 from steer_by_wire.controller.node.newest_messages import SUPERVISED
-from steer_by_wire.controller.settings import (
-    controller_preset,
-)
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec.protection import protect
 from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import (

@@ -10,11 +10,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.assembly import design_law
-from steer_by_wire.controller.laws.set_point import (
-    FollowedPoint,
-    set_point_of,
-    steady_set_point_m,
-)
+from steer_by_wire.controller.laws.set_point import FollowedPoint, set_point_of, steady_set_point_m
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import estimator_at_rest

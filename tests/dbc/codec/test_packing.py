@@ -51,10 +51,7 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
     signals = {"number": PackedSignal(int, 1, 0, 0xFF, 0, 0, 255, None, "NUMBER")}
     made = packing_of(Number, 1, None, signals, ValueError, "bad crc", lambda *_: "refused")
     assert made.pack(Number(7), 200) == b"\x07"
-    assert [made.unpack(made.pack(Number(raw), 0)) for raw in (0, 255)] == [
-        ((0,), 0),
-        ((255,), 0),
-    ]
+    assert [made.unpack(made.pack(Number(raw), 0)) for raw in (0, 255)] == [((0,), 0), ((255,), 0)]
 
 
 @given(st.binary(min_size=6, max_size=6), st.integers(0, 0xFFFF))

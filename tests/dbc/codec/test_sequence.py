@@ -18,14 +18,7 @@ from steer_by_wire.dbc.codec.sequence import (
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.counter_rules import checking
-from tests.support.forged_counters import (
-    ALONE,
-    PERIOD_NS,
-    Absence,
-    Shot,
-    followed_after,
-    hear,
-)
+from tests.support.forged_counters import ALONE, PERIOD_NS, Absence, Shot, followed_after, hear
 
 ACCEPTED = SequenceResult.ACCEPTED
 COMMANDS = PlantSettings().counters
@@ -75,8 +68,7 @@ def test_frames_that_do_not_come_are_counted_as_lost(first: int, steps: list[int
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 2)), max_size=200),
-    st.integers(1, 127),
+    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 2)), max_size=200), st.integers(1, 127)
 )
 def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_doubled(
     frames: list[tuple[int, int]], step_max: int
@@ -216,11 +208,7 @@ TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
     "far behind after an outage": ([[Shot(14_527_990, -124)]], Absence(150, 188, 0), 161),
     "far behind after a restart": ([[Shot(SOON, -104)]], Absence(150, 258, 184), 172),
     "beside it after a restart": ([[Shot(9_900_000, 3)]], Absence(150, 240, 18), 251),
-    "just ahead of it after a restart": (
-        [[Shot(9_900_000, 5)]],
-        Absence(150, 169, 210),
-        248,
-    ),
+    "just ahead of it after a restart": ([[Shot(9_900_000, 5)]], Absence(150, 169, 210), 248),
     "sparse, behind a true sender that is too far ahead": (
         [[], [], [], [], [Shot(10_000, 1), Shot(0, -5)], *[[]] * 6, [Shot(10_000, 1)]],
         Absence(0, 20, 2),

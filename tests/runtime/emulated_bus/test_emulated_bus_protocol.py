@@ -49,11 +49,7 @@ def test_any_hello_is_understood_or_an_error(raw: bytes) -> None:
         return
 
 
-@given(
-    st.integers(0, 0x7FF),
-    st.binary(max_size=8),
-    st.integers(0, 2**63 - 1),
-)
+@given(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 2**63 - 1))
 def test_a_record_keeps_frame_and_time(can_id: int, data: bytes, time_ns: int) -> None:
     sent = Frame(can_id, data)
     raw = pack_frame(CLASSIC_RECORD, sent, time_ns)

@@ -121,10 +121,7 @@ def never() -> bool:
 
 
 def run(
-    node: Recorder,
-    machine: Machine,
-    should_stop: Callable[[], bool] = never,
-    spin_ns: int = 0,
+    node: Recorder, machine: Machine, should_stop: Callable[[], bool] = never, spin_ns: int = 0
 ) -> LoopFigures:
     executor = RealTimeExecutor(node, machine, machine.clock_ns, spin_ns)
     executor.run(should_stop)

@@ -71,9 +71,7 @@ def test_the_command_line_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.description == "Virtual bus channel seven (from the command line)"
 
 
-def test_a_virtual_bus_is_said_to_end_at_the_process(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_virtual_bus_is_said_to_end_at_the_process(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["-i", "virtual", "-c", uuid.uuid4().hex, "--duration", "0.05", "--priority", "0"]
     assert main(["--preset", "practical_pd", *arguments]) == ExitStatus.OK
     assert (
@@ -122,8 +120,7 @@ def test_a_can_network_interface_that_is_up_is_preferred(
 
 
 @pytest.mark.parametrize(
-    ("kind", "flags", "reason"),
-    [(280, 0xC0, "vcan0 is down"), (1, 0xC1, "vcan0 is not CAN")],
+    ("kind", "flags", "reason"), [(280, 0xC0, "vcan0 is down"), (1, 0xC1, "vcan0 is not CAN")]
 )
 def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
     no_configuration: Path,
@@ -175,11 +172,7 @@ def test_a_bus_that_cannot_be_opened_is_reported_in_one_line(
     ],
 )
 def test_a_port_passes_frames_through_unchanged(broker_address: str, frame: Frame) -> None:
-    options: dict[str, Any] = {
-        "channel": uuid.uuid4().hex,
-        "address": broker_address,
-        "fd": True,
-    }
+    options: dict[str, Any] = {"channel": uuid.uuid4().hex, "address": broker_address, "fd": True}
     with (
         can.Bus(interface="emulated", **options) as one,
         can.Bus(interface="emulated", **options) as other,

@@ -186,9 +186,7 @@ def test_a_lost_bus_is_opened_again_and_reported(machine: Machine) -> None:
     machine.ports[0].dropped = 3
     machine.is_there = False
     assert connection.recv(0.0) is None
-    assert machine.reported == [
-        "cannot receive: gone; waiting 10 s at most for the bus to return",
-    ]
+    assert machine.reported == ["cannot receive: gone; waiting 10 s at most for the bus to return"]
     assert not connection.send(DATA)
     machine.wait_s(2.0)
     assert connection.recv(0.0) is None

@@ -162,12 +162,7 @@ def test_program_and_recorder_killed_together_leave_all_but_the_last_tenth_of_a_
     assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
 
 
-@given(
-    st.lists(
-        st.lists(st.integers(0, 5 * HELD_NS), max_size=5),
-        max_size=10,
-    )
-)
+@given(st.lists(st.lists(st.integers(0, 5 * HELD_NS), max_size=5), max_size=10))
 def test_nothing_is_held_but_the_newest_tenth_of_a_second_and_nothing_after_a_pause(
     reads: list[list[int]],
 ) -> None:

@@ -62,9 +62,7 @@ def run_plant(
 
 
 def test_a_report_says_what_was_recorded(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-    tmp_path: Path,
-    capsys: Capture,
+    run_plant: Callable[..., tuple[int, dict[str, Any]]], tmp_path: Path, capsys: Capture
 ) -> None:
     path = tmp_path / "run.blf"
     status, report = run_plant("--record", str(path))
@@ -86,9 +84,7 @@ def test_without_the_option_nothing_is_recorded(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 def test_a_recording_that_fails_leaves_the_report_and_status_4(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-    tmp_path: Path,
-    capsys: Capture,
+    run_plant: Callable[..., tuple[int, dict[str, Any]]], tmp_path: Path, capsys: Capture
 ) -> None:
     path = tmp_path / "run.log"
     path.symlink_to("/dev/full")
