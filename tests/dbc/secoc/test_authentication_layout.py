@@ -157,15 +157,14 @@ def seconds_of(text: str) -> float:
 
 
 def test_the_document_says_how_long_guessing_takes() -> None:
-    text = DOCUMENT.read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (\d+)[^|]* \| (\d+) \| (\d+) \| ([^|]+) \| ([^|]+) \|$", text, re.M)
-    assert [int(row[0]) for row in rows] == [24, 28, 48, 64]
-    for bits, length, rate, expected, one_in_a_million in rows:
+    text = " ".join(DOCUMENT.read_text(encoding="utf-8").split())
+    sentence = r"guesses, (\d+) a second .* accepted after (.*?); after (.*?) with the 24 bits"
+    found = re.search(sentence, text)
+    assert found is not None
+    for bits, length, expected in ((64, 20, found[2]), (24, 12, found[3])):
         # Alternating bits: without stuff bits, and so as many as there can be.
-        frame = Frame(0x100, b"\x55" * int(length), FD | BITRATE_SWITCH)
+        frame = Frame(0x100, b"\x55" * length, FD | BITRATE_SWITCH)
         nominal, data = frame_bits(frame)
         guesses_s = 1.0 / ((nominal + INTERMISSION_BITS) / 500e3 + data / 2e6)
-        assert int(rate) == round(guesses_s)
-        tries = 2.0 ** int(bits)
-        assert seconds_of(expected) == pytest.approx(tries / guesses_s, rel=0.02)
-        assert seconds_of(one_in_a_million) == pytest.approx(1e-6 * tries / guesses_s, rel=0.02)
+        assert length != 20 or int(found[1]) == round(guesses_s)
+        assert seconds_of(expected) == pytest.approx(2.0**bits / guesses_s, rel=0.02)
