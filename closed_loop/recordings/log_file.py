@@ -298,6 +298,9 @@ def _logged(message: can.Message) -> Logged:
     channel = "" if message.channel is None else str(message.channel)
     if not abs(message.timestamp) * NS_PER_S < TIME_NS_LIMIT:  # rejects NaN too
         raise ValueError(f"a time of {message.timestamp:g} s")
+    is_long = message.is_extended_id or message.is_error_frame
+    if not 0 <= message.arbitration_id < 1 << (29 if is_long else 11):
+        raise ValueError(f"an identifier of {message.arbitration_id:#x}")
     return Logged(round(message.timestamp * NS_PER_S), channel, frame_of(message))
 
 

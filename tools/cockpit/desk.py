@@ -176,7 +176,8 @@ class Desk:
 
     def status(self) -> Mapping[str, Any]:
         """Return what changes a few times a second, ready for JSON."""
-        since = self._recording_since
+        is_recording = any(lane.is_recording for lane in self.lanes)
+        since = self._recording_since if is_recording else None
         return {
             "kind": "status",
             "lanes": [lane.status for lane in self.lanes],

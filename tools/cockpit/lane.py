@@ -13,6 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from ...plant_emulator.path.path import Path
+from ...runtime.exit_status import cause_of
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
@@ -71,6 +72,11 @@ class Lane:
         self._wishes.put(lambda: self._record(file, done))
         done.wait(1.0)
 
+    @property
+    def is_recording(self) -> bool:
+        """Whether it writes a recording."""
+        return self._log is not None
+
     def close(self) -> None:
         """End the thread and close the port."""
         self._is_closing = True
@@ -101,7 +107,10 @@ class Lane:
     def _take(self, frame: Frame, now_ns: int) -> None:
         self._sampler.on_frame(frame, now_ns)
         if self._log is not None:
-            self._log.write(time.time_ns(), frame)
+            try:
+                self._log.write(time.time_ns(), frame)
+            except OSError as error:
+                self._end_log(error)
 
     def _leave_rows(self, now_ns: int) -> None:
         if now_ns - self._row_ns > _ROWS_BEHIND_MAX * _ROW_PERIOD_NS:
@@ -118,7 +127,7 @@ class Lane:
                 "lights": [light._asdict() for light in self._sampler.lights(now_ns)],
                 "frames": self._sampler.frames(now_ns),
                 "law": self._sampler.law(now_ns),
-                "failure": "",
+                "failure": self._failure,
             }
 
     def _send(self, frames: Sequence[Frame]) -> None:
@@ -127,7 +136,19 @@ class Lane:
                 self._take(frame, time.monotonic_ns())
 
     def _record(self, file: FilePath | None, done: threading.Event) -> None:
-        if self._log is not None:
-            self._log.close()
-        self._log = None if file is None else CandumpLog(file, "cockpit")
+        try:
+            if self._log is not None:
+                self._log.close()
+            self._log = None if file is None else CandumpLog(file, "cockpit")
+            self._failure = self._failure if file is None else ""
+        except OSError as error:
+            self._end_log(error)
         done.set()
+
+    def _end_log(self, error: OSError) -> None:
+        """End a recording that cannot be written, as on a full disk; the lane goes on."""
+        self._failure = f"the recording has ended: {cause_of(error)}"
+        log, self._log = self._log, None
+        if log is not None:
+            with suppress(OSError):
+                log.close()

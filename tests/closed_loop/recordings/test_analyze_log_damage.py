@@ -4,8 +4,9 @@ import re
 from pathlib import Path
 from random import Random
 
+import can
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, open_log
@@ -232,3 +233,30 @@ def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
         "at_s": 2.5, "direction": "BOTH", "model": "NORMAL",
         "mean_s": pytest.approx(0.08), "spread_s": pytest.approx(0.03), "loss": pytest.approx(0.01),
     }  # fmt: skip
+
+
+WRITTEN = {".asc": "1  110  ", ".csv": ",0x110,", ".trc": " 0110 "}
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+@given(identifier=st.integers(-(10**6), 10**24) | st.sampled_from([-1, 0x7FF, 0x800, 10**23]))
+@settings(deadline=None, max_examples=60)
+def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
+    suffix: str, identifier: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    file = tmp_path_factory.mktemp("log") / f"one{suffix}"
+    with can.Logger(file) as log:
+        for time_s in (1.0, 2.0):
+            log(can.Message(timestamp=time_s, arbitration_id=0x110, is_extended_id=False))
+    text, found = file.read_text(encoding="utf-8"), WRITTEN[suffix]
+    place = text.rindex(found)
+    changed = found.replace("0x110", "110").replace("0110", "110").replace("110", f"{identifier:x}")
+    file.write_text(text[:place] + changed + text[place + len(found) :], encoding="utf-8")
+    log_file = open_log(file)
+    read = [logged.frame.can_id for logged in log_file]
+    # Of more than four digits .trc has an extended identifier.
+    is_extended = suffix == ".trc" and identifier > 0xFFFF
+    is_one = 0 <= identifier < 1 << (29 if is_extended else 11)
+    assert read == ([0x110, identifier] if is_one else [0x110])
+    is_skipped = suffix == ".asc" and identifier < 0  # by python-can, as no frame at all
+    assert log_file.unreadable == (not is_one and not is_skipped)

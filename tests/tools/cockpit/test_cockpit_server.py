@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import aiohttp
@@ -242,6 +243,30 @@ def test_a_page_that_falls_behind_skips_what_is_no_longer_kept() -> None:
         again, new = lane.rows_since(behind)
         assert again >= behind >= end
         assert len(new) == again - behind
+
+
+@pytest.mark.parametrize("ends_itself", [True, False])
+def test_a_recording_on_a_full_disk_ends_with_its_cause_and_the_lane_goes_on(
+    ends_itself: bool,
+) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("this system has no /dev/full")
+    said = "the recording has ended: No space left on device"
+    with listening(FakePort()) as lane:
+        lane.record(full)
+        until_s = time.monotonic() + PATIENCE_S
+        while lane.is_recording if ends_itself else lane.row_count < 5:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+        lane.record(None)
+        while lane.status["failure"] != said:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+        rows = lane.row_count
+        while lane.row_count == rows:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
 
 
 def test_a_recording_of_a_lane_has_every_frame(tmp_path: Any) -> None:
