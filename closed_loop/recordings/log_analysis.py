@@ -21,6 +21,8 @@ GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
+CLOCK_SET_NS = 24 * 3600 * NS_PER_S
+"""A longer time without any frame is a clock that was set, from 1970 to the date for instance."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
@@ -99,7 +101,7 @@ class LogAnalysis:
         self._start_ns: int | None = None
         self._end_ns = 0
         self._frames = 0
-        self._backwards = 0
+        self._backwards = self._clock_set = 0
         self._newest_ns: dict[str, int] = {}
         self._gaps: list[Gap] = []
         self._gap_counts = Counter[str]()
@@ -154,6 +156,7 @@ class LogAnalysis:
             "start": _date(start_ns),
             "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
             "times_backwards": self._backwards,
+            "clock_set": self._clock_set,
             "messages": {name: self._message_figures(name) for name in messages.MESSAGE_TYPES},
             "refused": dict(self.listener.refused),
             "foreign_frames": self.listener.foreign_frames,
@@ -194,6 +197,9 @@ class LogAnalysis:
             self._start_ns = self._end_ns = time_ns
         if time_ns < self._end_ns:
             self._backwards += 1
+        if time_ns - self._end_ns > CLOCK_SET_NS:
+            self._start_ns += time_ns - self._end_ns
+            self._clock_set += 1
         self._end_ns = max(self._end_ns, time_ns)
         return time_ns - self._start_ns
 

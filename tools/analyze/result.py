@@ -34,6 +34,8 @@ def print_results(results: Sequence[Result]) -> None:
         figures = result.figures
         if backwards := figures["times_backwards"]:
             print(f"time runs backwards at {backwards} of {figures['frames']} frames")
+        if figures["clock_set"]:
+            print(f"the clock was set {figures['clock_set']} times: that time is left out")
         if figures["unreadable"]:
             print(f"{figures['unreadable']} lines not read, the first: ", end="")
             print(figures["first_unreadable"])

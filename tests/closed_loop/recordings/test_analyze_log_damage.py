@@ -235,6 +235,25 @@ def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("position", [1, 700, 3000])
+def test_a_clock_that_is_set_during_the_log_costs_no_time_and_is_reported(
+    varying: Run, tmp_path: Path, position: int, capsys: Capture
+) -> None:
+    entries = [entry._replace(time_ns=entry.time_ns + 10**9) for entry in entries_of(varying.log)]
+    set_ns = 1_790_000_000 * 10**9
+    later = [entry._replace(time_ns=entry.time_ns + set_ns) for entry in entries[position:]]
+    path = write_log(tmp_path / "set.log", [*entries[:position], *later])
+    figures = analyse(path)
+    assert main([str(path), "--out", str(tmp_path)]) == ExitStatus.OK
+    assert "the clock was set 1 times: that time is left out" in capsys.readouterr().out
+    whole = analyse(varying.log)
+    # But for the one distance between two frames.
+    assert figures["duration_s"] == pytest.approx(whole["duration_s"], abs=0.02)
+    assert figures["held_path"]["verdict"] == whole["held_path"]["verdict"]
+    for name, message in whole["messages"].items():
+        assert figures["messages"][name]["gaps"] == message["gaps"], name
+
+
 WRITTEN = {".asc": "1  110  ", ".csv": ",0x110,", ".trc": " 0110 "}
 
 
