@@ -25,7 +25,10 @@ def main(target: str, *options: str) -> None:
     if options[:1] == ("--replay",):
         importlib.import_module("tests.fuzz.targets").TARGETS[target](Path(options[1]).read_bytes())
         return
-    atheris: Any = importlib.import_module("atheris")  # it has no types
+    try:
+        atheris: Any = importlib.import_module("atheris")  # it has no types
+    except ModuleNotFoundError:
+        sys.exit("fuzzing needs atheris: pip install '.[fuzz]'")
     with atheris.instrument_imports(include=["steer_by_wire"]):
         targets = importlib.import_module("tests.fuzz.targets").TARGETS
     OUT.mkdir(parents=True, exist_ok=True)
