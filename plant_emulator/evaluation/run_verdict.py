@@ -40,9 +40,9 @@ follow, stays within 5 mm.
 Sensor noise makes every loop swing, and a resonant one with a rhythm. So an oscillation, of error
 or wheel, has an amplitude of at least NOISE_GAIN times the noise.
 
-The lateral error here is the true one, of ``followed_point``: noise and resolution do not make a
-vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
-commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
+The lateral error here is the true one, of ``followed_point``, without noise and resolution of its
+measurement. A loop that is unstable in the linear sense reaches the limits of its commands sooner
+or later and then stays in a limit cycle: both verdicts mean that it does not hold.
 """
 
 import math
