@@ -173,7 +173,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         )
         axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
         runs[label] = run
-    axes.set(xlabel="time [s]", ylabel="lateral error [m]", ylim=(-1.0, 1.0))
+    axes.set(xlabel="time [s]", ylabel="lateral error [m]", ylim=(-1.5, 1.5))
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "packetised_mpc.png")
