@@ -275,7 +275,7 @@ class SequenceCheck:
         is_ahead = 0 < frame.forward < HALF
         known = self._contents[counter]
         late_ns = -frame.forward % COUNTERS * self._period_ns
-        is_explained = known in (_SKIPPED, None) and late_ns <= self._rule.lead_ns
+        is_explained = known is _SKIPPED or (known is None and late_ns <= self._rule.lead_ns)
         is_other = is_ahead or not (is_explained or known == frame.content)
         if is_other and (self._is_second(now_ns) or self._had_second()):
             return self._doubt_all(now_ns)

@@ -337,3 +337,12 @@ def test_a_receiver_that_gives_no_content_asks_for_no_contradictions() -> None:
     for number in (*range(50), *range(45, 50), *range(50, 60)):
         check.check(number, number * NS_PER_MS)
     assert check.counter == 59
+
+
+def test_frames_that_five_others_overtake_again_and_again_are_no_second_sender() -> None:
+    check = SequenceCheck(COMMANDS, PERIOD_NS)
+    sent = sorted((number + 5.5 * (number % 12 == 0), number) for number in range(600))
+    for place, number in sent:
+        check.check(number % 256, round(place * PERIOD_NS), number)
+    assert check.second_sender_ns is None
+    assert check.counter == 599 % 256
