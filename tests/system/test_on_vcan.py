@@ -30,6 +30,7 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
     SteeringCommand,
     decode,
+    sent_by,
 )
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
@@ -284,12 +285,17 @@ def steer_by_measurement(log: Log) -> dict[int, float]:
 
 @pytest.fixture
 def script(folder: Path, run: Run) -> Path:
-    """Return the log of the first phase without the controller's commands, for canplayer."""
+    """Return what the plant sent in the first phase, for canplayer.
+
+    Of its own messages from somebody else the controller takes none.
+    """
     del run  # its log is there now
     before_mark = (folder / "log").read_text(encoding="ascii").partition(f" {MARK_ID:X}#")[0]
     lines = before_mark.splitlines(keepends=True)[:-1]
     script = folder / "script"
-    script.write_text("".join(line for line in lines if A_COMMAND not in line), encoding="ascii")
+    of_plant = tuple(f" {CAN_IDS[kind]:X}#" for kind in sent_by("PLANT"))
+    sent = [line for line in lines if any(name in line for name in of_plant)]
+    script.write_text("".join(sent), encoding="ascii")
     return script
 
 
