@@ -219,6 +219,11 @@ TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
         Absence(0, 20, 0),
         0,
     ),
+    "just behind it from before its start": (
+        [[Shot(9_900_000, -1)]],
+        Absence(0, 104, 241),
+        223,
+    ),
     "one lost frame": ([[Shot(5_000_000, 24)]], Absence(150, 151, 0), 128),
     "before the true sender begins": ([[Shot(SOON, -1)]], Absence(0, 21, 77), 79),
     "a stream that others interrupt": (
@@ -247,7 +252,7 @@ ABSENCES = st.one_of(
 
 def followed_max(rule: SequenceRule) -> int:
     """Once, until what a late frame explains has passed and a run contradicts it."""
-    return 2 + rule.lead_ns // PERIOD_NS + rule.resync_run
+    return 2 + rule.lead_ns // PERIOD_NS + 2 * rule.resync_run
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
