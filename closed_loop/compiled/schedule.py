@@ -149,7 +149,8 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
             return int(tick_ns[np.argmax(fresh)])
         samples *= 4
     raise NothingArrivesError(
-        f"no measurement arrived in {SAMPLES_WITHOUT_ARRIVAL_MAX} samples: the uplink loses them"
+        f"no measurement came into use in {SAMPLES_WITHOUT_ARRIVAL_MAX} samples: the uplink loses "
+        "them, or they overtake each other by more than controller.supervision.counter_lead_ms"
     )
 
 
