@@ -82,7 +82,9 @@ def test_bit_rate_and_listening_only_reach_the_adapter(bus: AdapterBus) -> None:
         plant = start_plant(stack, bus)
         arguments = ("--bus-kwargs", "sleep_after_open=0", "listen_only=True")
         controller = start_controller(stack, bus, *arguments)
-        assert [program.interrupt() for program in (controller, plant)] == [ExitStatus.OK] * 2
+        # One that steers by then ends without an effect.
+        assert controller.interrupt() in (ExitStatus.OK, ExitStatus.CONDITION)
+        assert plant.interrupt() == ExitStatus.OK
         assert plant.report()["node"]["accepted"] == 0
     wanted = [adapter.commands[-4:] for adapter in bus.adapters]
     assert wanted == [["S6", "O", "O", "C"], ["S6", "L", "L", "C"]]

@@ -234,7 +234,7 @@ def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
 
 def test_a_network_that_lets_nothing_through_is_refused() -> None:
     plant = plant_settings(["latency.uplink.loss=1.0"])
-    with pytest.raises(NothingArrivesError, match="no measurement arrived"):
+    with pytest.raises(NothingArrivesError, match="no measurement came into use"):
         run_batch(plant, controller_preset("practical_pd"))
 
 

@@ -128,7 +128,7 @@ def test_it_breaks_where_the_lane_is_lost_first_and_nominal_differs_from_heavy(
     chosen = cut(at_speed, ("predictor",), mean_s=(0.1,), network=networks)
     found = by_delay(*computed(tmp_path, chosen))
     nominal, heavy = found.peak_m[:, 0, 0].tolist()
-    assert 1e-4 < nominal < 0.05 < heavy < 0.5
+    assert 1e-4 < 1.1 * nominal < heavy < 0.05
     assert found.holds.all()
 
 
