@@ -56,10 +56,8 @@ class CrcRule(Settings):
 
     def compute(self, can_id: int, data: bytes, mask: bytes) -> int:  # noqa: ARG002 as all rules
         """Return the checksum."""
-        turned, covered = (
-            self.reflected,
-            [byte for byte, own in zip(data, mask, strict=True) if not own],
-        )
+        turned = self.reflected
+        covered = [byte for byte, own in zip(data, mask, strict=True) if not own]
         crc = Crc(_bits(mask), self.polynomial, self.initial, turned, turned, self.final_xor)
         return int(crc.calc(covered))
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S, N, View, Wrapper
+from ...runtime.node.periodic import PeriodicTimer
 from .. import messages as ours
 from .car_message import CarMessage, Refused
 from .dialect import Dialect
@@ -28,20 +29,6 @@ _APPLYING = (
 Values = Mapping[Quantity, float]
 
 
-class _Sent:
-    """A message that the gateway sends, and when it is next due [ns]."""
-
-    def __init__(self, message: CarMessage, start_ns: int) -> None:
-        self.message, self._start_ns, self._index = message, start_ns, 0
-        self._period_ns = round(message.settings.cycle_ms * NS_PER_MS)
-        self.due_ns = start_ns
-
-    def advance(self, now_ns: int) -> None:
-        """Go to the first time in the grid that is later than now."""
-        self._index = (now_ns - self._start_ns) // self._period_ns + 1
-        self.due_ns = self._start_ns + self._index * self._period_ns
-
-
 class Gateway(Wrapper[N]):
     """Runs ``node`` as one end of a car's bus.
 
@@ -52,8 +39,11 @@ class Gateway(Wrapper[N]):
         super().__init__(node)
         peer = CONTROLLER if end == PLANT else PLANT
         self._kept_ids = dialect.kept_ids
-        self._sent = [_Sent(message, start_ns) for message in dialect.sent_by(end)]
-        self._due_ns = min((one.due_ns for one in self._sent), default=node.deadline_ns)
+        self._sent = [
+            (message, PeriodicTimer(start_ns, round(message.settings.cycle_ms * NS_PER_MS)))
+            for message in dialect.sent_by(end)
+        ]
+        self._due_ns = start_ns if self._sent else node.deadline_ns
         carrying = (one for one in dialect.sent_by(peer) if one.carries)
         self._read = {(one.can_id, one.flags): one for one in carrying}
         self._translator = _FromController(dialect) if end == PLANT else _FromPlant()
@@ -117,13 +107,12 @@ class Gateway(Wrapper[N]):
 
     def _due(self, now_ns: int) -> Sequence[Frame]:
         frames = []
-        for one in self._sent:
-            if one.due_ns <= now_ns:
-                one.advance(now_ns)
-                carried = one.message.carries
-                if all(self._known_until_ns[quantity] >= now_ns for quantity in carried):
-                    frames.append(one.message.frame(self._values))
-        self._due_ns = min(one.due_ns for one in self._sent)
+        for message, timer in self._sent:
+            if timer.deadline_ns <= now_ns:
+                timer.advance(now_ns)
+                if all(self._known_until_ns[one] >= now_ns for one in message.carries):
+                    frames.append(message.frame(self._values))
+        self._due_ns = min(timer.deadline_ns for _, timer in self._sent)
         self._sent_count += len(frames)
         return frames
 

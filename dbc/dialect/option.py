@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
@@ -15,9 +14,6 @@ from ...runtime.settings import Settings, SettingsError
 from ..messages import Message
 from ..secoc.key_option import run_secured_node
 from ..secoc.secured_frame import PLANT, End
-
-if TYPE_CHECKING:
-    pass
 
 
 def add_dialect_argument(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,6 @@
 import argparse
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from types import MappingProxyType
 
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
@@ -12,7 +11,7 @@ from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.command_line import offer
 from ...runtime.settings import Settings, SettingsError, preset_names
-from ...runtime.settings.mistakes import setting_keys
+from ...runtime.settings.mistakes import hint, setting_keys
 
 PLANT_SIDE, CONTROLLER_SIDE = "plant", "controller"
 _PACKAGES: Mapping[str, str] = MappingProxyType(
@@ -73,9 +72,7 @@ def _preset(name: str) -> tuple[str, str]:
     for side, package in _PACKAGES.items():
         if name in preset_names(package):
             return side, name
-    close = get_close_matches(name, _names(), n=1)
-    meant = f"did you mean {close[0]}?" if close else f"known: {', '.join(_names())}"
-    raise argparse.ArgumentTypeError(f"no preset {name[:60]!r} ({meant})")
+    raise argparse.ArgumentTypeError(f"no preset {name[:60]!r} ({hint(name, _names())})")
 
 
 def _override(text: str) -> tuple[str, str]:
