@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self
 import can
 
 from ..runtime.bus_model.settings import BusSettings
+from ..runtime.exit_status import cause_of
 from ..runtime.port.python_can import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
@@ -43,7 +44,7 @@ class BusRecorder:
     """Records every frame on a bus, in a thread, from the start of a ``with`` block to its end.
 
     ``failure``  why the log ends early, empty if it does not: a bus drops a recorder that reads too
-                 slowly
+                 slowly, and a disk may be full
     """
 
     def __init__(self, bus: Bus, candump_log: Path) -> None:
@@ -60,7 +61,10 @@ class BusRecorder:
 
     def __exit__(self, *_: object) -> None:
         self._notifier.stop()
-        self._writer.stop()
+        try:
+            self._writer.stop()
+        except OSError as error:
+            self.failure = self.failure or cause_of(error)
         self._listener.shutdown()
 
     def __call__(self, message: can.Message) -> None:
@@ -69,7 +73,7 @@ class BusRecorder:
 
     def on_error(self, error: Exception) -> None:
         """End the recording, and nothing else."""
-        self.failure = str(error)
+        self.failure = cause_of(error)
         self._notifier.stop(0.0)
 
 

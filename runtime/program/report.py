@@ -167,6 +167,7 @@ def _connection_lines(connection: Mapping[str, Any]) -> Iterator[str]:
 def _recording_lines(recording: Mapping[str, Any]) -> Iterator[str]:
     yield f"{recording['frames']} frames recorded in {recording['file']}"
     if recording["dropped"]:
-        yield f"{recording['dropped']} frames not recorded: the recorder did not keep up"
+        why = "the recording has failed" if recording["failure"] else "the recorder did not keep up"
+        yield f"{recording['dropped']} frames not recorded: {why}"
     if recording["left_out"]:
         yield f"{recording['left_out']} frames not recorded: the format has no place for them"

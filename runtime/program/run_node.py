@@ -83,7 +83,11 @@ def run_node(
         # and before the run, whose priority the recorder must not inherit.
         recording = None
         if options.record is not None:
-            recording = Recording(options.record, opened.channel.replace(" ", "_"))
+            recording = Recording(
+                options.record,
+                opened.channel.replace(" ", "_"),
+                lambda cause: screen.line(f"error: {options.record}: not recorded on: {cause}"),
+            )
         stack.enter_context(stop.on_signals())
         if notice:
             say(name, notice, sys.stderr)

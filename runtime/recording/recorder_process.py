@@ -13,6 +13,7 @@ so that it is known even if the recorder is killed.
 """
 
 import argparse
+import errno
 import heapq
 import json
 import os
@@ -21,7 +22,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -82,6 +82,33 @@ class _BlfWriter(can.BLFWriter):
         self.frames_in_file = self.object_count
 
 
+class _SqliteWriter(can.SqliteWriter):
+    """python-can's writer, which writes in a thread of its own and drops the thread's errors.
+
+    ``error``  what has ended the thread; None while it writes
+    """
+
+    error: Exception | None = None
+
+    def _db_writer_thread(self) -> None:
+        try:
+            super()._db_writer_thread()
+        except Exception as error:  # a database may raise anything
+            self.error = error
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if self.error is not None:
+            raise self.error
+        super().on_message_received(msg)
+
+
+def _writer_of(path: Path) -> MessageWriter:
+    suffix = path.suffix.lower()
+    if suffix == ".blf":
+        return _BlfWriter(path)
+    return _SqliteWriter(path) if suffix == ".db" else can.Logger(path)
+
+
 class _Record(NamedTuple):
     """One recorded frame; sorts by time, then by order of recording."""
 
@@ -92,19 +119,21 @@ class _Record(NamedTuple):
 
 
 def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[str, Any]:
-    """Write every record in ``source`` to ``path``; returns frames, left_out and failure.
+    """Write every record in ``source`` to ``path``, up to a failure.
+
+    Returns frames, left_out and failure.
 
     ``progress``  descriptor of the file for the number of frames in ``path``; -1: none
 
     Prints "ready" on standard output when the file is open.
     """
-    counts = {"frames": 0, "left_out": 0}
+    counts = {"frames": 0, "left_out": 0, "flushed": 0}
     failure = ""
     writer: MessageWriter | None = None
     try:
         if path.is_file() and not path.is_symlink():
             path.unlink()  # the writer for .db would append to it
-        writer = _BlfWriter(path) if path.suffix.lower() == ".blf" else can.Logger(path)
+        writer = _writer_of(path)
         os.write(1, b"ready\n")
         _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
     except Exception as error:  # a writer may raise anything
@@ -115,10 +144,11 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
             writer.stop()
     except Exception as error:
         failure = failure or cause_of(error)
-    if isinstance(writer, can.SqliteWriter) and writer.num_frames < counts["frames"]:
-        # It writes in its own thread, whose errors are visible only here.
-        failure = failure or "the database has refused frames"
-        counts["frames"] = writer.num_frames
+    if isinstance(writer, _SqliteWriter) and writer.error is not None:
+        failure = failure or cause_of(writer.error)
+    if failure and writer is not None:
+        counts["frames"] = _frames_in_file(writer, counts["flushed"])
+    del counts["flushed"]
     return {**counts, "failure": failure}
 
 
@@ -146,6 +176,7 @@ def _write_all(
             counts["frames"] += 1
         if isinstance(writer, TextIOMessageWriter):
             writer.file.flush()
+        counts["flushed"] = counts["frames"]
         if sync is not None:
             sync.after_write(len(records))
         in_file = _frames_in_file(writer, counts["frames"])
@@ -160,7 +191,7 @@ def _frames_in_file(writer: MessageWriter, given: int) -> int:
         return given
     if isinstance(writer, _BlfWriter):
         return writer.frames_in_file
-    return writer.num_frames if isinstance(writer, can.SqliteWriter) else 0
+    return writer.num_frames if isinstance(writer, _SqliteWriter) else 0
 
 
 def _sync_of(writer: MessageWriter) -> "Sync | None":
@@ -199,8 +230,11 @@ class Sync:
         """Count ``written`` records that were flushed, and sync when due."""
         self._is_behind = self._is_behind or written > 0
         if self._is_behind and self._clock_ns() >= self._due_ns:
-            with suppress(OSError):  # a pipe or a device
+            try:
                 self._sync(self._descriptor)
+            except OSError as error:
+                if error.errno != errno.EINVAL:  # that of a pipe or a device
+                    raise
             self._is_behind = False
             # From the end, so that a slow disk does not take all of the time.
             self._due_ns = self._clock_ns() + SYNC_NS
@@ -272,9 +306,9 @@ def _comes(source: BinaryIO) -> bool:
 
 def _settle(writer: MessageWriter, frames: int) -> None:
     """Wait for the thread of the writer for .db, which still writes at most one batch."""
-    if isinstance(writer, can.SqliteWriter):
+    if isinstance(writer, _SqliteWriter):
         before, patience_s = -1, 0.0
-        while writer.num_frames < frames and patience_s < _SETTLE_S:
+        while writer.num_frames < frames and patience_s < _SETTLE_S and writer.error is None:
             patience_s = 0.0 if writer.num_frames > before else patience_s + _POLL_S
             before = writer.num_frames
             time.sleep(_POLL_S)

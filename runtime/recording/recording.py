@@ -43,6 +43,7 @@ PROGRESS = struct.Struct("=Q")
 """Number of frames in the file, which the recorder writes to an unnamed file."""
 _PIPE_BYTES = 1 << 20
 """The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
+_ENDED = "the recorder was ended before it could finish the file"
 _SENT, _RECEIVED = 0, 1
 _QUEUED_MAX = 20_000
 
@@ -51,7 +52,8 @@ class RecordingFigures(NamedTuple):
     """Result of a recording.
 
     ``frames``    frames in the file; after a killed recorder, those that it had reported
-    ``dropped``   frames for which there was no room on the way to the recorder
+    ``dropped``   frames for which there was no room on the way to the recorder; after a failure,
+                  all that are missing
     ``left_out``  frames that the format cannot represent
     ``failure``   why the recorder failed; empty if it did not
     """
@@ -91,6 +93,7 @@ class Recording:
 
     ``path``     file to write, replaced if it is there
     ``channel``  name of the bus in the recording
+    ``on_end``   called with the cause, once, when the recorder ends before ``close``
 
     ``recorder``  the process that writes
 
@@ -99,9 +102,13 @@ class Recording:
     inherit.
     """
 
-    def __init__(self, path: Path, channel: str) -> None:
+    def __init__(
+        self, path: Path, channel: str, on_end: Callable[[str], None] = lambda _cause: None
+    ) -> None:
         self._path = path
-        self._dropped = 0
+        self._on_end = on_end
+        self._rest = b""
+        self._taken = self._dropped = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
         progress = -1 if sys.platform == "win32" else self._progress.fileno()
@@ -137,23 +144,34 @@ class Recording:
         """
         can_id, data, flags = frame
         head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, direction, len(data))
-        if not self._offer(head + data):
-            self._dropped += 1
+        try:
+            is_taken = self._offer(head + data)
+        except BrokenPipeError:
+            is_taken = False
+            self._end_early()
+        self._taken += 1
+        self._dropped += not is_taken
 
     def close(self) -> RecordingFigures:
         """Let the recorder finish the file."""
         self._flush()
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
-        try:
-            rest = self._answer.read() if _ends(self.recorder) else b""
-        finally:
-            self._answer.close()
-        with self._progress as noted:
+        with self._answer, self._progress as noted:
+            if _ends(self.recorder):
+                self._rest += self._answer.read()
             frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
-        ended = "the recorder was ended before it could finish the file"
-        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": ended}
-        return RecordingFigures(str(self._path), dropped=self._dropped, **summary | _summary(rest))
+        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": _ENDED}
+        summary |= _summary(self._rest)
+        if summary["failure"]:  # what was still in the pipe is lost too
+            self._dropped = self._taken - summary["frames"] - summary["left_out"]
+        return RecordingFigures(str(self._path), dropped=self._dropped, **summary)
+
+    def _end_early(self) -> None:
+        """Report why the recorder has ended, and offer it nothing more."""
+        self._offer = lambda _record: False
+        self._rest = self._answer.read()  # it has ended, so this does not wait
+        self._on_end(_summary(self._rest).get("failure") or _ENDED)
 
 
 class RecordingPort:
@@ -185,7 +203,10 @@ class RecordingPort:
 
 
 def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
-    """Return what offers a record to the pipe without waiting, and what ends that."""
+    """Return what offers a record to the pipe without waiting, and what ends that.
+
+    The first raises BrokenPipeError when the recorder has ended.
+    """
     descriptor = pipe.fileno()
     if sys.platform == "win32":
         return _offering_by_thread(descriptor)  # its pipes always wait
@@ -200,7 +221,7 @@ def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], No
         try:
             # At most PIPE_BUF bytes are written as a whole or not at all.
             os.write(descriptor, record)
-        except OSError:  # full, or the recorder has ended
+        except BlockingIOError:  # full
             return False
         return True
 
@@ -210,7 +231,7 @@ def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], No
 def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
     """Return the same where a pipe cannot be written without waiting: a thread waits."""
     queue: deque[bytes] = deque()
-    ended = threading.Event()
+    ended, is_broken = threading.Event(), threading.Event()
 
     def pump() -> None:
         is_last = False
@@ -221,9 +242,12 @@ def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Calla
                 while batch:
                     batch = batch[os.write(descriptor, batch) :]
             except OSError:
+                is_broken.set()
                 return
 
     def offer(record: bytes) -> bool:
+        if is_broken.is_set():
+            raise BrokenPipeError
         if len(queue) >= _QUEUED_MAX:
             return False
         queue.append(record)

@@ -183,21 +183,33 @@ def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
     os.close(read_end)
 
 
+def test_where_pipes_wait_a_recorder_that_has_ended_is_noticed_too() -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    offer, end = recording._offering_by_thread(write_end)
+    assert offer(b"lost")
+    end()
+    os.close(write_end)
+    with pytest.raises(BrokenPipeError):
+        offer(b"after its end")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_full_disk_is_reported_and_the_frames_are_counted(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_at_once_and_the_frames_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     path.symlink_to("/dev/full")
-    recording = Recording(path, "vcan0")
-    recorder = recording.recorder
+    told: list[str] = []
+    recording = Recording(path, "vcan0", told.append)
     taken = 0
-    while recorder.poll() is None:  # until it has noticed, and given up
+    while recording.recorder.poll() is None:  # until it has noticed, and given up
         recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
         taken += 1
         time.sleep(0.001)
-    recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+    for _ in range(2):
+        recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+    assert told == ["No space left on device"]
     figures = recording.close()
-    assert figures.failure == "No space left on device"
-    assert figures.dropped >= 1
+    assert figures == (str(path), 0, taken + 2, 0, "No space left on device")
 
 
 @pytest.mark.parametrize("suffix", TEXT)

@@ -1,5 +1,6 @@
 """What a recording holds when its program or its recorder is killed or held up."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -65,16 +66,20 @@ def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
     tmp_path: Path, suffix: str
 ) -> None:
     path = tmp_path / f"run{suffix}"
-    recording = Recording(path, "vcan0")
+    told: list[str] = []
+    recording = Recording(path, "vcan0", told.append)
     start_ns = time.monotonic_ns()
     for index in range(KILLED_FRAMES):
         recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * PERIOD_NS, 0)
     last = (KILLED_FRAMES - 1).to_bytes(8, "big")
     wait_until(lambda: last in written(path), f"the last of {KILLED_FRAMES} frames in {path}")
     os.kill(recording.recorder.pid, signal.SIGKILL)
+    recording.recorder.wait()
+    assert not told
+    recording.take(Frame(0x100, bytes(8)), start_ns + KILLED_FRAMES * PERIOD_NS, 0)
+    assert told == ["the recorder was ended before it could finish the file"]
     figures = recording.close()
-    assert figures.failure == "the recorder was ended before it could finish the file"
-    assert figures.frames == KILLED_FRAMES
+    assert figures == (str(path), KILLED_FRAMES, 1, 0, *told)
     assert written(path) == [index.to_bytes(8, "big") for index in range(KILLED_FRAMES)]
 
 
@@ -196,7 +201,7 @@ def test_what_was_written_reaches_the_disk_at_most_twice_a_second_and_not_for_no
         nonlocal now_ns
         synced.append((descriptor, now_ns))
         now_ns += SYNC_NS // 5  # it takes its time
-        raise OSError("a pipe has no disk")
+        raise OSError(errno.EINVAL, "a pipe has no disk")
 
     sync = Sync(7, disk, lambda: now_ns)
     while now_ns < 10 * SYNC_NS:

@@ -91,7 +91,9 @@ def test_a_recording_that_fails_leaves_the_report_and_status_4(
     status, report = run_plant("--record", str(path))
     assert status == ExitStatus.OUTPUT
     assert report["recording"]["failure"] == "No space left on device"
-    assert f"error: {path}: No space left on device" in capsys.readouterr().err
+    sent, captured = report["loop"]["frames_sent"], capsys.readouterr()
+    assert f"{sent} frames not recorded: the recording has failed" in captured.out
+    assert f"error: {path}: No space left on device" in captured.err
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")

@@ -1,0 +1,27 @@
+"""What records a bus beside the programs on it."""
+
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.closed_loop.live_bus import Bus, BusRecorder
+from tests.support.running_program import wait_until
+
+pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+BUS = Bus("virtual", "full_disk", {})
+MESSAGE = can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False)
+
+
+def test_a_recorder_whose_disk_is_full_says_so_and_ends_nothing_else() -> None:
+    with BUS.open() as sender, BusRecorder(BUS, Path("/dev/full")) as recorder:
+        for _ in range(1000):  # more than the writer holds back
+            sender.send(MESSAGE)
+        wait_until(lambda: bool(recorder.failure), "the recorder's failure")
+    assert recorder.failure == "No space left on device"
+
+
+def test_a_disk_that_is_full_at_the_end_is_told_too() -> None:
+    with BusRecorder(BUS, Path("/dev/full")) as recorder:
+        recorder(MESSAGE)
+    assert recorder.failure == "No space left on device"
