@@ -343,7 +343,7 @@ def analyse_files(
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
     analysis = LogAnalysis(rules, preview_m)
-    unreadable, first_unreadable = 0, ""
+    unreadable, first_unreadable, cut_off = 0, "", ""
     channels: dict[str, None] = {}
     for path in paths:
         log = open_log(path)
@@ -359,11 +359,14 @@ def analyse_files(
                     export.write(time_ns, *taken)
         unreadable += log.unreadable
         first_unreadable = first_unreadable or log.first_unreadable
+        if log.cut_off:
+            cut_off = cut_off or f"{path.name}: {log.cut_off}"
     figures = {
         "files": [str(path) for path in paths],
         "channels": sorted(filter(None, channels)),
         "unreadable": unreadable,
         "first_unreadable": first_unreadable,
+        "cut_off": cut_off,
         **analysis.figures(),
     }
     if channel is not None and not figures["frames"]:

@@ -38,8 +38,14 @@ LINE_BYTES_MAX = 1 << 16
 """A longer line ends the log: binary data may have no line ends, and a device has no end."""
 
 
+_TORN = "the last line has no end: its writer was killed in the middle, or its disk is full"
+
+
 class TextLines:
-    """Iterates over the lines of ``path``, unpacked if its name ends with .gz; OSError."""
+    """Iterates over the lines of ``path``, unpacked if its name ends with .gz; OSError.
+
+    ``cut_off``  why lines are missing at the end, once that is reached; empty if none are seen to
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -47,6 +53,8 @@ class TextLines:
         self.unreadable = 0
         self.first_unreadable = ""
         self.number = 0
+        self.cut_off = ""
+        self._newest = ""
         self._again: deque[str] = deque()
         self._raw = path.open("rb")
         self._size = max(path.stat().st_size, 1)
@@ -65,19 +73,21 @@ class TextLines:
             return self._again.popleft()
         raw = self._file.readline(LINE_BYTES_MAX)
         if not raw:
+            if _is_inside_a_block(self.seen, self._newest):
+                self.cut_off = "the end of its trigger block is missing"
             raise StopIteration
         self.number += 1
         if not raw.endswith(b"\n"):
-            is_cut = len(raw) < LINE_BYTES_MAX
-            self.count_unreadable(
-                "the last line has no end: its writer was killed in the middle"
-                if is_cut
-                else f"no text: a line of more than {LINE_BYTES_MAX} bytes"
+            is_last = len(raw) < LINE_BYTES_MAX
+            self.cut_off = (
+                _TORN if is_last else f"no text: a line of more than {LINE_BYTES_MAX} bytes"
             )
+            self.count_unreadable(self.cut_off)
             raise StopIteration
         line = raw.decode("utf-8", errors="replace").rstrip("\r\n")
         if len(self.seen) < SEEN_MAX:
             self.seen.append(line)
+        self._newest = line
         return line
 
     def put_back(self, lines: list[str]) -> None:
@@ -94,6 +104,12 @@ class TextLines:
         """Close the file; python-can's readers do it at the end, too."""
         self._file.close()
         self._raw.close()
+
+
+def _is_inside_a_block(seen: list[str], last: str) -> bool:
+    """Whether an .asc file ends before the end of what its header begins."""
+    begins = any(line.lower().startswith("begin triggerblock") for line in seen)
+    return begins and not last.lower().startswith("end triggerblock")
 
 
 _HEAD_LINES = 200
@@ -213,6 +229,8 @@ def open_log(path: Path) -> "_TextLog | _BinaryLog":
 
     ``unreadable``        lines, or parts of a binary file, that could not be read so far
     ``first_unreadable``  the first of them, with file and line number; empty when there is none
+    ``cut_off``           why frames are missing at the end, once that is reached; empty where it is
+                          not seen: text that is cut between two lines reads as whole
     ``fraction_read``     how much of the file has been read, 0 to 1; None where that is not known
     """
     suffix = path.suffix.lower()
@@ -244,6 +262,10 @@ class _TextLog:
         return self._lines.first_unreadable
 
     @property
+    def cut_off(self) -> str:
+        return self._lines.cut_off
+
+    @property
     def fraction_read(self) -> float | None:
         return self._lines.fraction_read
 
@@ -255,6 +277,7 @@ class _TextLog:
         except (OSError, EOFError) as error:  # a .gz that is truncated or no gzip file
             if not count:
                 raise LogError(f"{self._lines.path}: {error}") from error
+            self._lines.cut_off = str(error)
             self._lines.count_unreadable(str(error))
         finally:
             self._lines.close()
@@ -310,7 +333,7 @@ class _BinaryLog:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.unreadable = 0
-        self.first_unreadable = ""
+        self.first_unreadable = self.cut_off = ""
         if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
             raise LogError(f"{path}: .mf4 needs asammdf: {installation('asammdf')}")
         try:
@@ -349,9 +372,12 @@ class _BinaryLog:
             raise
         except Exception as error:  # whatever a reader stumbles over
             self.unreadable = 1
-            self.first_unreadable = f"{self._path}: damaged after {count} frames: "
-            self.first_unreadable += one_line(error)
+            self.cut_off = f"damaged after {count} frames: {one_line(error)}"
+            self.first_unreadable = f"{self._path}: {self.cut_off}"
         finally:
             self._reader.stop()
+        whole = self._reader.file_size if isinstance(self._reader, can.BLFReader) else 0
+        if whole > self._size and not self.cut_off:
+            self.cut_off = f"{self._size} of its {whole} bytes are there"
         if not count:
             raise LogError(self.first_unreadable or f"{self._path}: there is no frame in it")

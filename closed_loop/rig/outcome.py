@@ -150,6 +150,8 @@ class Outcome(NamedTuple):
         ):
             if limit_m is not None and self._was_driven and not value_m <= limit_m:
                 failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
+        if self.cut_off and (rate or flood):
+            failures.append(f"the recording was cut off: {self.cut_off}")
         sent = sent_in(self.files.candump_log) if rate or flood else NOTHING_SENT
         failures += [
             *(sent.flood(self.rate_hz) if flood else ()),

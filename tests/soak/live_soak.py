@@ -29,7 +29,7 @@ class LiveSoak(NamedTuple):
     ``sent``, ``taken``  by the recordings of the two nodes
     ``memory_kib``       resident memory of each process by its name: time [s], memory [KiB]
     ``reports``          of all processes, by their names
-    ``cut_short``        why the recording of the bus ends before the run, empty if it does not
+    ``cut_off``        why the recording of the bus ends before the run, empty if it does not
     """
 
     bus: BusLog
@@ -37,7 +37,7 @@ class LiveSoak(NamedTuple):
     taken: Frames
     memory_kib: Mapping[str, Sequence[tuple[float, int]]]
     reports: Mapping[str, Any]
-    cut_short: str
+    cut_off: str
 
 
 def run_live_soak(
@@ -73,7 +73,7 @@ def run_live_soak(
         read_own_log(run.own_log(name)) for name in (CONTROLLER, PLANT)
     )
     both_sent, both_taken = {**sent, **plant_sent}, {**taken, **plant_taken}
-    return LiveSoak(bus_log, both_sent, both_taken, memory_kib, run.reports, run.cut_short)
+    return LiveSoak(bus_log, both_sent, both_taken, memory_kib, run.reports, run.cut_off)
 
 
 def resident_kib(pid: int) -> int:

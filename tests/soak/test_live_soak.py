@@ -89,7 +89,7 @@ def test_the_recorder_has_every_frame(live: LiveSoak) -> None:
     assert live.bus.frames == channel["frames"] - channel["traffic"] + live.bus.others
     assert live.bus.babbled == live.reports[BABBLER]["frames"]
     assert (live.bus.unreadable, live.bus.disordered, live.bus.babble_missing) == (0, 0, 0)
-    assert not live.cut_short
+    assert not live.cut_off
 
 
 def test_nobody_is_disconnected(live: LiveSoak) -> None:

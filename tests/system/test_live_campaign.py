@@ -92,6 +92,9 @@ def test_a_run_passes_when_each_that_must_has_noticed_the_fault() -> None:
     assert list(mistakes_of(idle, noticed)) == ["the injector did nothing"]
     left = trial_of("bit flips", left=["process plant_emulator"])
     assert list(mistakes_of(left, noticed)) == ["left behind: process plant_emulator"]
+    cut = trial_of("bit flips", cut_off="No space left on device")
+    (mistake,) = mistakes_of(cut, noticed)
+    assert mistake == "the recording of the bus was cut off: No space left on device"
     failed = trial_of("bit flips", statuses={PLANT: 5})
     assert list(mistakes_of(failed, noticed)) == [f"{PLANT} has ended with status 5"]
 

@@ -81,7 +81,8 @@ def report_html(title: str, figures: Mapping[str, Any], pictures: Sequence[Pictu
 def verdict_of(figures: Mapping[str, Any]) -> str:
     """Return the verdict on a log in words, or why there is none."""
     obstacle = figures["not_judged"]
-    return f"none: {obstacle}" if obstacle else verdict_text(figures["held_path"])
+    verdict = f"none: {obstacle}" if obstacle else verdict_text(figures["held_path"])
+    return verdict + (f"; the log is cut off: {figures['cut_off']}" if figures["cut_off"] else "")
 
 
 def milliseconds(value_s: float | None, digits: int = 2) -> str:

@@ -31,11 +31,15 @@ _LIGHT_CHANGES_MAX = 20_000
 def read_replay(files: Sequence[Path], channel: str | None = None) -> bytes:
     """Return the block of a recording, which may be several files; raises LogError."""
     replay = _Replay()
+    cut_off = ""
     for file in files:
-        for time_ns, its_channel, frame in open_log(file):
+        log = open_log(file)
+        for time_ns, its_channel, frame in log:
             if channel in (None, its_channel):
                 replay.take(file, time_ns, frame)
-    return replay.block(files)
+        if log.cut_off:
+            cut_off = f", cut off: {file.name}: {log.cut_off}"
+    return replay.block(files, cut_off)
 
 
 class _Thinned:
@@ -78,7 +82,7 @@ class _Replay:
         self._now_ns = now_ns
         self._sampler.on_frame(frame, now_ns)
 
-    def block(self, files: Sequence[Path]) -> bytes:
+    def block(self, files: Sequence[Path], cut_off: str) -> bytes:
         """Return the block; raises LogError without a frame."""
         if self._start_ns is None:
             raise LogError(f"{files[0]}: no frame of this channel")
@@ -93,7 +97,7 @@ class _Replay:
             "charts": [chart._asdict() for chart in CHARTS],
             "figures": [figure._asdict() for figure in FIGURES],
             "lanes": [lane_facts(law or name)._asdict()],
-            "bus": f"recording {name}",
+            "bus": f"recording {name}{cut_off}",
             "row_period_s": self._rows.period_ns / NS_PER_S,
             "duration_s": end_s,
             "lights": [

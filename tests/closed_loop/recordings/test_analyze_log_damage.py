@@ -1,5 +1,6 @@
 """What is damaged, lost or refused in a log is counted by cause and costs nothing else."""
 
+import gzip
 import re
 from pathlib import Path
 from random import Random
@@ -14,6 +15,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
+from steer_by_wire.tools.analyze.report import verdict_of
 from tests.support.any_text import ANY_CHARACTER
 from tests.support.logged_run import (
     ON_THE_WIRE_S,
@@ -72,7 +74,49 @@ def test_a_file_that_ends_in_the_middle_of_a_frame_is_read_up_to_there(
         content = convert(entries, tmp_path / f"whole{suffix}").read_bytes()
         path = tmp_path / f"cut{suffix}"
         path.write_bytes(content[: len(content) // 2 + 7])
-        assert 0.2 * len(entries) < analyse(path)["frames"] < 0.8 * len(entries)
+        figures = analyse(path)
+        assert 0.2 * len(entries) < figures["frames"] < 0.8 * len(entries)
+        assert f"; the log is cut off: {path.name}: " in verdict_of(figures)
+        assert "cut off" not in verdict_of(analyse(tmp_path / f"whole{suffix}"))
+
+
+SHORT = [LogEntry(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
+COUNTED_ENDS = (".asc", ".blf", ".db", ".log.gz")
+"""Formats whose end is marked, or their length."""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return a log of SHORT in each format."""
+    folder = tmp_path_factory.mktemp("short")
+    suffixes = (".log", ".csv", ".trc", ".asc", ".blf", ".db")
+    logs = {suffix: convert(SHORT, folder / f"whole{suffix}") for suffix in suffixes}
+    packed = folder / "whole.log.gz"
+    packed.write_bytes(gzip.compress(logs[".log"].read_bytes()))
+    return {**logs, ".log.gz": packed}
+
+
+@pytest.mark.parametrize("suffix", [".log", ".csv", ".trc", *COUNTED_ENDS])
+@given(share=st.floats(0.0, 1.0, exclude_max=True))
+@settings(deadline=None, max_examples=30)
+def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
+    short: dict[str, Path], suffix: str, share: float
+) -> None:
+    content = short[suffix].read_bytes()
+    left = content[: int(share * len(content))]
+    path = short[suffix].with_name(f"cut{suffix}")
+    path.write_bytes(left)
+    wanted = [entry.frame for entry in SHORT]
+    frames: list[Frame] = []
+    try:
+        log = open_log(path)
+        frames.extend(logged.frame for logged in log)
+    except LogError:
+        assert not frames
+        return
+    assert frames == wanted[: len(frames)]
+    if suffix in COUNTED_ENDS or not left.endswith(b"\n"):
+        assert log.cut_off or frames == wanted
 
 
 @pytest.mark.parametrize(

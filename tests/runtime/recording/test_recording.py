@@ -228,6 +228,7 @@ def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
         assert [logged.frame for logged in log] == frames[:-1]
         assert log.unreadable == bool(length)
         assert not length or "the last line has no end" in log.first_unreadable
+        assert bool(log.cut_off) == (length > 0 or suffix == ".asc")
 
 
 def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:

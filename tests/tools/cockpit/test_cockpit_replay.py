@@ -44,6 +44,14 @@ def test_a_replay_ends_with_the_figures_of_the_analysis(log: Path) -> None:
     assert len(head["frame_lists"]) == math.ceil(head["duration_s"] / head["frame_list_s"])
 
 
+def test_a_replay_of_a_log_that_was_cut_off_says_so(log: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.log"
+    cut.write_bytes(log.read_bytes()[:2000])
+    assert head_of(read_replay([log]))["bus"] == f"recording {log.name}"
+    said = "recording cut.log, cut off: cut.log: the last line has no end"
+    assert head_of(read_replay([cut]))["bus"].startswith(said)
+
+
 def test_a_long_recording_has_fewer_rows_a_second(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -137,6 +137,8 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
         is_killed = name in case.targets and case.inject.startswith("kill")
         if status != case.ends.get(name, _SIGKILL_STATUS if is_killed else 0):
             yield f"{name} has ended with status {status}"
+    if trial.run.cut_off:
+        yield f"the recording of the bus was cut off: {trial.run.cut_off}"
     yield from (f"left behind: {what}" for what in trial.run.left)
 
 

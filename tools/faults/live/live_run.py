@@ -60,14 +60,14 @@ class LiveRun(NamedTuple):
     ``statuses``   exit status by process; -9 for SIGKILL
     ``reports``    of the programs that have written one
     ``left``       processes and files that should have gone
-    ``cut_short``  why the recording of the bus ends before the run, empty if it does not
+    ``cut_off``  why the recording of the bus ends before the run, empty if it does not
     """
 
     folder: Path
     statuses: Mapping[str, int]
     reports: Mapping[str, Any]
     left: Sequence[str] = ()
-    cut_short: str = ""
+    cut_off: str = ""
 
     @property
     def bus_log(self) -> Path:
