@@ -23,6 +23,7 @@ from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
+_BEST_SHOWN = 8
 NOT_OURS = "only the pairs that the cockpit has started itself can be started, killed or paused"
 
 
@@ -63,6 +64,21 @@ class Start(Settings):
     scenario: dict[str, Any]
 
 
+class Steer(Settings):
+    """Report the visitor's hand: the angle of the front wheels that it asks for."""
+
+    do: Literal["steer"]
+    steer_rad: Annotated[float, Field(ge=-0.6, le=0.6)]
+
+
+class TakeScore(Settings):
+    """Put the running score of a lane on the list of the day."""
+
+    do: Literal["score"]
+    lane: Annotated[int, Field(ge=0, lt=LANES_MAX)]
+    name: Annotated[str, Field(min_length=1, max_length=20)]
+
+
 class Act(Settings):
     """Kill, pause, resume or restart one process."""
 
@@ -86,7 +102,8 @@ class ResetFigures(Settings):
 
 
 Wish = Annotated[
-    SetLatency | Disturb | Start | Act | Record | ResetFigures, Field(discriminator="do")
+    SetLatency | Disturb | Start | Steer | TakeScore | Act | Record | ResetFigures,
+    Field(discriminator="do"),
 ]
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 
@@ -126,6 +143,7 @@ class Desk:
         self.recordings = Path(self._stack.enter_context(folder))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
+        self._scores: list[Mapping[str, Any]] = []
         self._busy = ""
         self.generation = 0
 
@@ -151,6 +169,9 @@ class Desk:
             wish = wish_of(text)
             if not self._may_control and not isinstance(wish, ResetFigures | Record):
                 return LISTENS_ONLY
+            if isinstance(wish, Steer):  # at once, and not behind a wish that takes seconds
+                self._steer(wish)
+                return ""
             busy = "starting the programs" if isinstance(wish, Start) else ""
             await self._in_thread(lambda: self._fulfil(wish), busy)
         except (WishError, SettingsError, BusError, OSError, RuntimeError) as error:
@@ -184,6 +205,7 @@ class Desk:
             "programs": [] if self._own is None else self._own.states(),
             "recording_s": None if since is None else round(time.monotonic() - since, 1),
             "recorded": sorted(file.name for file in self.recordings.iterdir()),
+            "best": self._best_of_the_day(),
             "busy": self._busy,
         }
 
@@ -206,6 +228,8 @@ class Desk:
                     lane.send([encode(wish.message, 0)])
             case Start():
                 self._start(scenario_of(wish.scenario))
+            case TakeScore():
+                self._take_score(wish)
             case Act():
                 self._own_lanes().act(wish.lane, wish.program, wish.action)
             case Record():
@@ -213,6 +237,25 @@ class Desk:
             case ResetFigures():
                 for lane in self.lanes:
                     lane.reset_figures()
+
+    def _take_score(self, wish: TakeScore) -> None:
+        score = self.lanes[wish.lane].status.get("score") if wish.lane < len(self.lanes) else None
+        if not score or self._scenario is None:
+            raise WishError("there is no score yet")
+        about = {"day": time.strftime("%F"), "name": wish.name, "title": self._scenario.title}
+        self._scores.append({**about, **score})
+
+    def _best_of_the_day(self) -> Sequence[Mapping[str, Any]]:
+        """Return the best scores of today, by the time in the lane and then by the error."""
+        today = [score for score in self._scores if score["day"] == time.strftime("%F")]
+        today.sort(key=lambda score: (-score["in_lane"], score["rms_m"]))
+        shown = ("name", "title", "rms_m", "in_lane")
+        return [{key: score[key] for key in shown} for score in today[:_BEST_SHOWN]]
+
+    def _steer(self, wish: Steer) -> None:
+        hand = self._own_lanes().hand
+        if hand is not None:
+            hand.write(wish.steer_rad, time.monotonic_ns())
 
     def _own_lanes(self) -> OwnLanes:
         if self._own is None:

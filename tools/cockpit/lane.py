@@ -19,6 +19,7 @@ from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
 from ...runtime.port.python_can import BusError
 from ...runtime.recording.candump import CandumpLog
+from .ghost import Ghost
 from .sampler import Sampler
 from .signals import ROW_PERIOD_S, packed_row
 
@@ -33,9 +34,15 @@ _ROWS_BEHIND_MAX = 25
 class Lane:
     """Listens on a port until ``close``, which also closes the port."""
 
-    def __init__(self, port: ClosablePort, start_ns: int, path: Path | None = None) -> None:
+    def __init__(
+        self,
+        port: ClosablePort,
+        start_ns: int,
+        path: Path | None = None,
+        ghost: Ghost | None = None,
+    ) -> None:
         self._port = port
-        self._sampler = Sampler(start_ns, path)
+        self._sampler = Sampler(start_ns, path, ghost)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0
@@ -127,6 +134,7 @@ class Lane:
                 "lights": [light._asdict() for light in self._sampler.lights(now_ns)],
                 "frames": self._sampler.frames(now_ns),
                 "law": self._sampler.law(now_ns),
+                "score": self._sampler.score(),
                 "failure": self._failure,
             }
 

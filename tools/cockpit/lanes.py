@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 from ...closed_loop.live_bus import open_channels
 from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ...closed_loop.start_live_pair import LivePair
+from ...closed_loop.start_live_pair import Program as StartedProgram
 from ...closed_loop.virtual_bus import QUIET_BUS
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, pose
@@ -21,6 +22,8 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.port.python_can import BusPort
+from .ghost import Ghost
+from .hand import HandFile
 from .lane import Lane
 from .scenario import Scenario, lane_settings
 
@@ -81,6 +84,7 @@ class OwnLanes:
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
+    ``hand``              where the visitor's angle goes; None where nobody can steer
     """
 
     def __init__(self, wanted: str, settings: BusSettings = QUIET_BUS) -> None:
@@ -91,6 +95,7 @@ class OwnLanes:
         self.lanes: Sequence[Lane] = ()
         self.facts: Sequence[LaneFacts] = ()
         self.bus = ""
+        self.hand: HandFile | None = None
 
     def start(self, scenario: Scenario) -> None:
         """Start a scenario anew; raises SettingsError, BusError or OSError."""
@@ -105,13 +110,24 @@ class OwnLanes:
                 open_channels(self._wanted, names, folder / "bus.txt", self._settings, seed)
             )
             lanes, pairs = [], []
+            hand = folder / "hand"
+            self.hand = HandFile(hand)
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
-                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path))
+                ghost = None if lane.controller else Ghost(lane.plant.vehicle)
+                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path, ghost))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
                 files.write_settings(lane.plant, lane.controller)
-                pairs.append(stack.enter_context(LivePair(bus, files, is_recorded=False)))
+                words = [str(hand), *bus.options]
+                steers = StartedProgram("steer_by_wire.tools.cockpit.hand", words)
+                pair = LivePair(
+                    bus,
+                    files,
+                    controller=None if lane.controller else steers,
+                    is_recorded=False,
+                )
+                pairs.append(stack.enter_context(pair))
             self._stack = stack.pop_all()
         self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
         self._pairs, self.bus = pairs, channels.description

@@ -24,6 +24,7 @@ from ...dbc.contract.generated_layout import LAYOUTS
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
+from .ghost import Ghost, Offset
 from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)
@@ -81,6 +82,8 @@ _SILENT_NS = NS_PER_S
 _REFUSED_SHOWN_NS = 3 * NS_PER_S
 _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
+IN_LANE_M = 0.86
+"""Deviation of the centre of gravity at which a car of 1.78 m is on the edge of a lane of 3.5 m."""
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 
@@ -100,12 +103,13 @@ class Sampler:
 
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
+    ``ghost``     of the car without delay; None where no hand steers
     """
 
-    def __init__(self, start_ns: int, path: Path | None = None) -> None:
+    def __init__(self, start_ns: int, path: Path | None = None, ghost: Ghost | None = None) -> None:
         self.start_ns = start_ns
         self._watch = BusWatch(start_ns)
-        self._path = path
+        self._path, self._ghost = path, ghost
         self.on_plant_start()
         self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
         self._foreign: dict[int, Frame] = {}
@@ -122,7 +126,7 @@ class Sampler:
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""
-        self._samples = 0
+        self._samples = self._samples_in_lane = 0
         self._squares_m2 = 0.0
         self._peak_m = 0.0
 
@@ -137,6 +141,7 @@ class Sampler:
         if isinstance(message, messages.LateralError):
             error_m = message.lateral_error_m
             self._samples += 1
+            self._samples_in_lane += not abs(self._watch.cg_deviation_m) > IN_LANE_M
             self._squares_m2 += error_m * error_m
             self._peak_m = max(self._peak_m, abs(error_m))
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
@@ -164,6 +169,7 @@ class Sampler:
         delay = self._known(messages.DelayStatus, now_ns)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
+        ghost = self._ghost_at(command)
         values = {
             "lateral_error_m": error and error.lateral_error_m,
             "cg_deviation_m": error and self._watch.cg_deviation_m,
@@ -181,10 +187,24 @@ class Sampler:
             "foot_x_m": foot.x_m,
             "foot_y_m": foot.y_m,
             "path_heading_rad": foot.heading_rad,
-            "rms_m": math.sqrt(self._squares_m2 / self._samples) if self._samples else None,
+            "ghost_m": error and ghost and error.lateral_error_m + ghost.lateral_m,
+            "ghost_heading_rad": ghost and ghost.heading_rad,
+            "rms_m": self.score().get("rms_m"),
             "peak_m": self._peak_m if self._samples else None,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
+
+    def _ghost_at(self, command: messages.SteeringCommand | None) -> Offset | None:
+        if self._ghost is None:
+            return None
+        return self._ghost.step(command.steer_rad if command else math.nan, self._in_effect_rad)
+
+    def score(self) -> Mapping[str, float]:
+        """Return RMS [m] and share of the time in the lane since the reset; empty before it."""
+        if not self._samples:
+            return {}
+        rms_m = math.sqrt(self._squares_m2 / self._samples)
+        return {"rms_m": rms_m, "in_lane": self._samples_in_lane / self._samples}
 
     def lights(self, now_ns: int) -> tuple[Light, ...]:
         """Return the lights as known at ``now_ns``."""

@@ -16,6 +16,8 @@ from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.settings import Settings, preset_names, with_values
 
 LANES_MAX = 4
+HAND = "hand"
+"""In place of a controller's preset: the visitor steers."""
 ICE_FRICTION = 0.3
 """What the button for ice asks for."""
 _ENDLESS_S = 1e6
@@ -29,6 +31,10 @@ PATHS: Mapping[str, Mapping[str, Any] | None] = {
     "single lane change": {"kind": "single_lane_change", "start_m": 20.0},
     "double lane change": {"kind": "double_lane_change", "start_m": 20.0, "length_m": 90.0},
     "straight": {"kind": "straight"},
+    "winding road": {
+        "kind": "own",
+        "model": "steer_by_wire.tools.cockpit.course:WINDING_ROAD",
+    },
 }
 _PAGE = "the page"
 _ANY_LAW = "practical_pd_ddob"
@@ -51,13 +57,15 @@ class Latency(Settings):
 class Scenario(Settings):
     """One run of up to four pairs under the same seed.
 
-    ``controllers``  a preset of the controller for each lane
+    ``controllers``  a preset of the controller for each lane, or the hand
+    ``is_round``     whether it belongs to the guided rounds
     ``plant``        preset of the plant: the vehicle, a corner of the uncertainty box
     ``speed_km_h``   None: that of the preset
     """
 
     title: str = ""
     note: str = ""
+    is_round: bool = False
     controllers: Annotated[tuple[str, ...], Field(min_length=1, max_length=LANES_MAX)]
     plant: str = "paper_nominal"
     path: str = "ellipse 60 by 30 m"
@@ -76,11 +84,11 @@ class Scenario(Settings):
 
 
 class LaneSettings(NamedTuple):
-    """What the two programs of a lane run with."""
+    """What the two programs of a lane run with; without ``controller`` the hand steers."""
 
     label: str
     plant: PlantSettings
-    controller: ControllerSettings
+    controller: ControllerSettings | None
 
 
 def scenarios() -> Sequence[Scenario]:
@@ -100,7 +108,9 @@ def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
     """Return the settings of every lane; raises SettingsError."""
     plant = _plant_settings(scenario)
     return [
-        LaneSettings(name.replace("_", " "), plant, controller_preset(name))
+        LaneSettings(
+            name.replace("_", " "), plant, None if name == HAND else controller_preset(name)
+        )
         for name in scenario.controllers
     ]
 
@@ -108,7 +118,7 @@ def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
 def choices() -> Mapping[str, Any]:
     """Return what a page can choose from, ready for JSON."""
     return {
-        "controllers": preset_names(CONTROLLER_PRESETS),
+        "controllers": [HAND, *preset_names(CONTROLLER_PRESETS)],
         "plants": preset_names(PLANT_PRESETS),
         "paths": list(PATHS),
         "models": [model.value for model in Distribution],

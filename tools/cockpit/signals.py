@@ -61,6 +61,8 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("foot_x_m", "path x", "m", 1.0, 2),
     Signal("foot_y_m", "path y", "m", 1.0, 2),
     Signal("path_heading_rad", "path heading", "rad", 1.0, 3),
+    Signal("ghost_m", "ghost", "m", 1.0, 2),
+    Signal("ghost_heading_rad", "ghost heading", "rad", 1.0, 3),
     Signal("rms_m", "RMS error", "mm", 1e3, 2),
     Signal("peak_m", "peak error", "mm", 1e3, 2),
 )

@@ -232,3 +232,43 @@ def test_a_live_loop_is_watched_driven_and_recorded(
     file = tmp_path / "lane2.log"
     file.write_text(text, encoding="ascii")
     assert analyse_files([file]).figures["laws"] == ["PID"]
+
+
+def key(browser: Browser, kind: str, name: str) -> None:
+    browser.call("Input.dispatchKeyEvent", type=kind, key=name, code=name)
+
+
+def drag(browser: Browser, kind: str, x: float) -> None:
+    y = "document.getElementById('wheel').getBoundingClientRect().y + 40"
+    where = {"x": x, "y": browser.read(y), "button": "left", "clickCount": 1}
+    browser.call("Input.dispatchMouseEvent", type=kind, **where)
+
+
+def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, live: str) -> None:
+    browser.read("delete navigator.getGamepads")
+    opened(browser, live)
+    browser.wait_for("document.querySelectorAll('.scenario').length")
+    browser.read(press("Drive it: 250 ms"))
+    browser.wait_for("cockpit.isDriven && cockpit.status?.lanes[0]?.score && cockpit.nowS > 0.1")
+    key(browser, "keyDown", "ArrowLeft")
+    browser.wait_for(f"{value_of('steer_rad')} > 0.01")
+    browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
+    browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
+    browser.wait_for(f"{value_of('ghost_m')} > 0.01")
+    key(browser, "keyUp", "ArrowLeft")
+    browser.wait_for(f"{value_of('steer_rad')} === 0")
+
+    left = browser.read("document.getElementById('wheel').getBoundingClientRect().x + 40")
+    drag(browser, "mousePressed", left)
+    drag(browser, "mouseMoved", left + 20)
+    browser.wait_for(f"{value_of('steer_rad')} < -0.01")
+    drag(browser, "mouseReleased", left + 20)
+
+    pads = "[{ axes: [-0.5] }]"
+    browser.read(f"navigator.getGamepads = () => {pads}; 0")
+    browser.wait_for(f"{value_of('steer_rad')} > 0.05")
+    browser.read("navigator.getGamepads = () => []; 0")
+    browser.wait_for("/^5\\d s · RMS/.test(document.getElementById('score').textContent)")
+    browser.read("cockpit.wish({ do: 'score', lane: 0, name: 'Ann' })")
+    browser.wait_for("document.getElementById('best').innerText.includes('Ann · 250 ms')")
+    in_order(browser, live)

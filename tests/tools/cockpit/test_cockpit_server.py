@@ -194,9 +194,11 @@ def test_who_only_listens_cannot_send() -> None:
     port = FakePort()
     gust = {"do": "disturb", "side_force_n": 1.0, "steering_offset_rad": 0.0, "friction": 1.0}
     kill = {"do": "process", "lane": 0, "program": "plant", "action": "kill"}
-    head, answers = answers_to([LATENCY, gust, kill], may_control=False, port=port)
+    steer = {"do": "steer", "steer_rad": 0.1}
+    wishes = [LATENCY, gust, kill, steer]
+    head, answers = answers_to(wishes, may_control=False, port=port)
     assert (head["kind"], head["may_control"], head["is_own"]) == ("hello", False, False)
-    assert answers == [LISTENS_ONLY] * 3
+    assert answers == [LISTENS_ONLY] * 4
     assert port.sent == []
 
 
@@ -204,8 +206,9 @@ def test_who_may_control_sends_frames_of_the_dbc_and_starts_nothing() -> None:
     port = FakePort()
     gust = {"do": "disturb", "side_force_n": 900.0, "steering_offset_rad": 0.02, "friction": 0.3}
     start = {"do": "start", "scenario": {"controllers": ["practical_pd"]}}
-    _, answers = answers_to([LATENCY, gust, start], may_control=True, port=port)
-    assert answers == ["", "", NOT_OURS]
+    steer = {"do": "steer", "steer_rad": 0.1}
+    _, answers = answers_to([LATENCY, gust, start, steer], may_control=True, port=port)
+    assert answers == ["", "", NOT_OURS, NOT_OURS]
     assert port.sent == [
         encode(LatencyConfig(Direction.DOWNLINK, LatencyModel.NORMAL, 0.12, 0.03, 0.01), 0),
         encode(DisturbanceConfig(900.0, 0.0, 0.02, 0.7), 0),
@@ -219,6 +222,8 @@ def test_who_may_control_sends_frames_of_the_dbc_and_starts_nothing() -> None:
         ({"do": "format the disk"}, "message: Input tag 'format the disk'"),
         ({**LATENCY, "direction": "sideways"}, "latency.direction: Input should be"),
         ({**LATENCY, "latency": {"mean_s": 99.0}}, "latency.latency.mean_s: Input should be less"),
+        ({"do": "steer", "steer_rad": 9.0}, "steer.steer_rad: Input should be less"),
+        ({"do": "score", "lane": 0, "name": "Ann"}, "there is no score yet"),
         ({"do": "process", "lane": 9, "program": "plant", "action": "kill"}, "process.lane: "),
     ],
 )

@@ -67,7 +67,7 @@ export class Charts {
     const lines = this.linesOf(chart);
     const unit = lines[0]?.signal.unit ?? "";
     const values = lines.map((line) => {
-      const key = element("span", { className: "key", title: line.label }, this.app.lanes.length > 1 ? "" : `${line.label} `, element("b"));
+      const key = element("span", { className: "key", title: line.label }, element("span", { className: this.app.lanes.length > 1 ? "of-lane" : "" }, `${line.label} `), element("b"));
       key.style.setProperty("--ink", line.ink);
       if (line.dash.length) key.style.setProperty("--dash", "dashed");
       return key;

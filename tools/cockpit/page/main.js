@@ -1,6 +1,7 @@
 // Puts the page together: a live page is fed by a socket, a replay by its recording.
 
 import { Charts } from "cockpit/charts.js";
+import { Drive } from "cockpit/drive.js";
 import { startKeys } from "cockpit/keys.js";
 import { Link } from "cockpit/link.js";
 import { Network } from "cockpit/network.js";
@@ -19,7 +20,7 @@ const READ_S = 0.1; // nobody reads figures that change more often
 // What all parts of the page share.
 const app = {
   head: null, signals: {}, lanes: [], lane: 0, status: null, player: null,
-  heldS: null, isTouched: true, hasMoved: true, drawn: 0, link: null,
+  heldS: null, isTouched: true, hasMoved: true, drawn: 0, link: null, isDriven: false,
   touch() { this.isTouched = this.hasMoved = true; },
   moveOn() { this.hasMoved = true; }, // nothing but the time is another
   wish(wish) { this.link?.wish(wish); },
@@ -31,7 +32,7 @@ const app = {
   },
 };
 const charts = new Charts(app), scene = new Scene(app), figures = new Figures(app);
-const lights = new Lights(app), frames = new Frames(app), network = new Network(app), setup = new Setup(app);
+const lights = new Lights(app), frames = new Frames(app), network = new Network(app), setup = new Setup(app), drive = new Drive(app);
 
 function take(head) {
   app.head = head;
@@ -80,6 +81,7 @@ function frame(now) {
   const elapsedS = Math.min((now - last) / 1000, 0.25);
   last = now;
   app.player?.advance(elapsedS);
+  drive.step(elapsedS, now);
   if (app.hasMoved && app.lanes.length) {
     const { nowS, isTouched } = app;
     app.hasMoved = app.isTouched = false;
@@ -115,6 +117,7 @@ function startLive() {
       app.lanes = head.lanes.map(() => Rows.live(names, head.row_period_s));
       build();
       buildControls();
+      drive.build();
     },
     rows(lane, batch) {
       app.lanes[lane]?.take(batch);
@@ -123,6 +126,7 @@ function startLive() {
     status(status) {
       app.status = status;
       if (app.head) drawStatus();
+      drive.list(status.best);
     },
     refusal: toast,
     state(isOpen) {

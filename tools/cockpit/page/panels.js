@@ -22,7 +22,7 @@ export class Figures {
       swatch.style.borderColor = colour(`lane-${index}`);
       const who = several ? [element("td", { className: "who" }, swatch, lane.label)] : [];
       const cells = head.figures.map((figure, at) =>
-        element("td", { title: figure.explanation }, this.cells[index][at], several ? "" : element("small", {}, signals[figure.signal].unit)));
+        element("td", { title: figure.explanation, "data-label": figure.label }, this.cells[index][at], several ? "" : element("small", {}, signals[figure.signal].unit)));
       return element("tr", {}, ...who, ...cells);
     });
     const first = several ? [element("th", {}, "")] : [];

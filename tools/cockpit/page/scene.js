@@ -2,10 +2,11 @@
 
 import { colour } from "cockpit/theme.js";
 import { byId, fixed, pressed, setText } from "cockpit/words.js";
-import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
+import { drawOutline, drawSteer, drawVehicle } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
 const PATH_DASH_M = [0.8, 0.6];
+const FAR_M = 0.3; // off the path: nothing beyond it is magnified
 const TRAIL_S = 15, TRAIL_ROWS = 4;
 const ZOOM_MIN = 3, ZOOM_MAX = 120, ZOOM_STEP = 1.3;
 
@@ -76,7 +77,8 @@ export class Scene {
     const at = rows.indexAt(nowS);
     if (at < 0) return;
     const facts = this.app.head.lanes[lane];
-    const state = stateAt(rows, at, this.factor, facts.preview_m);
+    const factor = this.factorAt(rows, at, nowS);
+    const state = stateAt(rows, at, factor, facts.preview_m);
     const camera = this.isWhole ? wholeCamera(place, facts, rows) : this.camera(place, state);
     const world = () => pen.translate(camera.x, camera.y);
     pen.save();
@@ -86,12 +88,24 @@ export class Scene {
     pen.translate(-camera.atX, -camera.atY);
     if (!this.isWhole) drawGrid(pen, camera, this.reach(camera, place));
     drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
-    drawTrail(pen, rows, at, nowS - TRAIL_S, this.factor);
+    drawTrail(pen, rows, at, nowS - TRAIL_S, factor);
     ink(pen, colour(`lane-${lane}`), 2 / camera.scale);
+    drawGhost(pen, facts, rows, at, factor, state);
     drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
     drawDeviation(pen, camera, state);
     pen.restore();
     this.drawLabels(pen, place, camera, lane, state);
+    pen.fillStyle = colour("dim");
+    const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
+    pen.fillText(`deviation ×${factor}${factor < this.factor ? why : ""}`, 12, 18);
+    if (Number.isFinite(rows.columns.ghost_m[at])) pen.fillText("pale: the car without delay", 12, 36);
+  }
+
+  // Magnified, a car that was far off would leave the picture with its road.
+  factorAt(rows, at, nowS) {
+    if (this.app.isDriven) return 1;
+    const errors = rows.columns.lateral_error_m.subarray(Math.max(rows.indexAt(nowS - TRAIL_S), 0), at + 1);
+    return errors.some((error) => Math.abs(error) > FAR_M) ? 1 : this.factor;
   }
 
   camera(place, state) {
@@ -162,6 +176,18 @@ function drawTrail(pen, rows, at, fromS, factor) {
     const off = factor * error[index];
     pen.lineTo(x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index]));
   }
+}
+
+// The car without delay: the same car, shifted and turned, as a pale outline.
+function drawGhost(pen, facts, rows, at, factor, state) {
+  const error = rows.columns.ghost_m[at];
+  if (!Number.isFinite(error)) return;
+  const off = factor * error, heading = state.heading + rows.columns.ghost_heading_rad[at];
+  const x = state.footX - off * Math.sin(state.pathHeading), y = state.footY + off * Math.cos(state.pathHeading);
+  pen.save();
+  pen.globalAlpha = 0.45;
+  drawOutline(pen, facts, { heading, x: x - facts.preview_m * Math.cos(heading), y: y - facts.preview_m * Math.sin(heading) });
+  pen.restore();
 }
 
 function wholeCamera(place, facts, rows) {

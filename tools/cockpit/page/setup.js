@@ -52,12 +52,13 @@ export class Setup {
 
   program(lane, index, program) {
     const act = (action) => () => this.app.wish({ do: "process", lane: index, program, action });
-    const button = (label, action) => element("button", { type: "button", title: `${label} ${program} of ${lane.label}`, onclick: act(action) }, label);
+    const words = (label) => `${label} ${program} of ${lane.label}`;
+    const button = (label, action) => element("button", { type: "button", title: words(label), ariaLabel: words(label), onclick: act(action) }, label);
     const state = element("span", { className: "state" }, "running");
     const several = this.app.head.lanes.length > 1;
     const buttons = { kill: button("Kill", "kill"), pause: button("Pause", "pause"), resume: button("Resume", "resume"), restart: button("Restart", "restart") };
     const box = element("span", { className: "row" }, ...Object.values(buttons));
-    return { state, by: buttons, buttons: box, label: element("span", {}, several ? `${index + 1} ` : "", `${program} `, element("br"), state), lane: index, program };
+    return { state, by: buttons, buttons: box, label: element("span", {}, several ? `${index + 1} ` : "", lane.label === "hand" && program === "controller" ? "hand " : `${program} `, element("br"), state), lane: index, program };
   }
 
   recording() {

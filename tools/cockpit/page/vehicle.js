@@ -19,8 +19,7 @@ export function drawVehicle(pen, facts, state, size) {
     drawWheel(pen, rear, (side * TRACK_M) / 2, 0);
     drawWheel(pen, front, (side * TRACK_M) / 2, known(state.applied));
   }
-  pen.beginPath();
-  pen.roundRect(rear - OVERHANG_M, -WIDTH_M / 2, front - rear + 2 * OVERHANG_M, WIDTH_M, [0.45, 0.75, 0.75, 0.45]);
+  traceBody(pen, front, rear);
   pen.fillStyle = colour("body");
   pen.globalAlpha = 0.9;
   pen.fill();
@@ -31,6 +30,20 @@ export function drawVehicle(pen, facts, state, size) {
   drawGlass(pen, front, rear);
   if (size === 1) drawRays(pen, front, state);
   pen.restore();
+}
+
+// The body alone, for a car that is not there.
+export function drawOutline(pen, facts, state) {
+  pen.translate(state.x, state.y);
+  pen.rotate(state.heading);
+  traceBody(pen, facts.front_axle_m, -facts.rear_axle_m);
+  pen.fillStyle = colour("wanted");
+  pen.fill();
+}
+
+function traceBody(pen, front, rear) {
+  pen.beginPath();
+  pen.roundRect(rear - OVERHANG_M, -WIDTH_M / 2, front - rear + 2 * OVERHANG_M, WIDTH_M, [0.45, 0.75, 0.75, 0.45]);
 }
 
 function drawWheel(pen, x, y, angle) {
