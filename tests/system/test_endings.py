@@ -1,7 +1,9 @@
 """How every program ends: its verdict in the last line, and the status of ``--fail-if``."""
 
 import json
+import re
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -65,6 +67,34 @@ def test_a_log_is_judged_by_its_measured_error(log: Path, tmp_path: Path, capsys
     strict = ["--verdict-set", "off_path_m=0.001", "--fail-if", "verdict != holds"]
     assert analyze_main([*analyze, *strict]) == ExitStatus.CONDITION
     assert last_line(capsys).startswith("verdict: drifts: ")
+
+
+def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Capture) -> None:
+    draws = Random(20261124)
+    for delay_s, holds in ((draws.uniform(0.0, 0.4), True), (draws.uniform(0.6, 0.7), False)):
+        noise_m, out = draws.uniform(0.02, 0.04), tmp_path / f"{holds}"
+        plant = {
+            "sensor_noise.lateral_error_m": noise_m,
+            "latency.downlink.mean_s": delay_s,
+            "seed": draws.randrange(1000),
+        }
+        settings = [
+            text for key, value in plant.items() for text in ("--set", f"plant.{key}={value}")
+        ]
+        run = ["--preset", "practical_pd", "--duration", "12", "--out", str(out)]
+        assert run_main([*run, *settings]) == ExitStatus.OK
+        (said,) = (
+            line for line in capsys.readouterr().out.splitlines() if line.startswith("verdict ")
+        )
+        log = [str(out / "candump.log"), "--out", str(out), "--no-parquet"]
+        assert analyze_main(log) == ExitStatus.OK
+        line = last_line(capsys)
+        verdict = line.removeprefix("verdict: ").split(":")[0]
+        assert said.split(maxsplit=1)[1].startswith(f"{verdict}: ")
+        assert (verdict == "holds") is holds
+        estimated = re.search(r"sensor noise by the log ([0-9.]+) mm$", line)
+        assert estimated is not None
+        assert float(estimated[1]) == pytest.approx(1e3 * noise_m, rel=0.15)
 
 
 def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsys: Capture) -> None:
