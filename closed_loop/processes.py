@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from ..runtime.port.python_can import BusError
+from .private_folder import private_folder
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -233,10 +233,10 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
     start, after it has printed the reason on standard error.
     """
     with (
-        tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory,
+        private_folder("bus") as folder,
         closing(Lifeline()) as line,
     ):
-        address = str(Path(directory) / "socket")
+        address = str(folder / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(
             "steer_by_wire.tools.bus",
@@ -244,7 +244,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
             subprocess.PIPE,
             log,
             after_s=BROKER_AFTER_S,
-            remove=Path(directory),
+            remove=folder,
         )
         with broker:  # ends with waiting for it
             if broker.stdout is None or not broker.stdout.readline():

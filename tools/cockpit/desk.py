@@ -4,16 +4,15 @@ Starting and ending programs takes seconds, so it is done in a thread of its own
 """
 
 import asyncio
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from ...closed_loop.private_folder import private_folder
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.port.python_can import BusError
 from ...runtime.settings import Settings, SettingsError
@@ -139,8 +138,7 @@ class Desk:
         self._may_control = may_control
         self._worker = ThreadPoolExecutor(1, "desk")
         self._stack = ExitStack()
-        folder = tempfile.TemporaryDirectory(prefix="cockpit-recordings-")
-        self.recordings = Path(self._stack.enter_context(folder))
+        self.recordings = self._stack.enter_context(private_folder("recordings"))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
         self._scores: list[Mapping[str, Any]] = []

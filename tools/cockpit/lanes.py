@@ -4,15 +4,14 @@ With what a page draws besides the signals: the vehicle to scale and the path it
 """
 
 import signal
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path as FilePath
 from typing import Literal, NamedTuple
 
 from ...closed_loop.live_bus import open_channels
 from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from ...closed_loop.private_folder import private_folder
 from ...closed_loop.start_live_pair import LivePair
 from ...closed_loop.start_live_pair import Program as StartedProgram
 from ...closed_loop.virtual_bus import QUIET_BUS
@@ -102,8 +101,7 @@ class OwnLanes:
         settings = lane_settings(scenario)
         self.stop()
         with ExitStack() as stack:
-            private = tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-")
-            folder = FilePath(stack.enter_context(private))
+            folder = stack.enter_context(private_folder("cockpit"))
             names = [f"lane{number}" for number in range(1, len(settings) + 1)]
             seed = settings[0].plant.seed
             channels = stack.enter_context(

@@ -1,7 +1,6 @@
 """One run of real processes: a pair and a recorder on an emulated bus, and what disturbs them."""
 
 import json
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 
 from ....closed_loop.live_bus import Bus, BusRecorder
 from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from ....closed_loop.private_folder import private_folder
 from ....closed_loop.processes import Processes
 from ....closed_loop.start_live_pair import LivePair
 from ....controller.settings import controller_preset
@@ -99,9 +99,9 @@ def run_live(
     options = {
         name: [*setup.both, "--record", str(folder / f"{name}.log")] for name in (PLANT, CONTROLLER)
     }
-    with tempfile.TemporaryDirectory(prefix="faults-") as private:
-        socket = Path(private) / "socket"
-        with Processes(folder, Path(private)) as others:
+    with private_folder("faults") as private:
+        socket = private / "socket"
+        with Processes(folder, private) as others:
             others.start_broker(socket, setup.broker)
             bus = Bus("emulated", CHANNEL, {"address": others.address})
             all_formats = {"fd": "True"} if setup.takes_fd else {}

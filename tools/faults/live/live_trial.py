@@ -1,12 +1,12 @@
 """One run of the live campaign: a pair on an emulated bus, and one fault."""
 
 import secrets
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ....closed_loop.private_folder import private_folder
 from ....dbc.messages import CAN_IDS, SteeringCommand
 from ....plant_emulator.settings import PlantSettings
 from .cases import DURATION_S, ONSET_S, PLANT_ONSET_S, LiveCase
@@ -56,9 +56,9 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         return [INJECTOR] if case.inject else []
 
     broker, both = ["--allow-bus-off"], ["--reconnect"] if case.reconnects else []
-    with tempfile.TemporaryDirectory(prefix="key-") as private:
+    with private_folder("key") as private:
         if case.with_key:
-            key = Path(private) / "key"
+            key = private / "key"
             write_key(key)
             broker += ["--data-bitrate", str(_DATA_BITRATE_BIT_S)]
             both += ["--key-file", str(key)]
