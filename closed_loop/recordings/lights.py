@@ -34,6 +34,8 @@ class Known(NamedTuple):
     """What the lights are made of; None for a message that is not on the bus, or no longer.
 
     ``refused``  frames that this program refused in the last seconds, by cause
+    ``late_s``   how late this program has read frames in the last seconds; 0: in time
+    ``skipped``  control ticks that were skipped in the last seconds
     """
 
     controller: ControllerStatus | None
@@ -42,6 +44,8 @@ class Known(NamedTuple):
     steering: SteeringStatus | None
     plant: PlantStatus | None
     refused: Mapping[str, int]
+    late_s: float = 0.0
+    skipped: int = 0
 
 
 _MODES = {
@@ -82,6 +86,7 @@ def lights_of(known: Known) -> tuple[Light, ...]:
         _delay(known.delay),
         _light("Steering", steering and steering.status, _STEERING, "STEERING_STATUS"),
         _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),
+        _machine(known.late_s, known.skipped),
         _refused(known.refused),
     )
 
@@ -130,6 +135,16 @@ def _delay(delay: DelayStatus | None) -> Light:
     if delay.echo_state is EchoState.UNKNOWN:
         return Light("Delay", NOTICE, "UNKNOWN", "no echo of a command to measure it by")
     return Light("Delay", GOOD, "KNOWN", "measured by the echo of the command counter")
+
+
+def _machine(late_s: float, skipped: int) -> Light:
+    if late_s:
+        late = f"frames were read up to {1e3 * late_s:.0f} ms late: no time is measured from them"
+        return Light("Machine", BAD, "TOO_SLOW", late)
+    if skipped:
+        ticks = f"{skipped} control ticks were skipped in the last seconds"
+        return Light("Machine", NOTICE, "TOO_SLOW", ticks)
+    return Light("Machine", GOOD, "IN_TIME", "frames are read as they come, no tick was skipped")
 
 
 def _refused(refused: Mapping[str, int]) -> Light:

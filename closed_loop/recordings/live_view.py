@@ -4,8 +4,9 @@ Commands are due at a fixed period: the median of those between commands that ar
 apart, so that a burst of late ones does not count. A straight line of this period through the
 earliest command gives the times at which they were due, and so how late they were.
 
-Times are those at which the program took a frame. So its figures of latency and lateness contain
-its own waiting; on a machine that is not overloaded that is some hundredths of a millisecond.
+Times are those at which a frame has arrived, or the program took it where the port does not know.
+Its figures of latency and lateness then contain its own waiting: some hundredths of a millisecond.
+Of a frame that was read late no time is measured.
 """
 
 import math
@@ -67,10 +68,10 @@ class Recent:
         while time_ns - self._points[0][0] > SPAN_NS:
             self._points.popleft()
 
-    @property
-    def newest(self) -> float:
-        """The newest value; NaN before the first."""
-        return self._points[-1][1] if self._points else math.nan
+    def newest(self, now_ns: int) -> float:
+        """Return the newest value; NaN when there is none of the last second."""
+        is_young = self._points and now_ns - self._points[-1][0] < _STALE_NS
+        return self._points[-1][1] if is_young else math.nan
 
     def arrays(self, now_ns: int) -> tuple[IntArray, FloatArray]:
         """Return times before now [ns] and values, each of shape (n,)."""
@@ -263,26 +264,32 @@ class BusWatch:
         self._cycles = {name: Recent() for name in MESSAGE_TYPES}
         self._lateness = CommandLateness()
         self._sent_ns: dict[int, int] = {}
+        self._timed: set[str] = set()
+        """What has a newest message with a time, by name."""
         self._cg = CgDeviation(PREVIEW_M)
         self.cg_deviation_m = math.nan
 
-    @property
-    def round_trip_s(self) -> float:
-        """The newest round trip [s]; NaN before the first."""
-        return self._recent["round_trip_s"].newest
+    def round_trip_s(self, now_ns: int) -> float:
+        """Return the newest round trip [s]; NaN when there is none of the last second."""
+        return self._recent["round_trip_s"].newest(now_ns)
 
     @property
     def lateness_s(self) -> float:
-        """How late the newest command was [s]; NaN before three of them."""
-        return self._lateness.newest_s()
+        """How late the newest command was [s]; NaN before three, and for one that was read late."""
+        return self._lateness.newest_s() if NAMES[SteeringCommand] in self._timed else math.nan
 
     @property
     def refused(self) -> Mapping[str, int]:
         """Rejected frames, by cause."""
         return self._listener.refused
 
-    def on_frame(self, frame: Frame, now_ns: int) -> ReceivedMessage | None:
-        """Take a frame that arrived at ``now_ns``; returns its message if it is newer than all."""
+    def on_frame(
+        self, frame: Frame, now_ns: int, *, has_time: bool = True
+    ) -> ReceivedMessage | None:
+        """Take a frame that arrived at ``now_ns``; returns its message if it is newer than all.
+
+        ``has_time``  False: it may have arrived much earlier
+        """
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
@@ -292,10 +299,11 @@ class BusWatch:
         shown = received.shown
         name = NAMES[type(shown)]
         before = self._newest.get(name)
-        if before is not None:
+        if before is not None and has_time and name in self._timed:
             self._cycles[name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
+        (self._timed.add if has_time else self._timed.discard)(name)
         self._newest[name] = (shown, now_ns)
-        self._follow(shown, now_ns)
+        self._follow(shown, now_ns, has_time)
         return received
 
     def view(self, now_ns: int) -> View:
@@ -334,7 +342,7 @@ class BusWatch:
             error_frames=self._listener.error_frames,
         )
 
-    def _follow(self, message: Message, now_ns: int) -> None:
+    def _follow(self, message: Message, now_ns: int, has_time: bool) -> None:
         cg_m = self._cg.take(message, (now_ns - self._start_ns) / NS_PER_S)
         if not math.isnan(cg_m):
             self.cg_deviation_m = cg_m
@@ -344,11 +352,17 @@ class BusWatch:
             self._recent["steer_rad"].add(now_ns, message.steer_rad)
             if len(self._sent_ns) >= _IN_FLIGHT_MAX:
                 del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
-            self._sent_ns[message.command_counter] = now_ns
-            self._lateness.take(message.command_counter, now_ns)
+            self._sent_ns.pop(message.command_counter, None)
+            if has_time:
+                self._sent_ns[message.command_counter] = now_ns
+                self._lateness.take(message.command_counter, now_ns)
         elif isinstance(message, SteeringStatus):
             sent_ns = self._sent_ns.pop(message.applied_counter, None)
-            if sent_ns is not None and message.status is not SteeringStatusCode.NO_COMMAND:
+            if (
+                has_time
+                and sent_ns is not None
+                and message.status is not SteeringStatusCode.NO_COMMAND
+            ):
                 self._recent["round_trip_s"].add(now_ns, (now_ns - sent_ns) / NS_PER_S)
         elif isinstance(message, PlantStatus):
             self._recent["downlink_s"].add(now_ns, message.downlink_latency_s)

@@ -12,6 +12,7 @@ from pathlib import Path as FilePath
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from ...closed_loop.recordings.live_reading import LATE_NS, LiveReader
 from ...plant_emulator.path.path import Path
 from ...runtime.exit_status import cause_of
 from ...runtime.frame import Frame
@@ -42,6 +43,7 @@ class Lane:
         ghost: Ghost | None = None,
     ) -> None:
         self._port = port
+        self._reader = LiveReader(port)
         self._sampler = Sampler(start_ns, path, ghost)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
@@ -101,18 +103,19 @@ class Lane:
                 self._port.shutdown()
 
     def _turn(self) -> None:
-        received = self._port.recv((self._row_ns - time.monotonic_ns()) / NS_PER_S)
+        read = self._reader.next(self._row_ns)
         now_ns = time.monotonic_ns()
-        if received is not None:
-            arrival_ns = received.arrival_ns
-            self._take(received.frame, now_ns if arrival_ns is None else min(arrival_ns, now_ns))
+        if read is not None:
+            if read.late_ns > LATE_NS:
+                self._sampler.on_late_read(read.late_ns, now_ns)
+            self._take(read.frame, read.time_ns, has_time=read.has_time)
         with suppress(Empty):
             while True:
                 self._wishes.get_nowait()()
         self._leave_rows(now_ns)
 
-    def _take(self, frame: Frame, now_ns: int) -> None:
-        self._sampler.on_frame(frame, now_ns)
+    def _take(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> None:
+        self._sampler.on_frame(frame, now_ns, has_time=has_time)
         if self._log is not None:
             try:
                 self._log.write(time.time_ns(), frame)

@@ -79,7 +79,9 @@ _DIGITS_MAX = 9
 
 _SILENT_NS = NS_PER_S
 """After so long without a message its signals are shown as absent."""
-_REFUSED_SHOWN_NS = 3 * NS_PER_S
+_SHOWN_NS = 3 * NS_PER_S
+"""How long a light shows what has happened once."""
+_SKIPPED = int(messages.limits(messages.ControllerStatus)["skipped_ticks"].maximum) + 1
 _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
 IN_LANE_M = 0.86
@@ -118,6 +120,7 @@ class Sampler:
         self._in_effect_rad = math.nan
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
+        self._late = self._skipped = (0, -_SHOWN_NS)  # how much, when
         self.reset_figures()
 
     def on_plant_start(self) -> None:
@@ -130,13 +133,19 @@ class Sampler:
         self._squares_m2 = 0.0
         self._peak_m = 0.0
 
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame that arrived at ``now_ns``."""
-        heard = self._watch.on_frame(frame, now_ns)
+    def on_late_read(self, late_ns: int, now_ns: int) -> None:
+        """Take note that a frame was read ``late_ns`` after it may have come."""
+        self._late = (max(late_ns, _recent(self._late, now_ns)), now_ns)
+
+    def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> None:
+        """Take a frame that arrived at ``now_ns``, or before it where that is no time."""
+        heard = self._watch.on_frame(frame, now_ns, has_time=has_time)
         if heard is None:
             self._foreign_or_refused(frame, now_ns)
             return
         message = heard.message
+        if isinstance(message, messages.ControllerStatus):
+            self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message, frame)
         if isinstance(message, messages.LateralError):
             error_m = message.lateral_error_m
@@ -181,7 +190,7 @@ class Sampler:
             "curvature_1_m": vehicle and vehicle.preview_curvature_1_m,
             "downlink_s": plant and plant.downlink_latency_s,
             "uplink_s": plant and plant.uplink_latency_s,
-            "round_trip_s": command and status and self._watch.round_trip_s,
+            "round_trip_s": command and status and self._watch.round_trip_s(now_ns),
             "lateness_s": command and self._watch.lateness_s,
             "echo_delay_s": delay.echo_delay_s if delay and has_echo else None,
             "foot_x_m": foot.x_m,
@@ -217,8 +226,16 @@ class Sampler:
                 self._known(messages.SteeringStatus, now_ns),
                 self._known(messages.PlantStatus, now_ns),
                 shown,
+                _recent(self._late, now_ns) / NS_PER_S,
+                _recent(self._skipped, now_ns),
             )
         )
+
+    def _note_skips(self, status: messages.ControllerStatus, now_ns: int) -> None:
+        before = self._known(messages.ControllerStatus, now_ns)
+        rise = 0 if before is None else (status.skipped_ticks - before.skipped_ticks) % _SKIPPED
+        if 0 < rise < _SKIPPED // 2:  # else another controller
+            self._skipped = (rise + _recent(self._skipped, now_ns), now_ns)
 
     def law(self, now_ns: int) -> str:
         """Return the name of the law that runs; empty where it is not known."""
@@ -263,7 +280,7 @@ class Sampler:
     def _foreign_or_refused(self, frame: Frame, now_ns: int) -> None:
         refused = Counter(self._watch.refused)
         for cause in refused - self._refused:
-            self._refused_until_ns[cause] = now_ns + _REFUSED_SHOWN_NS
+            self._refused_until_ns[cause] = now_ns + _SHOWN_NS
         is_foreign = refused == self._refused and frame.can_id not in messages.CAN_IDS.values()
         if is_foreign and (frame.can_id in self._foreign or len(self._foreign) < _FOREIGN_MAX):
             self._foreign[frame.can_id] = frame
@@ -277,6 +294,12 @@ class Sampler:
 
 def _unless_silent(newest: Newest[M] | None, now_ns: int) -> M | None:
     return None if newest is None or now_ns - newest.time_ns >= _SILENT_NS else newest.message
+
+
+def _recent(noted: tuple[int, int], now_ns: int) -> int:
+    """Return how much was noted, 0 when that is a while ago."""
+    much, at_ns = noted
+    return much if now_ns - at_ns < _SHOWN_NS else 0
 
 
 def payload_text(frame: Frame) -> str:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from rich.console import Console, Group
 from rich.live import Live
 
+from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.command_line import command_parser, run_main
@@ -71,6 +72,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
     console = Console()
     plain_ascii = not console.encoding.lower().startswith("utf")
     settings = _Settings()
+    reader = LiveReader(port)
     period_ns = NS_PER_S // REFRESHES_PER_S
     draw_ns = 0
     with (
@@ -78,7 +80,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
         Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live,
     ):
         while not stop():
-            now_ns = _listen(port, watch, _WAIT_S)
+            now_ns = _listen(reader, watch, _WAIT_S)
             keys = read_keys()
             if any(key in QUIT_KEYS for key in keys):
                 return
@@ -93,24 +95,24 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
 
 def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
     print_ns = start_ns + NS_PER_S
+    reader = LiveReader(port)
     while not stop():
         wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
-        now_ns = _listen(port, watch, wait_s)
+        now_ns = _listen(reader, watch, wait_s)
         if now_ns >= print_ns:
             print(one_line(watch.view(now_ns)), flush=True)
             print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
 
 
-def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
+def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
     """Receive the frames that arrive within ``wait_s`` [s]; returns the time now [ns]."""
     end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
     now_ns = end_ns - 1
     for _ in range(_FRAMES_PER_TURN_MAX):
-        received = port.recv(max(end_ns - time.monotonic_ns(), 0) / NS_PER_S)
+        read = reader.next(end_ns)
         now_ns = time.monotonic_ns()
-        if received is not None:
-            frame, arrival_ns = received
-            watch.on_frame(frame, now_ns if arrival_ns is None else min(arrival_ns, now_ns))
+        if read is not None:
+            watch.on_frame(read.frame, read.time_ns, has_time=read.has_time)
         if now_ns >= end_ns:
             break
     return now_ns

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.recordings.lights import Known, Light, lights_of
+from steer_by_wire.closed_loop.recordings.live_reading import TIMED_NS
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     ControllerFault,
@@ -100,7 +101,7 @@ def test_what_is_silent_is_absent(log: Path) -> None:
     later = signals(sampler, now_ns + NS)
     gone = ("lateral_error_m", "steer_rad", "wheel_angle_rad", "downlink_s", "round_trip_s")
     assert all(math.isnan(later[name]) for name in gone)
-    assert {light.state for light in sampler.lights(now_ns + NS)} == {"SILENT", "INTACT"}
+    assert {light.state for light in sampler.lights(now_ns + NS)} == {"SILENT", "IN_TIME", "INTACT"}
 
 
 def test_every_chart_and_figure_shows_a_signal_that_there_is() -> None:
@@ -197,6 +198,46 @@ def test_a_refused_frame_lights_up_for_a_while() -> None:
     sampler.on_frame(Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:]), NS)
     assert sampler.lights(NS)[-1].cause == "in the last seconds: bad crc"
     assert sampler.lights(5 * NS)[-1].state == "INTACT"
+
+
+def test_what_was_read_late_lights_up_for_a_while_and_no_time_is_measured_from_it(
+    log: Path,
+) -> None:
+    """Read within a millisecond, 80 ms were a round trip of 1.1 ms under six green lights."""
+    sampler = Sampler(0)
+    end_ns = 0
+    with log.open(encoding="ascii") as lines:
+        for entry in CandumpReader(lines):
+            behind_ns = max(6 * NS - entry.time_ns, 0)  # 6 s of frames at once
+            is_late = behind_ns > TIMED_NS
+            end_ns = max(entry.time_ns, 6 * NS)
+            if is_late:
+                sampler.on_late_read(behind_ns, end_ns)
+            sampler.on_frame(entry.frame, end_ns, has_time=not is_late)
+            row = signals(sampler, end_ns)
+            assert not row["round_trip_s"] < 0.08 - TIMED_NS / NS
+            if is_late:
+                assert math.isnan(row["lateness_s"])
+                light = next(one for one in sampler.lights(end_ns) if one.name == "Machine")
+                assert (light.level, light.state) == ("bad", "TOO_SLOW")
+                assert light.cause.startswith("frames were read up to ")
+            if entry.time_ns > 9.5 * NS:
+                break
+    assert row["round_trip_s"] < 0.1
+    assert row["lateness_s"] < 0.001
+    assert {light.level for light in sampler.lights(end_ns)} == {"good"}
+
+
+def test_ticks_that_were_skipped_light_up_for_a_while() -> None:
+    sampler = Sampler(0)
+    assert CALM.controller is not None
+    for counter, skipped in enumerate((2, 5, 6, 6)):
+        status = CALM.controller._replace(skipped_ticks=skipped)
+        sampler.on_frame(encode(status, counter), NS + counter * 100 * MS)
+    machine = next(one for one in sampler.lights(NS + 300 * MS) if one.name == "Machine")
+    assert (machine.level, machine.state) == ("notice", "TOO_SLOW")
+    assert machine.cause == "4 control ticks were skipped in the last seconds"
+    assert next(one for one in sampler.lights(5 * NS) if one.name == "Machine").level == "good"
 
 
 # Frames
