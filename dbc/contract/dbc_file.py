@@ -4,7 +4,7 @@ A node uses ``dbc.contract.generated_layout`` instead, because cantools imports 
 command line, and takes longer to import than all the rest of a node.
 """
 
-from collections.abc import Mapping
+import re
 from pathlib import Path
 
 import cantools.database
@@ -14,19 +14,6 @@ from ...runtime.exit_status import one_line
 from ..codec.codec import FILE, ContractError
 from ..codec.layout import NOT_AVAILABLE_NAME, MessageLayout, SignalLayout
 from ..codec.protection import header_bits
-
-UNIT_SUFFIXES: Mapping[str | None, str] = {
-    None: "",
-    "1/m": "_1_m",
-    "m": "_m",
-    "m/s": "_m_s",
-    "N": "_n",
-    "N m": "_n_m",
-    "rad": "_rad",
-    "rad/s": "_rad_s",
-    "s": "_s",
-}
-"""The units of the DBC, and the suffix of a Python field in each unit."""
 
 
 def load_database() -> Database:
@@ -61,9 +48,9 @@ def layouts_of(database: Database) -> tuple[MessageLayout, ...]:
 
 
 def field_name(message: Message, signal: Signal) -> str:
-    """Name of the Python field for ``signal``; KeyError for a unit without a suffix."""
-    bare = signal.name.removeprefix(f"{message.name}_")
-    return bare.lower() + UNIT_SUFFIXES[signal.unit]
+    """Name of the Python field for ``signal``, with its unit last: m/s^2 is ``_m_s2``."""
+    words = [signal.name.removeprefix(f"{message.name}_"), *re.split("[ /]", signal.unit or "")]
+    return "_".join(words).replace("^", "").rstrip("_").lower()
 
 
 def _message_layout(message: Message) -> MessageLayout:

@@ -3,9 +3,11 @@
 python -m steer_by_wire.dbc.contract.layout_from_dbc
 """
 
+import sys
 from pathlib import Path
 from textwrap import fill
 
+from ..codec.codec import ContractError
 from ..codec.layout import MessageLayout, SignalLayout
 from .dbc_file import layouts_of, load_database
 
@@ -48,4 +50,7 @@ def _signal_text(layout: SignalLayout) -> str:
 
 
 if __name__ == "__main__":
-    FILE.write_text(generated_text(), encoding="ascii")
+    try:
+        FILE.write_text(generated_text(), encoding="ascii")
+    except ContractError as error:
+        sys.exit(str(error))
