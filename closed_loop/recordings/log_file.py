@@ -31,6 +31,7 @@ from ...runtime.frame.message import frame_of
 from ...runtime.node import NS_PER_S
 from ...runtime.recording.candump import parse_entry
 from ...runtime.settings import SettingsError
+from .bounded_blf import BoundedBlfReader
 
 SEEN_MAX = 1000
 """How many lines from the beginning are kept: far more than any format's header."""
@@ -350,7 +351,7 @@ class _BinaryLog:
             return can.LogReader(self._path)
         file = self._path.open("rb")
         try:
-            return can.BLFReader(file)
+            return BoundedBlfReader(file)
         except Exception:
             file.close()  # a reader that failed leaves it open
             raise
