@@ -11,9 +11,9 @@ is no shorter than the time after which the receiver stops acting on that frame,
 before it changes from one stream of counters to another.
 
 **Contradiction.** A sender never uses a counter for two contents, and a network seldom lets a frame
-overtake ``resync_run`` others that then come in a row. Either contradicts a frame that has been
-accepted: there are two senders or a new one, and nobody can know which of the two frames is true.
-So neither is used. The receiver goes back to the newest frame that is too old to be forged, and is
+overtake more than ``resync_run`` others that then come in a row. Either contradicts an accepted
+frame: there are two senders or a new one, and nobody can know which of the two frames is true. So
+neither is used. The receiver goes back to the newest frame that is too old to be forged, and is
 cautious until CAUTION_NS after the last contradiction.
 
 **Caution.** A frame in sequence waits for WAIT_CYCLES of its sender, and is used when a further one
@@ -286,7 +286,8 @@ class SequenceCheck:
             self._late_run = self._late_run + 1 if is_next else 1
             self._last_late = counter
             self._contents[counter], self._arrivals_ns[counter] = frame.content, now_ns
-            is_contradiction = self._late_run >= self._rule.resync_run
+            is_gap_left = self._contents[(counter + 1) % COUNTERS] is _SKIPPED
+            is_contradiction = self._late_run >= self._rule.resync_run and is_gap_left
         else:
             is_contradiction = known is not None and known != frame.content
         elapsed_ns = now_ns - self._arrivals_ns[self.counter] + self._rule.lead_ns

@@ -327,6 +327,21 @@ def test_a_network_that_doubles_and_delays_frames_contradicts_nothing() -> None:
     assert check.second_sender_ns is None
 
 
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("periods", range(1, COMMANDS.resync_run + 1))
+def test_late_and_new_frames_in_turn_at_the_end_of_a_spike_of_latency_contradict_nothing(
+    periods: int, order: int
+) -> None:
+    for first in range(0, 256, 5):
+        check = SequenceCheck(COMMANDS, PERIOD_NS)
+        arrivals = sorted((n + periods * (n < 100), order * n, n) for n in range(150))
+        in_use = []
+        for place, _, number in arrivals:
+            check.check((first + number) % 256, place * PERIOD_NS, number)
+            in_use.append(check.content)
+        assert in_use == [max(n for _, _, n in arrivals[: one + 1]) for one in range(150)]
+
+
 def test_after_an_outage_in_which_the_counters_wrapped_nothing_is_contradicted() -> None:
     for missing in range(1, 600):
         check = SequenceCheck(MEASUREMENTS, PERIOD_NS)
