@@ -1,4 +1,5 @@
-/* A controller in C from the DBC alone: it answers every LATERAL_ERROR with a STEERING_COMMAND.
+/* A controller in C from the DBC alone: it answers every LATERAL_ERROR with a STEERING_COMMAND, the
+ * steer of decide.c, or of a law of the paper (decide_by_law.c).
  *
  *   make -f examples/foreign_controller_c/Makefile on_vcan on_lockstep on_m7.elf
  *
@@ -19,8 +20,7 @@
 enum { COMMAND_DATA_ID = 0x5100, ERROR_DATA_ID = 0x5110, MODE_ACTIVE = 1 };
 enum { NOT_AVAILABLE_RAW = -16777216 };
 
-static const double GAIN_RAD_M = 1.5, DERIVATIVE_RAD_S_M = 0.07, FILTER_RAD_S = 25.0;
-static const double PERIOD_S = 0.01, STEER_RAD_MAX = 0.6, STEER_RESOLUTION_RAD = 1e-5;
+static const double STEER_RESOLUTION_RAD = 1e-5;
 
 /* The CRC of what follows it in a payload, and of the Data ID: polynomial 0x1021, start 0xFFFF. */
 static uint16_t crc_of(const uint8_t *payload, size_t size, uint16_t data_id)
@@ -40,24 +40,13 @@ static uint16_t crc_of(const uint8_t *payload, size_t size, uint16_t data_id)
     return crc;
 }
 
-/* PD with a filtered derivative; returns the steer [rad]. */
-static double decide(struct controller *x, double error_m)
-{
-    double change_m = x->sent == 0 ? 0.0 : error_m - x->error_m;
-    double decay = 1.0 / (1.0 + FILTER_RAD_S * PERIOD_S);
-
-    x->derivative_m_s = decay * (x->derivative_m_s + FILTER_RAD_S * change_m);
-    x->error_m = error_m;
-    double steer_rad = -GAIN_RAD_M * error_m - DERIVATIVE_RAD_S_M * x->derivative_m_s;
-    if (steer_rad > STEER_RAD_MAX)
-        return STEER_RAD_MAX;
-    return steer_rad < -STEER_RAD_MAX ? -STEER_RAD_MAX : steer_rad;
-}
-
-/* The generated encoder truncates. */
+/* To the nearest, halves to even; the generated encoder truncates. */
 static int32_t rounded(double value)
 {
-    return (int32_t)(value < 0.0 ? value - 0.5 : value + 0.5);
+    int32_t below = (int32_t)value - (value < (int32_t)value);
+    double above = value - below;
+
+    return below + (above > 0.5 || (above == 0.5 && below % 2 != 0));
 }
 
 int controller_on_frame(struct controller *x, const struct frame *frame, struct frame *answer)
@@ -75,9 +64,9 @@ int controller_on_frame(struct controller *x, const struct frame *frame, struct 
     x->counter = error.lateral_error_counter;
     double error_m = steer_by_wire_lateral_error_lateral_error_lateral_error_decode(
         error.lateral_error_lateral_error);
-    double steer_rad = decide(x, error_m);
+    x->steer_rad = decide(error_m, x->steer_rad, x->sent == 0);
     steer_by_wire_steering_command_init(&command);
-    command.steer = rounded(steer_rad / STEER_RESOLUTION_RAD);
+    command.steer = rounded(x->steer_rad / STEER_RESOLUTION_RAD);
     command.command_counter = (uint16_t)x->sent;
 #ifndef WITHOUT_COUNTER
     command.steering_command_counter = (uint8_t)x->sent;

@@ -11,12 +11,15 @@ struct frame {
 };
 
 struct controller { /* begins as zeros */
-    double error_m, derivative_m_s;
+    double steer_rad; /* the last command */
     uint8_t counter;
     unsigned long sent;
 };
 
 /* Return whether a frame is a measurement, to which ``answer`` is the command. */
 int controller_on_frame(struct controller *x, const struct frame *frame, struct frame *answer);
+
+/* Return the steer for a lateral error [rad]; ``steer_rad`` is the last command, 0 before the first. */
+double decide(double error_m, double steer_rad, int is_first);
 
 #endif

@@ -23,7 +23,7 @@ PAGES = {
 """The text of each page, by its place."""
 PROGRAMS = {"with-vcan": ("with-vcan",), "tools/with_vcan": ("with-vcan",), "steer-by-wire": ()}
 """The first word of a command of ours, and what stands for it behind ``steer-by-wire``."""
-SHOWN_ONLY = ("text", "ini", "toml", "yaml")
+SHOWN_ONLY = ("c", "text", "ini", "toml", "yaml")
 LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (

@@ -1,0 +1,175 @@
+"""Drives a law in Python and as generated C with the same drawn errors, and compares the bits.
+
+Each tick: a start where one is drawn, the law, the fade after a start, the limits; as in
+``controller.node.law_runner``. Every number that a tick gives is compared, NaN with any NaN. The C
+is a program on the host, or of a Cortex-M7 under QEMU, with the ends of the C example.
+"""
+
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
+from steer_by_wire.controller.limits.steer_limits import limit_step
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.tools.generate_c.law_source import law_source, params_of
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE, PROTOCOL = ROOT / "examples/foreign_controller_c", ROOT / "closed_loop/lockstep"
+Floats = npt.NDArray[np.float64]
+STRICT = (
+    *("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+    *("-I.", f"-I{PROTOCOL}"),
+)
+DRIVE = """
+#include "lockstep.h"
+#include "steering_law.h"
+
+enum { TICKS = 27, COLUMNS = 6 };
+
+int read_record(struct lockstep_record *record);
+int write_record(const struct lockstep_record *record);
+
+/* Both directions have the size of a record, and hold numbers only. */
+static union { struct lockstep_record record; double numbers[TICKS][COLUMNS]; } in, out;
+static struct law law;
+static double sent_rad, fade_rad;
+
+static void tick(double error_m, bool starts, double *row)
+{
+    if (starts)
+        law_start(&law, error_m);
+    struct law_output it = law_step(&law, error_m, sent_rad);
+    fade_rad = difference_step(RAMP_STEP_RAD, fade_rad, sent_rad, it.steer_rad, starts);
+    sent_rad = limit_step(&STEER_LIMITS, sent_rad, it.steer_rad + fade_rad);
+    row[0] = it.steer_rad;
+    row[1] = it.disturbance_rad;
+    row[2] = it.network_disturbance_rad;
+    row[3] = it.compensated_lateral_error_m;
+    row[4] = sent_rad;
+    row[5] = ramp_step(RAMP_STEP_RAD, sent_rad);
+}
+
+int main(void)
+{
+    while (read_record(&in.record)) {
+        for (int i = 0; i < TICKS; i++)
+            tick(in.numbers[i][0], in.numbers[i][1] > 0.0, out.numbers[i]);
+        if (!write_record(&out.record))
+            return 1;
+    }
+    return 0;
+}
+"""
+TICKS_A_RECORD, COLUMNS = 27, 6
+EXTREMES = (0.0, -0.0, 5e-324, -1e-310, 1e155, -1e300, float("inf"), float("nan"))
+M7_FLAGS = (
+    *("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
+    *("-ffreestanding", "-nostdlib", "-T", str(EXAMPLE / "m7.ld")),
+)
+QEMU = (
+    *("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-serial", "none", "-monitor", "none"),
+    *("-semihosting-config", "enable=on,target=native", "-kernel"),
+)
+
+
+class Target(NamedTuple):
+    """How C becomes a program: compiler, its options, and what runs the program."""
+
+    compiler: str
+    options: tuple[str, ...]
+    runner: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.compiler} {self.options[0]}"
+
+
+def hosts() -> list[Target]:
+    """Return the targets of this machine; skips the test where there is none."""
+    found = [name for name in ("gcc", "clang") if shutil.which(name)]
+    if not found:
+        pytest.skip("neither gcc nor clang is installed: generated C was not compiled")
+    return [Target(name, (option,)) for name in found for option in ("-O0", "-O2")]
+
+
+def m7(option: str) -> Target:
+    """Return the Cortex-M7; skips the test where its compiler or QEMU is missing."""
+    for tool in ("arm-none-eabi-gcc", QEMU[0]):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed: generated C did not run on a Cortex-M7")
+    return Target("arm-none-eabi-gcc", (option, *M7_FLAGS), QEMU)
+
+
+def drawn(seed: int, ticks: int) -> Floats:
+    """Return rows of a lateral error [m], and 1 where the law starts.
+
+    The errors are a walk, jumps, steps and extremes.
+    """
+    random = np.random.default_rng(seed)
+    errors_m = np.cumsum(random.normal(0.0, 1e-3, ticks))
+    errors_m += np.where(random.random(ticks) < 0.02, random.normal(0.0, 1.0, ticks), 0.0)
+    errors_m += np.repeat(random.normal(0.0, 0.5, ticks // 100 + 1), 100)[:ticks]
+    is_extreme = random.random(ticks) < 0.003
+    errors_m[is_extreme] = random.choice(EXTREMES, int(is_extreme.sum()))
+    starts = (random.random(ticks) < 0.005).astype(float)
+    starts[0] = 1.0
+    # A state that is not finite stays so until the law starts anew.
+    starts[1:][~(np.abs(errors_m[:-1]) < 1e100)] = 1.0
+    return np.column_stack([errors_m, starts])
+
+
+def in_python(settings: ControllerSettings, driven: Floats) -> Floats:
+    """Return what each tick gives in Python."""
+    law, params, limits = settings.law_record, params_of(settings), settings.steer_limits
+    step = settings.supervision.ramp_rad_s * settings.period_ns / 1_000_000_000
+    rows, state, sent_rad, fade_rad = [], None, 0.0, 0.0
+    for error_m, start in driven.tolist():
+        if start:
+            state = law.at_rest(params, error_m)
+        state, output = law.step(params, state, LawInput(error_m, sent_rad))
+        fade_rad = difference_step(step, fade_rad, sent_rad, output.steer_rad, bool(start))
+        sent_rad = limit_step(limits, sent_rad, output.steer_rad + fade_rad)
+        rows.append((*output, sent_rad, ramp_step(step, sent_rad)))
+    return np.array(rows)
+
+
+def written(settings: ControllerSettings, folder: Path) -> Path:
+    """Write the generated files and the driver; return the folder."""
+    for name, text in {**law_source(settings, "a test"), "drive.c": DRIVE}.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def built(folder: Path, target: Target) -> Path:
+    """Compile the C of a folder; return the program. Raises CalledProcessError."""
+    program = folder / f"on_{target.compiler}{target.options[0]}"
+    end = EXAMPLE / ("m7.c" if target.runner else "host.c")
+    source = ["steering_law.c", "drive.c", str(end), *(["-lgcc"] if target.runner else [])]
+    build = [target.compiler, *STRICT, *target.options, "-o", str(program), *source]
+    subprocess.run(build, cwd=folder, check=True)
+    return program
+
+
+def in_c(program: Path, driven: Floats, runner: Sequence[str] = ()) -> Floats:
+    """Return what each tick gives in a program."""
+    records = -(-len(driven) // TICKS_A_RECORD)
+    rows = np.zeros((records * TICKS_A_RECORD, COLUMNS))
+    rows[: len(driven), :2] = driven
+    run = subprocess.run(
+        [*runner, str(program)], input=rows.tobytes(), stdout=subprocess.PIPE, check=True
+    )
+    return np.frombuffer(run.stdout).reshape(-1, COLUMNS)[: len(driven)]
+
+
+def differing(one: Floats, other: Floats) -> int:
+    """Return the first tick at which two runs differ in a bit, -1 for none."""
+    same = (one.view(np.uint64) == other.view(np.uint64)) | (np.isnan(one) & np.isnan(other))
+    rows = np.flatnonzero(~same.all(axis=1))
+    return int(rows[0]) if len(rows) else -1

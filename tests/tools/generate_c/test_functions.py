@@ -1,0 +1,141 @@
+"""What becomes C, and what is refused with its file and line."""
+
+import ast
+import textwrap
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.limits.fades_and_ramps import ramp_step
+from steer_by_wire.runtime.exit_status import UserError
+from steer_by_wire.tools.generate_c.functions import Function, Source
+from steer_by_wire.tools.generate_c.law_source import reached, records_of
+
+Pair = tuple[float, float]
+
+
+class Gains(NamedTuple):
+    """A record."""
+
+    first: float
+    second: float
+
+
+HEAD = "def f(a: float, b: float, p: Gains, x: Pair, is_so: bool) -> float:"
+
+
+def statements(body: str, head: str = HEAD) -> list[str]:
+    """Return the statements of a function as C."""
+    text = f"{head}\n    'It.'\n{textwrap.indent(textwrap.dedent(body).strip(), '    ')}\n"
+    names: dict[str, Any] = {"Gains": Gains, "Pair": Pair, "ramp_step": ramp_step, "GAIN": 0.5}
+    exec(text, names)  # noqa: S102
+    (tree,) = ast.parse(text).body
+    assert isinstance(tree, ast.FunctionDef)
+    source = Source(names["f"], tree, "f.py", 1)
+    translated = Function(source, records_of([source, *reached([ramp_step])])).definition()
+    return [line.strip() for line in translated.partition("\n{\n")[2].splitlines()[:-1]]
+
+
+def expressions() -> st.SearchStrategy[str]:
+    leaves = st.sampled_from(["a", "b", "1.0", "2.0"])
+
+    def larger(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+        pairs = st.tuples(inner, st.sampled_from("+-*"), inner)
+        return st.one_of(pairs.map(lambda it: "({} {} {})".format(*it)), inner.map("(-{})".format))
+
+    return st.recursive(leaves, larger, max_leaves=12)
+
+
+@given(expressions(), expressions(), st.sampled_from(["<", "<=", ">", ">=", "==", "!="]))
+def test_an_expression_keeps_its_tree(one: str, other: str, sign: str) -> None:
+    """C and Python agree on + - * and comparisons, so its text is read again as Python."""
+    compared = f"{one} {sign} {other}"
+    (line,) = statements(f"return {compared}", HEAD.replace("-> float", "-> bool"))
+    text = line.removeprefix("return ").removesuffix(";")
+    assert ast.dump(ast.parse(text)) == ast.dump(ast.parse(compared))
+
+
+@pytest.mark.parametrize(
+    ("body", "wanted"),
+    [
+        ("return a if a < b else -b", ["return a < b ? a : -b;"]),
+        ("return p.first * x[1] + GAIN",
+         ["return p->first * x->second + 0x1.0000000000000p-1 /* 0.5 */;"]),
+        ("k, _d = p\nreturn k", ["const double k = p->first, _d = p->second;", "return k;"]),
+        ("c = a\nif is_so:\n  c = -b\nreturn c",
+         ["double c = a;", "if (is_so) {", "c = -b;", "}", "return c;"]),
+        ("if not is_so:\n  return a\nreturn ramp_step(a, b)",
+         ["if (!is_so) {", "return a;", "}", "return ramp_step(a, b);"]),
+        ("if a == 0.0:\n  return b\nreturn b / a",
+         ["if (a == 0.0) {", "return b;", "}", "return b / a;"]),
+    ],
+)  # fmt: skip
+def test_it_becomes_what_a_reader_expects(body: str, wanted: list[str]) -> None:
+    assert statements(body) == wanted
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "why"),
+    [
+        ("return a / b", 3, "a division by b, which may be 0"),
+        ("return a ** 2.0", 3, "BinOp 'a ** 2.0'"),
+        ("return a * 2", 3, "Constant '2'"),
+        ("return a if a < b < 1.0 else b", 3, "Compare 'a < b < 1.0'"),
+        ("return a if is_so and a < b else b", 3, "BoolOp 'is_so and a < b'"),
+        ("return a + is_so", 3, "'is_so' is no double"),
+        ("return a if a else b", 3, "'a' is no bool"),
+        ("return max(a, b)", 3, "Call 'max(a, b)'"),
+        ("return abs(a)", 3, "Call 'abs(a)'"),
+        ("return p.third", 3, "there is no field third"),
+        ("return x", 3, "'x' is no double"),
+        ("return ramp_step(a)", 3, "another number of arguments"),
+        ("return ramp_step(step=a, value=b)", 3, "Call 'ramp_step(step=a, value=b)'"),
+        ("c = a\nfor _ in range(3):\n  c = c + b\nreturn c", 4, "For "),
+        ("while is_so:\n  pass\nreturn a", 3, "While "),
+        ("a = b\nreturn a", 3, "a becomes another thing than it was"),
+        ("c = a\nc = is_so\nreturn a", 4, "c becomes another thing than it was"),
+        ("c, d = a, b\nc, d = d, c\nreturn c", 4, "an assignment that reads a name set beside it"),
+        ("if is_so:\n  c = a\nreturn a", 4, "c begins within an if"),
+        ("if is_so:\n  return a", 3, "an end without return"),
+        ("k, d, e = p\nreturn k", 3, "3 names for another number of fields"),
+        ("register = a\nreturn register", 3, "register, a name that C has for something else"),
+        ("p.first = a\nreturn a", 3, "Attribute 'p.first'"),
+        ("c = lambda: a\nreturn a", 3, "Lambda 'lambda: a'"),
+        ("c: float = a\nreturn c", 3, "AnnAssign 'c: float = a'"),
+    ],
+)  # fmt: skip
+def test_the_rest_of_python_is_refused_with_its_place(body: str, line: int, why: str) -> None:
+    with pytest.raises(UserError) as refused:
+        statements(body)
+    text = str(refused.value)
+    assert text.startswith(f"f.py:{line}: {why}")
+    assert text.endswith(": this does not become C")
+
+
+@pytest.mark.parametrize(
+    ("head", "why"),
+    [
+        ("def f(a: int) -> float:", "the type <class 'int'> is neither float, bool nor a record"),
+        ("def f(a) -> float:", "a parameter or the result without a type"),
+        ("def f(*, a: float) -> float:", "a parameter or the result without a type"),
+        ("def f(a: float) -> list[float]:", "the type list[float] is neither float"),
+    ],
+)
+def test_so_is_a_function_of_other_types(head: str, why: str) -> None:
+    with pytest.raises(UserError) as refused:
+        statements("return 0.0", head)
+    assert str(refused.value).startswith(f"f.py:1: {why}")
+
+
+def calls_itself(a: float) -> float:
+    """Return for ever."""
+    return calls_itself(a)
+
+
+def test_a_function_that_calls_itself_is_refused() -> None:
+    with pytest.raises(
+        UserError, match=r"test_functions\.py:\d+: 'calls_itself\(a\)' calls itself"
+    ):
+        reached([calls_itself])

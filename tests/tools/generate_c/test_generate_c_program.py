@@ -1,0 +1,49 @@
+"""``steer-by-wire generate-c``: its files, and its refusals in one line."""
+
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.tools.generate_c.__main__ import main
+
+
+def test_it_writes_two_files_and_says_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "new" / "law"
+    assert main(["--preset", "practical_pd_dob", "--out", str(folder)]) == 0
+    assert capsys.readouterr().out.split() == [
+        str(folder / it) for it in ("steering_law.c", "steering_law.h")
+    ]
+    source = (folder / "steering_law.c").read_text(encoding="utf-8")
+    assert "Law pd_dob at 100 Hz, generated from preset practical_pd_dob: do not edit." in source
+    assert max(map(len, source.splitlines())) <= 100
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("--preset practical_predictor",
+         "law = 'predictor' does not become C: pd, pd_dob, pd_cdob, pd_ddob do"),
+        ("--preset practical_pd --set feed_forward.gain=1",
+         "[feed_forward] does not become C: leave it out"),
+        ("--preset practical_pd --set followed_point=rear_axle",
+         "followed_point = 'rear_axle' does not become C: leave it out"),
+        ("--preset practical_pd_dob --set pd.derivative=kalman",
+         "pd.derivative = 'kalman' does not become C: leave it out"),
+    ],
+)  # fmt: skip
+def test_what_stays_in_python_is_refused_in_one_line(
+    words: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words.split(), "--out", str(tmp_path / "law")]) == 2
+    assert capsys.readouterr().err == f"steer-by-wire generate-c: error: {why}\n"
+    assert not (tmp_path / "law").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "law").write_text("a file")
+    assert main(["--preset", "practical_pd", "--out", str(tmp_path / "law")]) == 4
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -1,0 +1,45 @@
+"""Writes a law of the paper as C99, from the functions that run in Python.
+
+steer-by-wire generate-c --preset practical_pd_ddob --out law
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+
+from steer_by_wire.controller.settings import PRESETS, ControllerSettings
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
+from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
+
+from .law_source import law_source
+
+NAME = "steer-by-wire generate-c"
+DEFAULT_PRESET = "practical_pd_ddob"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the files; returns the exit status."""
+    example = f"{NAME} --preset {DEFAULT_PRESET} --out law"
+    parser = command_parser(NAME, __doc__, example, "[SETTINGS.toml] [options]")
+    add_settings_arguments(parser, PRESETS, ControllerSettings)
+    add_out_argument(parser, "law", "folder for the files")
+    return run_main(NAME, partial(_write, parser.parse_args(arguments)))
+
+
+def _write(options: argparse.Namespace) -> int:
+    if options.preset is None and options.settings is None:
+        options.preset = DEFAULT_PRESET
+    settings = load_program_settings(ControllerSettings, PRESETS, options)
+    origin = str(options.settings or f"preset {options.preset}")
+    files = law_source(settings, origin)
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (options.out / name).write_text(text, encoding="utf-8")
+        print(options.out / name)
+    return ExitStatus.OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

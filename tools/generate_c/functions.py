@@ -1,0 +1,411 @@
+"""One pure step function of Python as one function of C99.
+
+The subset: ``float`` and ``bool``, records, local names, + - * / and the minus, ``not``, one
+comparison at a time, ``a if condition else b``, ``isfinite``, calls of functions in the subset,
+``if``, ``return``. Sums and products keep their order and their parentheses: a compiler that
+contracts nothing (``-ffp-contract=off``) gives the same bits. Everything else is refused with its
+file and line: loops, ``int``, closures, an attribute that is set, a division by what has not been
+compared with 0. ``if ...: raise`` is left out: it depends on parameters alone, which the generator
+has tried.
+
+Records are passed as pointers to const and returned by value. A name of a record is a pointer to
+one that never changes, so no step changes what it was given.
+"""
+
+import ast
+import inspect
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+from steer_by_wire.runtime.exit_status import UserError
+
+from .records import Kind, Record, Records, UntranslatableError, declared, hexadecimal
+
+_ROOT = Path(__file__).resolve().parents[2]
+_OPERATORS: Mapping[type, tuple[str, int]] = {
+    ast.Add: ("+", 3), ast.Sub: ("-", 3), ast.Mult: ("*", 4), ast.Div: ("/", 4),
+    ast.Lt: ("<", 2), ast.LtE: ("<=", 2), ast.Gt: (">", 2), ast.GtE: (">=", 2),
+    ast.Eq: ("==", 2), ast.NotEq: ("!=", 2),
+}  # fmt: skip
+_CHOICE, _COMPARISON, _SIGN, _ATOM = 1, 2, 5, 6
+_WIDTH = 100
+_TAKEN = frozenset((
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum",
+    "extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict",
+    "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union",
+    "unsigned", "void", "volatile", "while", "bool", "true", "false", "is_finite",
+))  # fmt: skip
+"""Names that C, or the rest of the generated file, has for something else."""
+
+
+class Text(NamedTuple):
+    """An expression of C, how strongly its outermost operator binds, and what it gives."""
+
+    text: str
+    binds: int
+    kind: Kind
+    is_pointer: bool = False
+    is_kept: bool = True
+    """Whether a pointer to it stays valid."""
+
+    @property
+    def address(self) -> str:
+        """The pointer to a record."""
+        return self.text if self.is_pointer else f"&{self.text}"
+
+    def within(self, binds: int) -> str:
+        """Return the text as an operand, in parentheses if it binds less."""
+        return self.text if self.binds >= binds else f"({self.text})"
+
+
+class Source(NamedTuple):
+    """A Python function, the tree of its text, and where that stands."""
+
+    function: Any
+    tree: ast.FunctionDef
+    file: str
+    line: int
+
+    def refuse(self, node: ast.AST, why: str) -> NoReturn:
+        """Raise UserError that names the place."""
+        line = self.line + getattr(node, "lineno", 1) - 1
+        raise UserError(f"{self.file}:{line}: {why}: this does not become C")
+
+    def meant(self, node: ast.AST) -> Any:
+        """Return what a name in the text stands for, None for a local one."""
+        match node:
+            case ast.Name(id=name):
+                return self.function.__globals__.get(name)
+            case ast.Attribute(value=ast.Name(id="math"), attr=name):
+                return getattr(math, name, None)
+        return None
+
+
+def source_of(function: Callable[..., Any]) -> Source:
+    """Return the source of a function."""
+    if not inspect.isfunction(function):
+        raise UserError(f"{function!r} is no plain function: this does not become C")
+    lines, line = inspect.getsourcelines(function)
+    (tree,) = ast.parse(textwrap.dedent("".join(lines))).body
+    path = Path(inspect.getsourcefile(function) or "?").resolve()
+    file = str(path.relative_to(_ROOT)) if path.is_relative_to(_ROOT) else path.name
+    source = Source(function, tree, file, line)  # type: ignore[arg-type]
+    if not isinstance(tree, ast.FunctionDef) or tree.decorator_list:
+        source.refuse(tree, "no function with a name, or one with a decorator")
+    return source
+
+
+def hints_of(source: Source) -> Mapping[str, Any]:
+    """Return the types of a function's parameters and of ``return``."""
+    names = (*(it.arg for it in source.tree.args.args), "return")
+    hints: Mapping[str, Any] = inspect.get_annotations(source.function, eval_str=True)
+    if [*hints] != [*names]:
+        source.refuse(source.tree, "a parameter or the result without a type, or not positional")
+    return hints
+
+
+class Function:
+    """Translates one function.
+
+    ``records``  the structs, to which it adds
+
+    ``parameters``  name and kind of each; ``result``  the kind of what it returns
+    """
+
+    def __init__(self, source: Source, records: Records) -> None:
+        self._source, self._records = source, records
+        *parameters, returned = hints_of(source).items()
+        self.parameters = [(name, self._kind(source.tree, hint)) for name, hint in parameters]
+        self._scope: dict[str, Text] = {}
+        self._results = 0
+        self._is_within_if = False
+        self.name = source.function.__name__
+        nodes = [*ast.walk(source.tree)]
+        stored = [it for it in nodes if isinstance(it, ast.Name) and isinstance(it.ctx, ast.Store)]
+        self._times_set = Counter(it.id for it in stored)
+        for name, node in ((self.name, source.tree), *((it.id, it) for it in stored)):
+            if name in _TAKEN or name.startswith("result"):
+                source.refuse(node, f"{name}, a name that C has for something else")
+        self._not_zero = {
+            name: line
+            for it in nodes
+            for name, line in _left_at_zero(it)
+            if self._times_set[name] <= 1
+        }
+        self.result = self._kind(source.tree, returned[1], f"{self.name}_result")
+
+    @property
+    def kinds_returned(self) -> Sequence[Kind]:
+        """The kinds of what it returns together."""
+        return (
+            [self.result]
+            if isinstance(self.result, str)
+            else [kind for _, kind in self.result.fields]
+        )
+
+    def prototype(self, storage: str = "") -> str:
+        """Return the function's head, without a semicolon."""
+        parameters = [
+            f"const {declared(kind)} *{name}" if isinstance(kind, Record) else f"{kind} {name}"
+            for name, kind in self.parameters
+        ]
+        head = f"{storage}{declared(self.result)} {self.name}("
+        return "\n".join(_wrapped(f"{head}{', '.join(parameters)})"))
+
+    def definition(self, storage: str = "") -> str:
+        """Return the comment and the whole function; ``storage`` is ``static `` or nothing."""
+        for name, kind in self.parameters:
+            self._scope[name] = Text(name, _ATOM, kind, is_pointer=isinstance(kind, Record))
+        said, *statements = self._source.tree.body
+        if not (isinstance(said, ast.Expr) and isinstance(said.value, ast.Constant)):
+            self._source.refuse(said, "a function without a docstring")
+        if not isinstance(statements[-1], ast.Return):
+            self._source.refuse(statements[-1], "an end without return")
+        lines = [line for statement in statements for line in self._statement(statement)]
+        doc = f"{ast.get_docstring(self._source.tree)}\n\n(in {self._source.file})"
+        comment = "\n".join(f" * {line}".rstrip() for line in doc.splitlines())
+        body = textwrap.indent("\n".join(lines), "    ")
+        return f"/*{comment[2:]} */\n{self.prototype(storage)}\n{{\n{body}\n}}\n"
+
+    def _kind(self, node: ast.AST, hint: object, name: str = "") -> Kind:
+        try:
+            return self._records.kind_of(hint, name)
+        except UntranslatableError as error:
+            self._source.refuse(node, str(error))
+
+    def _refuse(self, node: ast.AST, why: str = "") -> NoReturn:
+        self._source.refuse(node, why or f"{type(node).__name__} {ast.unparse(node)!r:.60}")
+
+    # Statements
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        match node:
+            case ast.Return(value=ast.expr() as value):
+                return [f"return {self._valued(value, self.result)};"]
+            case ast.Assign(targets=[target], value=value):
+                return self._assign(target, value)
+            case ast.If(test=test, body=[ast.Raise()], orelse=[]):
+                condition = self._expression(test, "bool").text
+                return [f"/* {condition}: no parameters of this file lead here. */"]
+            case ast.If(test=test, body=body, orelse=otherwise):
+                return self._if(test, body, otherwise)
+        return self._refuse(node)
+
+    def _if(self, test: ast.expr, body: list[ast.stmt], otherwise: list[ast.stmt]) -> list[str]:
+        known, outside, self._is_within_if = {*self._scope}, self._is_within_if, True
+        lines = [f"if ({self._expression(test, 'bool').text}) {{"]
+        for begin, statements in (("", body), ("} else {", otherwise)):
+            if statements:
+                lines += [begin] if begin else []
+                within = [line for it in statements for line in self._statement(it)]
+                lines += [f"    {line}" for line in within]
+            if new := {*self._scope} - known:
+                self._refuse(statements[0], f"{min(new)} begins within an if")
+        self._is_within_if = outside
+        return [*lines, "}"]
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
+        match target, value:
+            case ast.Name(), _:
+                return self._set(target, self._expression(value))
+            case ast.Tuple(elts=targets), ast.Tuple(elts=values) if len(targets) == len(values):
+                self._refuse_exchange(targets, values)
+                pairs = zip(targets, values, strict=True)
+                return [line for one, other in pairs for line in self._assign(one, other)]
+            case ast.Tuple(), ast.Call():
+                result = self._expression(value)
+                self._results += 1
+                name = "result" if self._results == 1 else f"result_{self._results}"
+                line = f"const {declared(result.kind)} {name} = {result.text};"
+                return [*_wrapped(line), *self._apart(target, Text(name, _ATOM, result.kind))]
+            case ast.Tuple(), _:
+                return self._apart(target, self._expression(value))
+        return self._refuse(target)
+
+    def _refuse_exchange(self, targets: Sequence[ast.expr], values: Sequence[ast.expr]) -> None:
+        """In Python all values come first; in C one assignment follows the other."""
+        before: set[str] = set()
+        for target, value in zip(targets, values, strict=True):
+            if before & {it.id for it in ast.walk(value) if isinstance(it, ast.Name)}:
+                self._refuse(value, "an assignment that reads a name set beside it")
+            before |= {it.id for it in ast.walk(target) if isinstance(it, ast.Name)}
+
+    def _apart(self, target: ast.Tuple, record: Text) -> list[str]:
+        """Take a record apart into names."""
+        kind = record.kind
+        if not isinstance(kind, Record) or len(kind.fields) != len(target.elts):
+            self._refuse(target, f"{len(target.elts)} names for another number of fields")
+        lines = []
+        for one, (name, _) in zip(target.elts, kind.fields, strict=True):
+            part = self._field(target, record, name)
+            lines += self._apart(one, part) if isinstance(one, ast.Tuple) else self._set(one, part)
+        return _joined(lines)
+
+    def _set(self, target: ast.expr, value: Text) -> list[str]:
+        """Declare a name, or set it anew."""
+        if not isinstance(target, ast.Name):
+            self._refuse(target)
+        name, known = target.id, self._scope.get(target.id)
+        is_record = isinstance(value.kind, Record)
+        is_pointer = is_record and value.is_kept
+        given = value.address if is_pointer else value.text
+        if known is not None:
+            is_other = (known.kind, known.is_pointer) != (value.kind, is_pointer)
+            if is_other or name in dict(self.parameters) or (is_record and self._is_within_if):
+                self._refuse(target, f"{name} becomes another thing than it was")
+            return [f"{name} = {given};"]
+        self._scope[name] = Text(name, _ATOM, value.kind, is_pointer)
+        const = "" if self._times_set[name] > 1 else "const "
+        if is_pointer:
+            return [f"const {declared(value.kind)} *{const}{name} = {given};"]
+        return [f"{const}{declared(value.kind)} {name} = {given};"]
+
+    # Expressions
+
+    def _expression(self, node: ast.expr, wanted: Kind | None = None) -> Text:
+        found = self._found(node)
+        if wanted is not None and found.kind != wanted:
+            self._refuse(node, f"{ast.unparse(node)!r:.60} is no {declared(wanted)}")
+        return found
+
+    def _found(self, node: ast.expr) -> Text:
+        match node:
+            case ast.Name(id=name) if name in self._scope:
+                return self._scope[name]
+            case ast.Name() if isinstance(value := self._source.meant(node), float):
+                return Text(hexadecimal(value), _ATOM, "double")
+            case ast.Constant(value=bool(value)):
+                return Text("true" if value else "false", _ATOM, "bool")
+            case ast.Constant(value=float(value)) if math.isfinite(value):
+                return Text(hexadecimal(value), _ATOM, "double")
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                inner = self._expression(operand, "double").within(_ATOM)
+                return Text(f"-{inner}", _SIGN, "double")
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return Text(f"!{self._expression(operand, 'bool').within(_ATOM)}", _SIGN, "bool")
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                if isinstance(op, ast.Div) and self._may_be_zero(right):
+                    self._refuse(node, f"a division by {ast.unparse(right)}, which may be 0")
+                sign, binds = _OPERATORS[type(op)]
+                before = self._expression(left, "double").within(binds)
+                after = self._expression(right, "double").within(binds + 1)
+                return Text(f"{before} {sign} {after}", binds, "double")
+            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
+                one = self._expression(left)
+                other = self._expression(right, "bool" if one.kind == "bool" else "double")
+                if one.kind != other.kind:
+                    self._refuse(node)
+                sign = _OPERATORS[type(op)][0]
+                text = f"{one.within(_COMPARISON + 1)} {sign} {other.within(_COMPARISON + 1)}"
+                return Text(text, _COMPARISON, "bool")
+            case ast.IfExp(test=test, body=body, orelse=otherwise):
+                condition = self._expression(test, "bool").within(_COMPARISON)
+                one = self._expression(body)
+                other = self._expression(otherwise, one.kind)
+                if isinstance(one.kind, Record):
+                    self._refuse(node, "a choice between records")
+                text = f"{condition} ? {one.within(_COMPARISON)} : {other.within(_CHOICE)}"
+                return Text(text, _CHOICE, one.kind)
+            case ast.Attribute(value=value, attr=name):
+                return self._field(node, self._expression(value), name)
+            case ast.Subscript(value=value, slice=ast.Constant(value=int(index))):
+                record = self._expression(value)
+                if isinstance(record.kind, Record) and 0 <= index < len(record.kind.fields):
+                    return self._field(node, record, record.kind.fields[index][0])
+            case ast.Call(func=called, args=arguments, keywords=[]):
+                return self._call(node, self._source.meant(called), arguments)
+        return self._refuse(node)
+
+    def _may_be_zero(self, node: ast.expr) -> bool:
+        """Whether Python could refuse to divide by an expression."""
+        name = ast.unparse(node)
+        return name not in self._not_zero or self._not_zero[name] >= node.lineno
+
+    def _field(self, node: ast.AST, record: Text, name: str) -> Text:
+        fields = dict(record.kind.fields) if isinstance(record.kind, Record) else {}
+        if name not in fields:
+            self._refuse(node, f"there is no field {name}")
+        arrow = "->" if record.is_pointer else "."
+        return Text(f"{record.text}{arrow}{name}", _ATOM, fields[name], is_kept=record.is_kept)
+
+    def _call(self, node: ast.Call, called: object, arguments: list[ast.expr]) -> Text:
+        if called is math.isfinite and len(arguments) == 1:
+            return Text(
+                f"is_finite({self._expression(arguments[0], 'double').text})", _ATOM, "bool"
+            )
+        if isinstance(called, type) and issubclass(called, tuple):
+            kind = self._kind(node, called)
+            literal = f"({declared(kind)}){self._literal(node, arguments, kind)}"
+            return Text(literal, _ATOM, kind, is_kept=False)
+        if not inspect.isfunction(called):
+            self._refuse(node)
+        other = Function(source_of(called), self._records)
+        if len(other.parameters) != len(arguments):
+            self._refuse(node, "another number of arguments")
+        passed = []
+        for argument, (_, kind) in zip(arguments, other.parameters, strict=True):
+            value = self._expression(argument, kind)
+            if isinstance(value.kind, Record) and not value.is_kept:
+                self._refuse(argument, "a record without a name as an argument")
+            passed.append(value.address if isinstance(value.kind, Record) else value.text)
+        call = f"{other.name}({', '.join(passed)})"
+        return Text(call, _ATOM, other.result, is_kept=False)
+
+    def _valued(self, node: ast.expr, kind: Kind) -> str:
+        """Return an expression of a kind, a tuple as a literal of its record."""
+        if isinstance(node, ast.Tuple):
+            return f"({declared(kind)}){self._literal(node, node.elts, kind)}"
+        value = self._expression(node, kind)
+        return f"*{value.text}" if value.is_pointer else value.text
+
+    def _literal(self, node: ast.expr, parts: Sequence[ast.expr], kind: Kind) -> str:
+        if not isinstance(kind, Record) or len(parts) != len(kind.fields):
+            self._refuse(node, f"{ast.unparse(node)!r:.60} is no {declared(kind)}")
+        texts = []
+        for part, (_, its_kind) in zip(parts, kind.fields, strict=True):
+            if isinstance(part, ast.Tuple):
+                texts.append(self._literal(part, part.elts, its_kind))
+            else:
+                texts.append(self._valued(part, its_kind))
+        line = f"{{{', '.join(texts)}}}"
+        if len(line) <= _WIDTH - 40:
+            return line
+        return f"{{\n{textwrap.indent(''.join(f'{it},{chr(10)}' for it in texts), '    ')}}}"
+
+
+def _left_at_zero(node: ast.AST) -> Sequence[tuple[str, int]]:
+    """Return the name with which ``if name == 0.0: ... return`` leaves a function, and its line."""
+    match node:
+        case ast.If(test=ast.Compare(left=ast.Name(id=name)) as test, body=[*_, ast.Return()]):
+            return [(name, test.lineno)] if ast.unparse(test) == f"{name} == 0.0" else []
+    return []
+
+
+def _joined(lines: Sequence[str]) -> list[str]:
+    """Return declarations of numbers, one after the other, as one that fits the width."""
+    found: list[str] = []
+    for line in lines:
+        begins, last = "const double ", found[-1] if found else ""
+        both = f"{last[:-1]}, {line[len(begins) :]}"
+        if line.startswith(begins) and last.startswith(begins) and len(both) <= _WIDTH - 4:
+            found[-1] = both
+        else:
+            found.append(line)
+    return found
+
+
+def _wrapped(line: str) -> list[str]:
+    """Return a line that ends with arguments, broken before and within these if it is too long."""
+    if len(line) <= _WIDTH - 11:
+        return [line]
+    head, _, rest = line.partition("(")
+    lines = [f"{head}(", "   "]
+    for argument in rest.replace(", ", ",\n").splitlines():
+        if len(lines[-1]) + len(argument) > _WIDTH - 11:
+            lines.append("   ")
+        lines[-1] += f" {argument}"
+    return lines

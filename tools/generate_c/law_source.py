@@ -1,0 +1,216 @@
+"""steering_law.c and steering_law.h: a law with its limits and fades, from the settings.
+
+What becomes C: the law's step and its state at rest, ``limit_step``, ``difference_step``,
+``ramp_step``, and every function that these call.
+"""
+
+import ast
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
+from steer_by_wire.controller.limits.steer_limits import limit_step
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.settings.toml_text import dump_toml
+
+from .functions import Function, Source, hints_of, source_of
+from .records import (
+    Record,
+    Records,
+    declared,
+    hexadecimal,
+    initializer,
+    names_of_tuples,
+    parts_of,
+    struct,
+)
+
+LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+NAME = "steering_law"
+_PUBLIC: tuple[Callable[..., float], ...] = (limit_step, difference_step, ramp_step)
+_NOT_OF_THE_LAW = ("estimator", "link", "delay_estimation", "overruns")
+"""Tables that these laws do not read."""
+_HEADER = """\
+/* {title}
+ *
+ *     law_start(&law, error_m);                      the law begins, or begins anew
+ *     output = law_step(&law, error_m, sent_rad);    once in each period of PERIOD_NS
+ *     sent_rad = limit_step(&STEER_LIMITS, sent_rad, output.steer_rad);
+ *
+ * Compile with -ffp-contract=off: a fused multiplication rounds once where Python rounds twice.
+ */
+#ifndef STEERING_LAW_H
+#define STEERING_LAW_H
+
+#include <stdbool.h>
+
+#define PERIOD_NS {period_ns}
+
+{structs}
+/* What the law keeps from one period to the next. */
+struct law {{
+    {state} state;
+}};
+
+extern const {limits} STEER_LIMITS;
+extern const double RAMP_STEP_RAD; /* of a fade or a ramp in one period */
+
+void law_start(struct law *law, double lateral_error_m);
+struct law_output law_step(struct law *law, double lateral_error_m, double sent_steer_rad);
+{prototypes}
+
+#endif
+"""
+_SOURCE = """\
+/* {title}
+ *
+{settings}
+ */
+#include "steering_law.h"
+
+{structs}
+static const {params} PARAMS = {values};
+
+const {limits} STEER_LIMITS = {limit_values};
+
+const double RAMP_STEP_RAD = {ramp_step_rad};
+
+static bool is_finite(double x)
+{{
+    return x - x == 0.0;
+}}
+
+{definitions}
+void law_start(struct law *law, double lateral_error_m)
+{{
+    law->state = {at_rest}(&PARAMS, lateral_error_m);
+}}
+
+struct law_output law_step(struct law *law, double lateral_error_m, double sent_steer_rad)
+{{
+    const struct law_input observed = {{lateral_error_m, sent_steer_rad}};
+    const {result} result = {step}(&PARAMS, &law->state, &observed);
+
+    law->state = result.first;
+    return result.second;
+}}
+"""
+
+
+def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
+    """Return the texts of the two files by their names.
+
+    ``origin``  where the settings come from, for the comment on top
+
+    Raises UserError for a law that does not become C.
+    """
+    law, params = settings.law_record, params_of(settings)
+    sources = reached([law.at_rest, law.step, *_PUBLIC])
+    records = records_of(sources)
+    functions: dict[Callable[..., Any], Function] = {
+        source.function: Function(source, records) for source in sources
+    }
+    definitions = [
+        translated.definition("" if function in _PUBLIC else "static ")
+        for function, translated in functions.items()
+    ]
+    step, at_rest = functions[law.step], functions[law.at_rest]
+    of_params, of_state, _ = (kind for _, kind in step.parameters)
+    of_limits = functions[limit_step].parameters[0][1]
+    shown = parts_of(of_state) | parts_of(step.kinds_returned[1]) | parts_of(of_limits)
+    title = f"Law {settings.law} at {settings.rate_hz:g} Hz, generated from {origin}: do not edit."
+    header = _HEADER.format(
+        title=title,
+        limits=declared(of_limits),
+        period_ns=settings.period_ns,
+        structs=_structs(it for it in records.made if it in shown),
+        state=declared(of_state),
+        prototypes="\n".join(f"{functions[it].prototype()};" for it in _PUBLIC),
+    )
+    source = _SOURCE.format(
+        title=title,
+        limits=declared(of_limits),
+        settings=_within_comment(dump_toml(settings, _NOT_OF_THE_LAW)),
+        structs=_structs(it for it in records.made if it not in shown),
+        params=declared(of_params),
+        values=initializer(of_params, params),
+        limit_values=initializer(of_limits, settings.steer_limits),
+        ramp_step_rad=hexadecimal(settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S),
+        definitions="\n".join(definitions),
+        at_rest=at_rest.name,
+        step=step.name,
+        result=declared(step.result),
+    )
+    return {f"{NAME}.c": source, f"{NAME}.h": header}
+
+
+def params_of(settings: ControllerSettings) -> Any:
+    """Return the law's params; raises SettingsError for a law that stays in Python."""
+    if settings.law not in LAWS:
+        raise SettingsError(f"law = {settings.law!r} does not become C: {', '.join(LAWS)} do")
+    for key, is_there in {
+        "[feed_forward]": settings.feed_forward is not None,
+        f"followed_point = {settings.followed_point!r}": settings.followed_point != "preview",
+        "pd.derivative = 'kalman'": settings.pd is not None and settings.pd.derivative == "kalman",
+    }.items():
+        if is_there:
+            raise SettingsError(f"{key} does not become C: leave it out")
+    params = settings.law_record.design(settings)
+    try:
+        settings.law_record.at_rest(params, 1.0)
+    except ValueError as error:
+        raise SettingsError(f"law = {settings.law!r}: {error}") from error
+    return params
+
+
+def reached(roots: Sequence[Callable[..., Any]]) -> list[Source]:
+    """Return the roots and all functions that they call, a called one before its callers."""
+    found: dict[Any, Source] = {}
+
+    def visit(source: Source, above: tuple[Any, ...]) -> None:
+        for node in ast.walk(source.tree):
+            called = source.meant(node.func) if isinstance(node, ast.Call) else None
+            if called in above:
+                source.refuse(node, f"{ast.unparse(node)!r:.60} calls itself")
+            if inspect.isfunction(called) and called not in found:
+                visit(source_of(called), (*above, called))
+        found[source.function] = source
+
+    for source in map(source_of, roots):
+        visit(source, (source.function,))
+    return [*found.values()]
+
+
+def records_of(sources: Sequence[Source]) -> Records:
+    """Return the structs of functions, with the names that the functions use."""
+    aliases = names_of_tuples(source.function.__globals__ for source in sources)
+    taken_apart: dict[object, tuple[str, ...]] = {}
+    read: set[str] = set()
+    for source in sources:
+        for hint, names in _taken_apart(source, hints_of(source)):
+            taken_apart.setdefault(hint, names)
+        read |= {node.attr for node in ast.walk(source.tree) if isinstance(node, ast.Attribute)}
+    return Records(aliases, taken_apart, frozenset(read))
+
+
+def _taken_apart(
+    source: Source, hints: Mapping[str, Any]
+) -> Iterator[tuple[object, tuple[str, ...]]]:
+    """Yield type and names where a function takes a parameter apart into plain names."""
+    for node in ast.walk(source.tree):
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=parts)], value=ast.Name(id=name)):
+                names = tuple(part.id for part in parts if isinstance(part, ast.Name))
+                if name in hints and len(names) == len(parts):
+                    yield hints[name], names
+
+
+def _structs(records: Iterable[Record]) -> str:
+    return "\n".join(map(struct, records))
+
+
+def _within_comment(text: str) -> str:
+    return "\n".join(f" * {line}".rstrip() for line in text.replace("*/", "* /").splitlines())
