@@ -1,0 +1,129 @@
+"""What a healthy pair refuses after its host has held up the plant, the controller or the bus.
+
+In virtual time: what is held up takes all that has come meanwhile when it goes on, at one instant,
+as a process after SIGSTOP and SIGCONT on a bus without arrival times.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import Node
+from steer_by_wire.runtime.node.virtual_time import InstantWire, VirtualTimeExecutor
+
+MS = 1_000_000
+DURATION_S = 5.0
+TRANSMIT_BUFFER = 12
+"""Frames that a network interface, or a client of the emulated bus, keeps of a node."""
+Stall = tuple[int, int]
+"""Its first instant, and the instant after it [ns]."""
+_NO_STALL = (0, 0)
+
+
+class HeldUp:
+    """A node whose process is held up during a stall."""
+
+    finished = False
+
+    def __init__(self, node: Node, stall: Stall) -> None:
+        self._node = node
+        self._first_ns, self._end_ns = stall
+        self._waiting: list[Frame] = []
+
+    @property
+    def deadline_ns(self) -> int:
+        deadline_ns = self._end_ns if self._waiting else self._node.deadline_ns
+        return self._end_ns if self._is_stalled(deadline_ns) else deadline_ns
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        if self._is_stalled(now_ns):
+            self._waiting.append(frame)
+            return ()
+        return [*self._take_waiting(now_ns), *self._node.on_frame(frame, now_ns)]
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        sent = self._take_waiting(now_ns)
+        while self._node.deadline_ns <= now_ns:
+            sent += self._node.on_tick(now_ns)
+        return sent
+
+    def _is_stalled(self, time_ns: int) -> bool:
+        return self._first_ns <= time_ns < self._end_ns
+
+    def _take_waiting(self, now_ns: int) -> list[Frame]:
+        waiting, self._waiting = self._waiting, []
+        return [answer for frame in waiting for answer in self._node.on_frame(frame, now_ns)]
+
+
+class HeldUpWire(InstantWire):
+    """A bus that is held up: of each sender it keeps what the transmit buffer has room for."""
+
+    def __init__(self, stall: Stall) -> None:
+        super().__init__()
+        self._first_ns, self._end_ns = stall
+        self._kept = [0, 0]
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        if self._first_ns <= now_ns < self._end_ns:
+            self._kept[sender] += 1
+            if self._kept[sender] > TRANSMIT_BUFFER:
+                return
+        super().submit(frame, sender, now_ns)
+        if self._first_ns <= now_ns < self._end_ns:
+            self.next_event_ns = self._end_ns
+
+
+def reports_of(
+    held_up: str, first_ms: int, stall_ms: int, latency_s: float = 0.0, preset: str = "practical_pd"
+) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Run a pair, one part of which is held up once; returns the plant's and the controller's."""
+    latency = BothLatencySettings(downlink=LatencySettings(mean_s=latency_s))
+    _, plant = make_virtual_plant(PlantSettings(duration_s=DURATION_S, latency=latency))
+    start_ns = plant.deadline_ns
+    controller = ControllerNode(controller_preset(preset), start_ns)
+    stall = (start_ns + first_ms * MS, start_ns + (first_ms + stall_ms) * MS)
+    stalls = {"plant": _NO_STALL, "controller": _NO_STALL, "bus": _NO_STALL, held_up: stall}
+    nodes = [HeldUp(plant, stalls["plant"]), HeldUp(controller, stalls["controller"])]
+    executor = VirtualTimeExecutor(nodes, HeldUpWire(stalls["bus"]))
+    executor.run(start_ns + round((DURATION_S - 0.1) * 1e9))
+    return plant.report(), controller.report()
+
+
+@given(
+    held_up=st.sampled_from(["plant", "controller"]),
+    first_ms=st.integers(500, 1500),
+    stall_ms=st.integers(1, 3000),
+    latency_s=st.sampled_from([0.0, 0.08, 0.25]),
+)
+@settings(deadline=None, max_examples=8)
+def test_a_process_that_was_held_up_however_long_costs_no_frame(
+    held_up: str, first_ms: int, stall_ms: int, latency_s: float
+) -> None:
+    plant, controller = reports_of(held_up, first_ms, stall_ms, latency_s)
+    assert (plant["rejected"], controller["rejected"]) == ({}, {})
+
+
+def test_a_bus_that_was_held_up_costs_no_frame_while_the_senders_buffers_have_room() -> None:
+    plant, controller = reports_of("bus", 1000, 100)
+    assert (plant["rejected"], controller["rejected"]) == ({}, {})
+
+
+@pytest.mark.parametrize(("preset", "stall_ms"), [("practical_pd", 300), ("paper_pd", 50)])
+def test_a_bus_that_was_held_up_for_longer_costs_one_hold(preset: str, stall_ms: int) -> None:
+    """Frames that waited in a buffer make the next one too early.
+
+    So a pair at 1 kHz refuses some two hundred frames after each stall of 50 ms.
+    """
+    plant, controller = reports_of("bus", 1000, stall_ms, preset=preset)
+    assert controller["rejected"] == {}
+    assert plant["safety"]["fallbacks"] == 0
+    assert plant["safety"]["longest_silence_s"] < 1e-3 * stall_ms + 0.14
