@@ -10,8 +10,9 @@
 
 Arguments of the marker: ``plant`` (a preset, or a settings file), ``latency_s`` (mean latency of
 the commands), ``seeds`` (the test runs once with each), ``overrides`` (other settings of the plant,
-by ``table.key``) and ``bus`` (auto, socketcan or emulated). For a failed test the report names log,
-picture and seed; JUnit XML has them as properties, and a GitHub step summary lists them.
+by ``table.key``), ``bus`` (auto, socketcan or emulated) and ``dialect`` (the file of a car). For a
+failed test the report names log, picture and seed; JUnit XML has them as properties, and a GitHub
+step summary lists them.
 """
 
 import os
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from .rig import Rig
 
 MARKER = "steer_by_wire"
-ARGUMENTS = ("plant", "latency_s", "seeds", "overrides", "bus")
+ARGUMENTS = ("plant", "latency_s", "seeds", "overrides", "bus", "dialect")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -68,6 +69,7 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path) -> "Rig":
             overrides,
             getattr(request, "param", None),
             given.get("bus", "auto"),
+            given.get("dialect"),
         )
     except SettingsError as error:
         raise pytest.fail.Exception(str(error), pytrace=False) from None

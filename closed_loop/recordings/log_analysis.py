@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
@@ -16,6 +16,9 @@ from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_from_counters import Durations, History, Latencies
 from .log_file import CLOCK_STARTED_NS, LogError, open_log
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
@@ -331,6 +334,7 @@ def analyse_files(
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
     rules: VerdictRules | None = None,
     preview_m: float = PREVIEW_M,
+    overheard: "Overheard | None" = None,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 
@@ -339,6 +343,7 @@ def analyse_files(
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     ``rules``    of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
+    ``overheard``  understands the bus of a car; None for our own messages
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
@@ -353,10 +358,12 @@ def analyse_files(
             channels[its_channel] = None
             if channel not in (None, its_channel):
                 continue
-            taken = analysis.take(time_ns, frame)
-            if taken is not None:
-                for export in exports:
-                    export.write(time_ns, *taken)
+            ours = [frame] if overheard is None else overheard.frames(frame, time_ns or 0)
+            for one in ours:
+                taken = analysis.take(time_ns, one)
+                if taken is not None:
+                    for export in exports:
+                        export.write(time_ns, *taken)
         unreadable += log.unreadable
         first_unreadable = first_unreadable or log.first_unreadable
         if log.cut_off:

@@ -6,11 +6,14 @@ Everything that the plant does not send counts as the controller's: in a rig the
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan, sent_by
 from ...runtime.node import NS_PER_S
 from ..recordings.log_file import LogError, open_log
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
 
 DBC_RATE_HZ = 1000.0 / CYCLE_TIMES_MS[SteeringCommand]
 RATE_SHARES = (0.6, 1.6)
@@ -52,17 +55,22 @@ class Sent(NamedTuple):
 NOTHING_SENT = Sent(0, 0.0, 0, 0.0)
 
 
-def sent_in(log: Path) -> Sent:
-    """Count what a controller has sent in a rig's log."""
-    frames, command_ns, times_ns = 0, [], [0, 0]
+def sent_in(log: Path, overheard: "Overheard | None" = None) -> Sent:
+    """Count what a controller has sent in a rig's log.
+
+    ``overheard``  understands the bus of a car; None for our own messages
+    """
+    frames, command_ns, times_ns = 0, list[int](), [0, 0]
+    from_plant = _FROM_PLANT if overheard is None else overheard.from_plant | _FROM_PLANT
     with suppress(LogError):  # no frame is in the log: nobody has sent anything
         for time_ns, _, frame in open_log(log):
             if time_ns is None:
                 continue
             times_ns = [times_ns[0] or time_ns, time_ns]
-            if frame.can_id not in _FROM_PLANT:
+            said = [frame] if overheard is None else overheard.frames(frame, time_ns)
+            if frame.can_id not in from_plant:
                 frames += 1
-                if frame.can_id in _COMMANDS:
+                if any(one.can_id in _COMMANDS for one in said):
                     command_ns.append(time_ns)
     commanding_s = (command_ns[-1] - command_ns[0]) / NS_PER_S if command_ns else 0.0
     return Sent(len(command_ns), commanding_s, frames, (times_ns[1] - times_ns[0]) / NS_PER_S)

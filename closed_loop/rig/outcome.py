@@ -21,7 +21,7 @@ from ..pair_result import PairFiles, Trace, rms
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 from .command import GRACE_S
-from .conduct import DBC_RATE_HZ, NOTHING_SENT, sent_in
+from .conduct import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in
 
 _LATE = 1.8
 """Periods after which a measurement counts as late: more than the jitter of a bus explains."""
@@ -85,6 +85,7 @@ class Outcome(NamedTuple):
     ``cut_off``   why the log ends before the run, if it does
     ``rate_hz``   of the commands that is expected: that of the DBC, or of the controller's settings
     ``remains``   whether the controller had to be killed at the end
+    ``dialect``   file of the car's messages on the bus, None for ours
     """
 
     files: PairFiles
@@ -96,6 +97,7 @@ class Outcome(NamedTuple):
     cut_off: str = ""
     rate_hz: float = DBC_RATE_HZ
     remains: bool = False
+    dialect: Path | None = None
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -152,7 +154,7 @@ class Outcome(NamedTuple):
                 failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
         if self.cut_off and (rate or flood):
             failures.append(f"the recording was cut off: {self.cut_off}")
-        sent = sent_in(self.files.candump_log) if rate or flood else NOTHING_SENT
+        sent = self._sent() if rate or flood else NOTHING_SENT
         failures += [
             *(sent.flood(self.rate_hz) if flood else ()),
             *(sent.wrong_rate(self.rate_hz) if rate else ()),
@@ -242,7 +244,17 @@ class Outcome(NamedTuple):
         if self.report["failure"]:
             yield f"the plant is in its safe state: {self.report['failure']}"
 
+    def _sent(self) -> Sent:
+        log = self.files.candump_log
+        if self.dialect is None:
+            return sent_in(log)
+        from ...dbc.dialect.overheard import Overheard
+
+        return sent_in(log, Overheard(self.dialect))
+
     def _demand_whole_log(self) -> None:
+        if self.dialect is not None:
+            self._fail(f"{self.dialect.name}: a car's messages have neither echo nor mode for this")
         if self.cut_off:
             self._fail(f"the recording was cut off: {self.cut_off}")
 

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
@@ -42,6 +42,9 @@ from ..virtual_pair import make_virtual_plant, run_virtual_nodes
 from .command import STATUS_KILLED
 from .outcome import Outcome
 
+if TYPE_CHECKING:
+    from ...dbc.dialect.dialect import Dialect
+
 MakeNode = Callable[[int], ReportingNode]
 _COMMAND = "steer_by_wire.closed_loop.rig.command"
 _POLL_S = 0.05
@@ -56,6 +59,8 @@ class Rig:
     ``overrides``  other settings of the plant, by ``table.key``
     ``seed``       of all randomness
     ``bus``        socketcan, emulated, or auto: vcan0 where this machine has it, else emulated
+    ``dialect``    file of a car whose messages the plant speaks, and our controllers; a command or
+                   a function speaks them of itself
 
     Raises SettingsError for settings that cannot be used.
     """
@@ -67,6 +72,7 @@ class Rig:
         overrides: Mapping[str, Any] = NO_OVERRIDES,
         seed: int | None = None,
         bus: str = "auto",
+        dialect: Path | str | None = None,
     ) -> None:
         if bus not in BUSES:
             raise SettingsError(f"bus {bus}: there is none of this name ({hint(bus, BUSES)})")
@@ -74,6 +80,8 @@ class Rig:
         self.settings = settings_of(PlantSettings, plant, values)
         self.bus = bus
         self.outcomes: list[Outcome] = []
+        self._dialect_file = None if dialect is None else Path(dialect)
+        self._dialect = None if self._dialect_file is None else _dialect_of(self._dialect_file)
         self._folder = folder
 
     def run(
@@ -96,6 +104,9 @@ class Rig:
             outcome = self._run(controller, overrides, in_real_time, lockstep)
         except (SettingsError, ProcessError) as error:
             raise error.with_traceback(None) from None
+        if self._dialect is not None:
+            rate_hz = self._dialect.command_rate_hz
+            outcome = outcome._replace(dialect=self._dialect_file, rate_hz=rate_hz)
         self.outcomes.append(outcome)
         return outcome
 
@@ -118,19 +129,34 @@ class Rig:
                 node = partial(LockstepNode, program)
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
+        if self._dialect is not None and (law := settings.law_that_reads_the_vehicle):
+            self._dialect.refuse_law(law)
         plant = judged_like(self.settings, settings)
         files.write_settings(plant, settings)
         if in_real_time:
             outcome = self._in_real_time(plant, files)
         else:
-            make_node = partial(ControllerNode, settings)
-            outcome = self._in_virtual_time(make_node, plant, files)
+            outcome = self._in_virtual_time(partial(self._own_node, settings), plant, files)
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
+
+    def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
+        return self._in_dialect(ControllerNode(settings, start_ns), CONTROLLER, start_ns)
+
+    def _in_dialect(self, node: ReportingNode, end: str, start_ns: int) -> ReportingNode:
+        """Return a node behind a gateway, if the bus speaks a car's messages."""
+        if self._dialect_file is None:
+            return node
+        from ...dbc.dialect import settings as ends
+        from ...dbc.dialect.gateway import Gateway
+
+        name = ends.PLANT if end == PLANT else ends.CONTROLLER
+        return Gateway(node, _dialect_of(self._dialect_file), name, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
     ) -> Outcome:
-        plant, edge = make_virtual_plant(settings)
+        plant, node = make_virtual_plant(settings)
+        edge = self._in_dialect(node, PLANT, 0)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         seconds = iter(range(START_S_MAX))
 
@@ -152,7 +178,9 @@ class Rig:
         with open_channels(self.bus, ["rig"], files.folder / "bus.txt") as channels:
             (bus,) = channels.buses
             command = None if words is None else Program(_COMMAND, _filled(words, bus))
-            with LivePair(bus, files, controller=command) as pair:
+            spoken = [] if self._dialect_file is None else ["--dialect", str(self._dialect_file)]
+            options = dict.fromkeys((PLANT, CONTROLLER), spoken)
+            with LivePair(bus, files, controller=command, options=options) as pair:
                 ending = self._wait(pair.programs)
             report = pair.report(PLANT)["node"]
             remains = not ending and pair.programs.status(CONTROLLER) == STATUS_KILLED
@@ -168,6 +196,13 @@ class Rig:
                 return str(programs.failure(CONTROLLER))
             time.sleep(_POLL_S)
         return ""
+
+
+def _dialect_of(file: Path) -> "Dialect":
+    """Read a dialect, whose messages count what one run sends and receives."""
+    from ...dbc.dialect.dialect import read_dialect
+
+    return read_dialect(file)
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:

@@ -11,18 +11,10 @@ from cantools.database.can import Database, Message
 from ...runtime.exit_status import one_line
 from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
-from ..messages import CAN_IDS, MESSAGE_TYPES, LateralError, SteeringStatus, VehicleState
+from ..messages import CAN_IDS, MESSAGE_TYPES, VehicleState
 from .car_message import CarMessage, raw_constant
+from .quantities import COMMANDS, SAID_BY
 from .settings import CONTROLLER, DialectSettings, MessageSettings, Quantity
-
-_OF_OURS = {
-    LateralError: {Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR},
-    SteeringStatus: {Quantity.WHEEL_ANGLE, Quantity.APPLYING},
-    VehicleState: {Quantity.SPEED, Quantity.YAW_RATE, Quantity.PREVIEW_CURVATURE},
-}
-"""What each of our measurements carries."""
-COMMANDS = frozenset({Quantity.STEER, Quantity.ENGAGED})
-"""What the controller sends; the plant sends the others."""
 
 
 class Dialect(NamedTuple):
@@ -38,12 +30,21 @@ class Dialect(NamedTuple):
     @property
     def carried(self) -> frozenset[Quantity]:
         """Every quantity that a message carries, of the car or kept of ours."""
-        kept = (of for kind, of in _OF_OURS.items() if CAN_IDS[kind] in self.kept_ids)
-        return frozenset().union(*kept, *(one.carries for one in self.messages))
+        kept = (said for kind, said in SAID_BY.items() if CAN_IDS[kind] in self.kept_ids)
+        measured = frozenset().union(*kept) - COMMANDS
+        return measured.union(*(one.carries for one in self.messages))
+
+    @property
+    def command_rate_hz(self) -> float:
+        """How often the message that carries the command is sent."""
+        (cycle_ms, *_) = (
+            one.settings.cycle_ms for one in self.messages if Quantity.STEER in one.carries
+        )
+        return 1000.0 / cycle_ms
 
     def refuse_law(self, law: str) -> None:
         """Raise SettingsError if no signal carries what a law reads beside the lateral error."""
-        if missing := sorted(_OF_OURS[VehicleState] - self.carried):
+        if missing := sorted(SAID_BY[VehicleState].keys() - self.carried):
             what = f"--dialect: law {law} reads more than the lateral error"
             raise SettingsError(f"{what}, and no signal carries {', '.join(missing)}")
 

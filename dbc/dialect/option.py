@@ -1,8 +1,9 @@
-"""The option ``--dialect`` of both programs; without it nothing here reads a database."""
+"""The option ``--dialect`` of the programs; without it nothing here reads a database."""
 
 import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
@@ -15,12 +16,24 @@ from ..messages import Message
 from ..secoc.key_option import run_secured_node
 from ..secoc.secured_frame import PLANT, End
 
+if TYPE_CHECKING:
+    from .overheard import Overheard
 
-def add_dialect_argument(parser: argparse.ArgumentParser) -> None:
+
+def add_dialect_argument(
+    parser: argparse.ArgumentParser, what: str = "speak the messages of a car on the bus"
+) -> None:
     """Add ``--dialect``."""
-    parser.add_argument(
-        "--dialect", type=Path, metavar="CAR.toml", help="speak the messages of a car on the bus"
-    )
+    parser.add_argument("--dialect", type=Path, metavar="CAR.toml", help=what)
+
+
+def overheard(options: argparse.Namespace) -> "Overheard | None":
+    """Return how one who only listens understands the bus; None for our own messages."""
+    if options.dialect is None:
+        return None
+    from .overheard import Overheard
+
+    return Overheard(options.dialect)
 
 
 def run_node_in_dialect(

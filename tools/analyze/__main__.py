@@ -28,6 +28,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_fi
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
@@ -112,6 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="KEY=VALUE",
         help=f"set a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
     )
+    add_dialect_argument(parser, "read the messages of a car")
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -143,6 +145,8 @@ def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitSt
         report = {"node": result.figures["held_path"], "log": result.figures}
         log = f": {result.folder.name}" if len(results) > 1 else ""
         status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
+        if dialect := result.figures.get("dialect"):
+            print(f"{log}: dialect: {dialect}".removeprefix(": "))
         print(f"{log}: verdict: {verdict_of(result.figures)}".removeprefix(": "))
     return status
 
@@ -184,9 +188,12 @@ def _analyse(
             exports += smoothed
             for export in exports:
                 stack.callback(export.close)
+            heard = overheard(options)
             figures, analysis = analyse_files(
-                paths, options.channel, exports, advance, rules, options.preview_m
+                paths, options.channel, exports, advance, rules, options.preview_m, heard
             )
+        if heard is not None:
+            figures["dialect"] = heard.text()
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze.report import draw_pictures, draw_smoothed
 

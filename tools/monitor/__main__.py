@@ -11,15 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import Console, Group
 from rich.live import Live
 
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
 from steer_by_wire.dbc.messages import encode
-from steer_by_wire.runtime.command_line import command_parser, run_main
+from steer_by_wire.runtime.command_line import command_parser, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
@@ -27,6 +28,9 @@ from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_do
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
+
+if TYPE_CHECKING:
+    from steer_by_wire.dbc.dialect.overheard import Overheard
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
@@ -48,11 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
+    add_dialect_argument(parser, "read the messages of a car")
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:
+    heard = overheard(options)
     opened = open_port(options)
     stop = StopRequest()
     with shutting_down(opened.port), stop.on_signals():
@@ -61,13 +67,21 @@ def _run(options: argparse.Namespace) -> int:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns)
         if sys.stdout.isatty():
-            _show(opened.port, opened.description, watch, stop)
+            _show(opened.port, opened.description, watch, heard, stop)
         else:
-            _print(opened.port, watch, stop, start_ns)
+            _print(opened.port, watch, heard, stop, start_ns)
+    if heard is not None:
+        say(NAME, f"dialect: {heard.text()}")
     return ExitStatus.OK
 
 
-def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
+def _show(
+    port: ClosablePort,
+    bus: str,
+    watch: BusWatch,
+    heard: "Overheard | None",
+    stop: Callable[[], bool],
+) -> None:
     """Draw the screen until a key or a signal ends it; the terminal is restored then."""
     console = Console()
     plain_ascii = not console.encoding.lower().startswith("utf")
@@ -80,7 +94,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
         Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live,
     ):
         while not stop():
-            now_ns = _listen(reader, watch, _WAIT_S)
+            now_ns = _listen(reader, watch, heard, _WAIT_S)
             keys = read_keys()
             if any(key in QUIT_KEYS for key in keys):
                 return
@@ -93,18 +107,24 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
                 live.update(Group(*lines), refresh=True)
 
 
-def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
+def _print(
+    port: ClosablePort,
+    watch: BusWatch,
+    heard: "Overheard | None",
+    stop: Callable[[], bool],
+    start_ns: int,
+) -> None:
     print_ns = start_ns + NS_PER_S
     reader = LiveReader(port)
     while not stop():
         wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
-        now_ns = _listen(reader, watch, wait_s)
+        now_ns = _listen(reader, watch, heard, wait_s)
         if now_ns >= print_ns:
             print(one_line(watch.view(now_ns)), flush=True)
             print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
 
 
-def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
+def _listen(reader: LiveReader, watch: BusWatch, heard: "Overheard | None", wait_s: float) -> int:
     """Receive the frames that arrive within ``wait_s`` [s]; returns the time now [ns]."""
     end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
     now_ns = end_ns - 1
@@ -112,7 +132,9 @@ def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
         read = reader.next(end_ns)
         now_ns = time.monotonic_ns()
         if read is not None:
-            watch.on_frame(read.frame, read.time_ns, has_time=read.has_time)
+            frame, time_ns = read.frame, read.time_ns
+            for one in [frame] if heard is None else heard.frames(frame, time_ns):
+                watch.on_frame(one, time_ns, has_time=read.has_time)
         if now_ns >= end_ns:
             break
     return now_ns
