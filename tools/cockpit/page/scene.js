@@ -96,8 +96,9 @@ export class Scene {
     pen.restore();
     this.drawLabels(pen, place, camera, lane, state);
     pen.fillStyle = colour("dim");
+    const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane
     const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
-    pen.fillText(`deviation ×${factor}${factor < this.factor ? why : ""}`, 12, 18);
+    pen.fillText(`deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
     if (Number.isFinite(rows.columns.ghost_m[at])) pen.fillText("pale: the car without delay", 12, 36);
   }
 
