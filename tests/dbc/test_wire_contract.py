@@ -189,40 +189,6 @@ def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> N
         assert resolution / 12**0.5 < 0.01 * smallest_rms_m
 
 
-def document_row(signal: Signal) -> str:
-    """How the table in the document has to describe ``signal``."""
-    cells = [
-        signal.name,
-        f"{signal.start}",
-        f"{signal.length} signed" if signal.is_signed else f"{signal.length}",
-        signal.unit or "",
-        f"{signal.scale:g}",
-        f"{signal.minimum:.9g} to {signal.maximum:.9g}",
-    ]
-    return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells)
-
-
-@pytest.mark.parametrize("name", ["LATERAL_ERROR", "STEERING_COMMAND"])
-def test_the_document_describes_the_signals_of_a_controller_as_the_dbc_does(name: str) -> None:
-    definition = DATABASE.get_message_by_name(name)
-    section = DOCUMENT.split(f"### {name} 0x{definition.frame_id:X}\n")[1].split("\n#")[0]
-    rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_]{3,} ", line)]
-    assert rows == [document_row(signal) for signal in payload_signals(definition)]
-
-
-def test_the_document_lists_every_message_as_the_dbc_does() -> None:
-    row = r"^\| ([A-Z_]+) \| 0x(\w+) \| (\w+) \| ([\w, ]+) \| [^|]* \|$"
-    assert re.findall(row, DOCUMENT, re.MULTILINE) == [
-        (
-            message.name,
-            f"{message.frame_id:X}",
-            message.senders[0],
-            ", ".join(sorted(message.receivers)),
-        )
-        for message in DATABASE.messages
-    ]
-
-
 def unused_bits(definition: Definition) -> list[int]:
     used = {signal.start + bit for signal in definition.signals for bit in range(signal.length)}
     return [bit for bit in range(8 * definition.length) if bit not in used]
