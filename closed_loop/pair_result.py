@@ -41,9 +41,18 @@ class PairFiles(NamedTuple):
     def write_settings(self, plant: PlantSettings, controller: ControllerSettings | None) -> None:
         """Write the settings of both programs, or of the plant alone; makes the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.settings(PLANT).write_text(dump_toml(plant), encoding="utf-8")
-        if controller is not None:
-            self.settings(CONTROLLER).write_text(dump_toml(controller), encoding="utf-8")
+        for name, text in self.settings_texts(plant, controller).items():
+            if text is not None:
+                (self.folder / name).write_text(text, encoding="utf-8")
+
+    def settings_texts(
+        self, plant: PlantSettings, controller: ControllerSettings | None
+    ) -> dict[str, str | None]:
+        """Return the settings of both programs by the name of their file; None without any."""
+        return {
+            self.settings(PLANT).name: dump_toml(plant),
+            self.settings(CONTROLLER).name: None if controller is None else dump_toml(controller),
+        }
 
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""

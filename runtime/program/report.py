@@ -14,7 +14,7 @@ from ..node import NS_PER_S
 from ..node.real_time import LoopFigures
 from ..node.statistics import durations_report
 from ..port.connection import ConnectionFigures
-from ..settings import Settings
+from ..settings import Settings, SettingsError
 from .host import HostAnswer
 
 
@@ -86,6 +86,21 @@ def write_file(path: Path, content: bytes) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:
+    """Refuse an ``--out`` that has another run; raises SettingsError.
+
+    ``wanted``  the files that say what the results are of, by name: the text of each, None where
+                this run has no such file
+    """
+    for name, text in wanted.items():
+        file = folder / name
+        if file.exists() and file.read_text(encoding="utf-8") != text:
+            raise SettingsError(
+                f"--out {folder} has another run, whose {name} differs: give another folder, or"
+                " remove that one"
+            )
 
 
 def show_or_write(

@@ -31,11 +31,16 @@ from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    add_out_argument,
+    command_parser,
+    number,
+    run_main,
+)
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
 from steer_by_wire.runtime.program.thresholds import (
-    Condition,
     Quantity,
     add_fail_if_argument,
     fail_status,
@@ -71,11 +76,14 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
 }
 """What ``--fail-if`` may name."""
+_SOURCE = "source.txt"
+"""Names the files that the results in a folder are of."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    example = f"steer-by-wire run --out out/run\n{NAME} out/run/candump.log"
+    example = "steer-by-wire run --set plant.latency.downlink.mean_s=0.08 --out out/run\n"
+    example += f"{NAME} out/run/candump.log"
     parser = command_parser(NAME, __doc__, example, "FILE... [options]")
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
@@ -114,6 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"set a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
     )
     add_dialect_argument(parser, "read the messages of a car")
+    add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -130,21 +139,26 @@ def _run(options: argparse.Namespace) -> int:
                 results.append(_analyse(paths, folder, options, rules, advance))
             except LogError as error:
                 mistakes.append(str(error))
+    status = ExitStatus.OK
     if results:
-        print_results(results)
-    status = _judge(results, options.fail_if)
+        figures = {result.folder.name: result.figures for result in results}
+        content = results[0].figures if len(results) == 1 else figures
+        show_or_write(options.json, content, partial(print_results, results))
+        status = _judge(results, options)
     if mistakes:
         raise SettingsError(*mistakes)
     return status
 
 
-def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitStatus:
+def _judge(results: Sequence[Result], options: argparse.Namespace) -> ExitStatus:
     """Print the verdict on each log, last; returns the worst exit status."""
     status = ExitStatus.OK
     for result in results:
         report = {"node": result.figures["held_path"], "log": result.figures}
         log = f": {result.folder.name}" if len(results) > 1 else ""
-        status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
+        status = max(status, fail_status(f"{NAME}{log}", options.fail_if, QUANTITIES, report))
+        if options.json == Path("-"):
+            continue
         if dialect := result.figures.get("dialect"):
             print(f"{log}: dialect: {dialect}".removeprefix(": "))
         print(f"{log}: verdict: {verdict_of(result.figures)}".removeprefix(": "))
@@ -181,6 +195,8 @@ def _analyse(
     advance: Callable[[str, float | None], None],
 ) -> Result:
     """Analyse one log and write its files; without a log nothing is left or changed."""
+    source = "".join(f"{path.resolve()}\n" for path in paths)
+    refuse_another_run(folder, {_SOURCE: source})
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
             exports = _exports(partial, options)
@@ -199,6 +215,7 @@ def _analyse(
 
         if smoothed:
             figures["smoothed"] = smoothed[0].figures
+        (partial / _SOURCE).write_text(source, encoding="utf-8")
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
         pictures = [*draw_pictures(analysis, figures), *map(draw_smoothed, smoothed)]

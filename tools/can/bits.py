@@ -9,15 +9,17 @@ where the digit is 1 with bit rate switch. The waveform opens in GTKWave, PulseV
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.runtime.command_line import output_file, say
+from steer_by_wire.runtime.command_line import add_json_argument, output_file, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
+from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.can.waveform import BitRates, write_vcd
@@ -32,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "frame", metavar="FRAME|RECORDING", help="a frame as cansend takes it, or a recording"
     )
+    add_json_argument(parser)
     parser.add_argument("--vcd", type=output_file, metavar="FILE", help="write the waveform")
 
 
@@ -40,8 +43,11 @@ def run(options: argparse.Namespace) -> int:
     frame = None if Path(options.frame).is_file() else _frame(options.frame)
     if frame is None and options.vcd is None:
         raise SettingsError(f"{options.frame}: a recording becomes a waveform: give --vcd FILE")
+    if frame is None and options.json is not None:
+        raise SettingsError("--json: of a frame, not of a recording")
     if frame is not None:
-        print(_text(frame, BitRates(options.bitrate, options.data_bitrate)))
+        figures = _figures(frame, BitRates(options.bitrate, options.data_bitrate))
+        show_or_write(options.json, figures, lambda: print(_text(figures)))
     if options.vcd is not None:
         frames = _recorded(Path(options.frame)) if frame is None else iter([(0, frame)])
         with options.vcd.open("w", encoding="ascii") as file:
@@ -79,16 +85,31 @@ def _recorded(path: Path) -> Iterator[tuple[int, Frame]]:
             yield time_ns, logged.frame
 
 
-def _text(frame: Frame, rates: BitRates) -> str:
-    """One line a field: its bits as they are on the wire, stuff bits in brackets."""
+def _figures(frame: Frame, rates: BitRates) -> dict[str, Any]:
+    """Return the fields of a frame on the wire, stuff bits in brackets, and how long it is."""
     bits = frame_on_wire(frame)
-    lines = []
+    fields = []
     for field, group in groupby(bits, key=lambda bit: bit.field):
         levels = "".join(f"[{bit.level}]" if bit.is_stuff else str(bit.level) for bit in group)
-        lines.append(f"{field:<14} {levels}")
+        fields.append({"field": field, "bits": levels})
     fast = sum(bit.is_fast for bit in bits)
-    duration_us = 1e6 * ((len(bits) - fast) / rates.nominal_bit_s + fast / rates.data_bit_s)
+    return {
+        "fields": fields,
+        "bits": len(bits),
+        "bits_at_data_rate": fast,
+        "stuff_bits": sum(bit.is_stuff for bit in bits),
+        "duration_s": (len(bits) - fast) / rates.nominal_bit_s + fast / rates.data_bit_s,
+    }
+
+
+def _text(figures: Mapping[str, Any]) -> str:
+    """One line a field."""
+    fast = figures["bits_at_data_rate"]
     at_data_rate = f" ({fast} at the data bit rate)" if fast else ""
-    stuffed = sum(bit.is_stuff for bit in bits)
-    lines += [f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            *(f"{one['field']:<14} {one['bits']}" for one in figures["fields"]),
+            f"{figures['bits']} bits{at_data_rate}, {figures['stuff_bits']} of them stuff bits:"
+            f" {1e6 * figures['duration_s']:g} µs",
+        ]
+    )

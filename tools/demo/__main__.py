@@ -19,13 +19,19 @@ from rich.console import Console
 from steer_by_wire.closed_loop.live_bus import BUSES, Channels, open_channels
 from steer_by_wire.closed_loop.pair_result import PairFiles
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    add_out_argument,
+    command_parser,
+    number,
+    run_main,
+)
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import refuse_another_run, write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
@@ -64,6 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     add_traffic_arguments(parser)
     add_error_arguments(parser)
+    add_json_argument(parser, shows=False)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_demo, parser.parse_args(arguments)))
 
@@ -76,6 +83,9 @@ def _demo(options: argparse.Namespace) -> int:
     plants = {law: law.plant(overrides) for law in LAWS}
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.preset) for law in LAWS}
+    for law in LAWS:
+        texts = files[law].settings_texts(plants[law], controllers[law])
+        refuse_another_run(files[law].folder, texts)
     for law in LAWS:
         files[law].write_settings(plants[law], controllers[law])
     names = [law.preset for law in LAWS]
@@ -101,7 +111,8 @@ def _present(
     pictures = draw_all(results, phases, out)
     run = {"bus": channels.description, "plant_settings": plant.model_dump(mode="json")}
     summary = summary_json(results, phases, run)
-    write_json(out / "summary.json", summary)
+    for file in filter(None, (out / "summary.json", options.json)):
+        write_json(file, summary)
     console.print(story_table(results, phases))
     console.print("What to see:")
     for line in what_to_see(results, phases):

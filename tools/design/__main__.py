@@ -24,10 +24,11 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, wait
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -37,6 +38,7 @@ from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.controller.laws.predictor import FALLBACK
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.command_line import (
+    add_json_argument,
     add_out_argument,
     add_overrides_argument,
     command_parser,
@@ -47,8 +49,11 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
-from steer_by_wire.runtime.settings import load_settings, preset_names
+from steer_by_wire.runtime.program.report import refuse_another_run, write_json
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names
 from steer_by_wire.runtime.settings.mistakes import setting_keys
+from steer_by_wire.runtime.settings.toml_text import dump_toml
+from steer_by_wire.tools.design.demands import Demand
 from steer_by_wire.tools.design.frontier.program import run_frontier
 from steer_by_wire.tools.design.frontier.settings import FrontierSettings
 from steer_by_wire.tools.design.law_design import Design, NoDesignError, verification_line, verify
@@ -133,6 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--minutes", type=number(0.0, 10_000.0, excludes_low=True), default=MINUTES, metavar="M",
         help="longest search of a law (default: %(default)g)",
     )  # fmt: skip
+    add_json_argument(parser, shows=False)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -144,6 +150,8 @@ def _run(options: argparse.Namespace) -> int:
     begin_s = time.perf_counter()
     vehicle = load_settings(VehicleFile, None, options.vehicle)
     if options.frontier is not None:
+        if options.json is not None:
+            raise SettingsError("--json: --frontier writes frontier.csv")
         asked = load_settings(FrontierSettings, None, options.frontier, options.overrides)
         for line in run_frontier(asked, vehicle, options.out):
             print(line)
@@ -154,10 +162,16 @@ def _run(options: argparse.Namespace) -> int:
     refuse_what_the_plant_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
     course = course_line(spec, vehicle)
     pictures = options.pictures or options.out
+    rig, asked_for = (pictures / f"{spec.name}_{what}.toml" for what in ("plant", "specification"))
+    texts = {
+        rig.name: plant_text(spec, vehicle, any_settings(spec, vehicle)),
+        asked_for.name: dump_toml(spec.model_copy(update={"laws": ()})),  # one after the other
+    }
+    refuse_another_run(pictures, texts)
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)
-    rig = pictures / f"{spec.name}_plant.toml"
-    rig.write_text(plant_text(spec, vehicle, any_settings(spec, vehicle)), encoding="utf-8")
+    for name, text in texts.items():
+        (pictures / name).write_text(text, encoding="utf-8")
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
         Job(spec, vehicle, law, sources, options.out, pictures, index, options.minutes)
@@ -170,7 +184,7 @@ def _run(options: argparse.Namespace) -> int:
         f" {spec.minimise.replace('_', ' ')}"
     )
     print(course)
-    status = int(ExitStatus.OK)
+    status, figures = int(ExitStatus.OK), dict[str, Any]()
     fallback: ControllerSettings | None = None
     progress, ctrl_c = shared_progress(len(jobs)), CtrlC(NAME)
     workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
@@ -188,10 +202,12 @@ def _run(options: argparse.Namespace) -> int:
             except NoDesignError as error:
                 say(NAME, f"error: {error}", sys.stderr)
                 if error.found is not None:
+                    figures[job.law] = _figures(error.found.judgement.demands, is_met=False)
                     for line in unmet_lines(error.found.judgement.demands, files):
                         print(line)
                 status = NO_DESIGN
                 continue
+            figures[job.law] = _figures(design.found.judgement.demands, is_met=True)
             for line in _lines(spec, design, options.out):
                 print(line)
             if options.verify and not ctrl_c.is_pressed:
@@ -203,7 +219,11 @@ def _run(options: argparse.Namespace) -> int:
     if "predictor" in spec.laws and spec.predictor is not None and not ctrl_c.is_pressed:
         designed = (spec, spec.predictor, vehicle, fallback)
         with ending_signals(ctrl_c):
-            status = max(status, _design_predictor(console, *designed, sources, options, ctrl_c))
+            found = _design_predictor(console, *designed, sources, options, ctrl_c)
+            figures |= {} if found is None else {"predictor": found}
+            status = max(status, int(ExitStatus.OK) if found and found["is_met"] else NO_DESIGN)
+    if options.json is not None:
+        write_json(options.json, {"specification": spec.model_dump(mode="json"), "laws": figures})
     if ctrl_c.is_pressed:
         return int(ExitStatus.INTERRUPTED)
     print(f"\nplant for these: {rig}")
@@ -225,12 +245,13 @@ def _design_predictor(
     sources: tuple[str, str],
     options: argparse.Namespace,
     ctrl_c: CtrlC,
-) -> int:
+) -> Mapping[str, Any] | None:
+    """Design the predictor and print it; returns its figures, None without a fallback."""
     if table.fallback is not None:
         fallback = controller_preset(table.fallback)
     if fallback is None:
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
-        return NO_DESIGN
+        return None
     files = LawFiles(options.out, preset_name(spec, "predictor"))
     kept = kept_costs(files.search, spec, vehicle, fallback)
     with _bars(console, TextColumn("predictor")) as bars:
@@ -257,11 +278,16 @@ def _design_predictor(
         files.write_unmet(unmet_text("predictor", design.settings, demands, sources))
         for line in unmet_lines(demands, files):
             print(line)
-        return NO_DESIGN
+        return _figures(demands, is_met=False)
     files.write_preset(predictor_preset_text(spec, table, vehicle, design, sources))
     for line in written_lines(files, ended=design.ended):
         print(line)
-    return int(ExitStatus.OK)
+    return _figures(demands, is_met=True)
+
+
+def _figures(demands: Iterable[Demand], *, is_met: bool) -> Mapping[str, Any]:
+    """Return what a law reaches of each demand, ready for JSON."""
+    return {"is_met": is_met, "demands": [demand._asdict() for demand in demands]}
 
 
 def _watch(

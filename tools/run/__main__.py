@@ -51,7 +51,7 @@ from steer_by_wire.runtime.program.bus_options import (
     bit_rate,
     bus_settings,
 )
-from steer_by_wire.runtime.program.report import show_or_write, write_json
+from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.settings import (
     SettingsError,
@@ -148,7 +148,10 @@ def _run(options: argparse.Namespace) -> int:
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
-        _refuse_another_run(files, plant_settings, ours, bus)
+        refuse_another_run(
+            files.folder,
+            files.settings_texts(plant_settings, ours) | {files.settings(BUS).name: dump_toml(bus)},
+        )
         files.write_settings(plant_settings, ours)
         files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
     log = files and files.candump_log
@@ -178,21 +181,6 @@ def _run(options: argparse.Namespace) -> int:
     if any(report["node"]["failure"] for report in reports.values()):
         return ExitStatus.SAFE_STATE
     return status
-
-
-def _refuse_another_run(
-    files: PairFiles, plant: PlantSettings, ours: ControllerSettings | None, bus: BusSettings
-) -> None:
-    """Refuse a folder that has a run with other settings."""
-    for name, settings in ((PLANT, plant), (CONTROLLER, ours), (BUS, bus)):
-        file = files.settings(name)
-        if file.exists() and (
-            settings is None or file.read_text(encoding="utf-8") != dump_toml(settings)
-        ):
-            raise SettingsError(
-                f"--out {files.folder} has another run, whose {file.name} differs: give another"
-                " folder, or remove that one"
-            )
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:

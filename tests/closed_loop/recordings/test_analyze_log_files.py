@@ -169,3 +169,19 @@ def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report
     before = (out / constant.log.stem / "signals.csv").read_bytes()
     assert main([str(constant.log), "--channel", "none", "--out", str(out)]) == ExitStatus.SETTINGS
     assert (out / constant.log.stem / "signals.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_its_json_is_the_file_and_its_folder_takes_no_other_log(
+    constant: Run, varying: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "out"), "--no-parquet"]
+    assert main([str(constant.log), *out, "--json", "-"]) == ExitStatus.OK
+    (folder,) = (tmp_path / "out").iterdir()
+    before = (folder / "figures.json").read_text(encoding="utf-8")
+    assert capsys.readouterr().out == before
+    assert main([str(constant.log), *out]) == ExitStatus.OK  # again is no other
+    assert constant.log.name == varying.log.name
+    assert main([str(varying.log), *out]) == ExitStatus.SETTINGS
+    assert f"--out {folder} has another run, whose source.txt differs" in capsys.readouterr().err
+    assert (folder / "figures.json").read_text(encoding="utf-8") == before

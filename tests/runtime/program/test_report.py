@@ -9,7 +9,8 @@ import pytest
 
 from steer_by_wire.runtime.node.real_time import LoopFigures
 from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
-from steer_by_wire.runtime.program.report import loop_report, write_json
+from steer_by_wire.runtime.program.report import loop_report, refuse_another_run, write_json
+from steer_by_wire.runtime.settings import SettingsError
 
 SUMMARY = DurationSummary(
     samples=2, mean_ns=1_500_000.0, p50_ns=1_000_000, p99_ns=2_000_000, max_ns=2_000_000
@@ -27,6 +28,15 @@ def test_floats_keep_their_last_digit(tmp_path: Path) -> None:
     file = tmp_path / "report.json"
     write_json(file, {"a": 0.1 + 0.2})
     assert json.loads(file.read_text())["a"] == 0.1 + 0.2
+
+
+def test_a_folder_of_another_run_is_refused_and_one_of_this_run_is_not(tmp_path: Path) -> None:
+    refuse_another_run(tmp_path / "new", {"plant.toml": "seed = 1\n"})
+    (tmp_path / "plant.toml").write_text("seed = 1\n", encoding="utf-8")
+    refuse_another_run(tmp_path, {"plant.toml": "seed = 1\n", "controller.toml": None})
+    for text in ("seed = 2\n", None):
+        with pytest.raises(SettingsError, match=r"another run, whose plant\.toml differs: give an"):
+            refuse_another_run(tmp_path, {"plant.toml": text})
 
 
 def test_what_cannot_be_written_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:

@@ -37,8 +37,19 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
     with chdir(folder), no_workers():  # not where the folders of the programs are
-        assert demo.main(["--bus", "emulated", "--duration", "2", "--out", str(folder)]) == 0
+        words = ["--bus", "emulated", "--duration", "2", "--out", str(folder)]
+        assert demo.main([*words, "--json", "demo.json"]) == 0
     return folder
+
+
+def test_its_json_is_the_summary_and_its_folder_takes_no_other_run(
+    out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {file: file.read_bytes() for file in out.glob("*.*")}
+    assert (out / "demo.json").read_bytes() == (out / "summary.json").read_bytes()
+    assert demo.main(["--bus", "emulated", "--duration", "3", "--out", str(out)]) == 2
+    assert "has another run, whose plant_emulator.toml differs" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in out.glob("*.*")} == before
 
 
 def test_it_draws_every_picture(out: Path) -> None:

@@ -1,5 +1,6 @@
 """The design of gains: the search, refusals, and one run of the program."""
 
+import json
 import math
 import os
 import re
@@ -310,8 +311,14 @@ def test_a_predictor_is_written_as_a_preset_only_if_it_meets_all_its_conditions(
     text = text.replace("generations = 8", "points_per_parameter = 2")
     spec = tmp_path / "small.toml"
     spec.write_text(text + ONE_CONDITION.format(limit=limit))
-    status = design_gains.main([str(PAPER_VEHICLE), "--spec", str(spec), "--out", str(tmp_path)])
+    words = [str(PAPER_VEHICLE), "--spec", str(spec), "--out", str(tmp_path)]
+    status = design_gains.main([*words, "--json", str(tmp_path / "figures.json")])
     printed = capsys.readouterr()
+    figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    found = figures["laws"]["predictor"]
+    assert found["is_met"] is is_met
+    exceeded = [one["name"] for one in found["demands"] if one["value"] > one["limit"]]
+    assert exceeded == ([] if is_met else ["condition 1"])
     preset, kept = tmp_path / "small_predictor.toml", tmp_path / "small_predictor.unmet.toml"
     assert (status, preset.exists(), kept.exists()) == (int(not is_met), is_met, not is_met)
     if not is_met:
@@ -380,6 +387,10 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.vehicle._asdict())
     assert rig.duration_s == 5.0
     assert "held" in printed.out
+    words = [str(PAPER_VEHICLE), "--spec", str(tmp_path / "small.toml"), "--pictures"]
+    assert design_gains.main([*words, str(pictures), "--out", str(tmp_path / "other")]) == 2
+    assert "has another run, whose small_plant.toml differs" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize(
