@@ -21,13 +21,24 @@ version = release = version_of("steer-by-wire-emulator")
 html_title = f"{project} {version}"
 html_theme = "furo"
 html_show_copyright = False
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
 exclude_patterns = ["_build", "gallery/**/*.ipynb"]
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 html_math_renderer = "mathml"
 highlight_language = "text"
+
+# A session in Python is copied without its prompts and without what it printed.
+copybutton_prompt_text = r">>> |\.\.\. "
+copybutton_prompt_is_regexp = True
+copybutton_selector = "div.highlight-sh pre, div.highlight-pycon pre, div.highlight-toml pre"
+copybutton_selector += ", div.highlight-python pre"
 
 # Links to others' documentation: INTERSPHINX=1 make docs, with a network.
 if os.environ.get("INTERSPHINX"):
