@@ -113,6 +113,27 @@ def test_only_steps_of_the_table_are_ever_taken(steps: list[Evidence]) -> None:
         assert states[-1].mode is Mode.WAITING
 
 
+@given(st.data())
+def test_the_short_way_of_a_usual_tick_is_that_no_row_of_the_table_is_true(
+    data: st.DataObject,
+) -> None:
+    """A fault or a guard that only one of the two knew would be acted on late, or never."""
+    near_ns = st.integers(P.measurement_timeout_ns - 2, P.measurement_timeout_ns + 2)
+    arrival_ns = data.draw(st.none() | near_ns.map(lambda age_ns: NOW_NS - age_ns))
+    supervisor = Supervisor(P, 0)
+    state = ModeState(Mode.WAITING, 0)
+    if data.draw(st.booleans()):
+        supervisor.move_on(NOW_NS, NOW_NS)
+        state = ModeState(Mode.ACTIVE, NOW_NS)
+    has_fault, goes_forward = data.draw(st.booleans()), data.draw(st.booleans())
+    if has_fault:
+        supervisor.on_own_fault()
+    supervisor.goes_forward = goes_forward
+    evidence = Evidence(arrival_ns, 0, False, has_fault, goes_forward)
+    is_usual = state.mode is Mode.ACTIVE and mode_step(P, state, evidence, NOW_NS) == state
+    assert supervisor.stays_active(arrival_ns, NOW_NS) is is_usual
+
+
 def test_recovery_comes_as_soon_as_so_many_more_measurements_were_good_than_damaged() -> None:
     """Every order of eight frames: good less damaged ones, counted from any of them on."""
     supervision = P._replace(recovery_frames=3)
