@@ -9,6 +9,7 @@ import can
 
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.exit_status import cause_of
+from ..runtime.output_file import write_text
 from ..runtime.port.python_can import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
@@ -119,7 +120,7 @@ def open_channels(
         return
     traffic_of(settings, seed)  # a mistake in a database is reported here, not by the broker
     file = log.with_name("bus.toml")
-    file.write_text(dump_toml(settings), encoding="utf-8")
+    write_text(file, dump_toml(settings))
     options = ["--bus-settings", str(file), "--seed", str(seed)]
     with log.open("w", encoding="utf-8") as output, launched_broker(options, output) as address:
         buses = tuple(Bus("emulated", name, {"address": address}) for name in names)

@@ -13,6 +13,7 @@ from ..plant_emulator.evaluation.run_record import PlantSample, place
 from ..plant_emulator.node.node import PlantNode
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.array_types import FloatArray
+from ..runtime.output_file import write_text
 from ..runtime.settings.toml_text import dump_toml
 
 PLANT, CONTROLLER = "plant_emulator", "controller"
@@ -43,7 +44,7 @@ class PairFiles(NamedTuple):
         self.folder.mkdir(parents=True, exist_ok=True)
         for name, text in self.settings_texts(plant, controller).items():
             if text is not None:
-                (self.folder / name).write_text(text, encoding="utf-8")
+                write_text(self.folder / name, text)
 
     def settings_texts(
         self, plant: PlantSettings, controller: ControllerSettings | None

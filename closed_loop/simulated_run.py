@@ -22,6 +22,7 @@ from ..plant_emulator.path.ellipse_and_lane_changes import build_path
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.command_line import installation
+from ..runtime.output_file import open_text, write_text
 from ..runtime.settings.toml_text import dump_toml
 
 if TYPE_CHECKING:
@@ -238,8 +239,8 @@ class Run(NamedTuple):
             ("plant", self.plant_settings, self.plant),
             ("controller", self.controller_settings, self.controller),
         ):
-            (folder / f"{name}.toml").write_text(dump_toml(settings), encoding="utf-8")
-            with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+            write_text(folder / f"{name}.toml", dump_toml(settings))
+            with open_text(folder / f"{name}.csv") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(table._fields)
                 writer.writerows(zip(*(column.tolist() for column in table), strict=True))

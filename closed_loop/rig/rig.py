@@ -26,6 +26,7 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
+from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
@@ -120,7 +121,7 @@ class Rig:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
         if not isinstance(controller, str):
-            files.settings(PLANT).write_text(dump_toml(self.settings), encoding="utf-8")
+            write_text(files.settings(PLANT), dump_toml(self.settings))
             if callable(controller):
                 return self._in_virtual_time(controller, self.settings, files)
             if not lockstep:

@@ -28,6 +28,7 @@ import numpy as np
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
+from ...runtime.output_file import write_text, write_whole
 from ...runtime.settings import SettingsError
 from .compiled_runs import Computed
 from .run_figures import COLUMNS, COUNTS, verdicts
@@ -87,8 +88,8 @@ class Store:
             shutil.rmtree(self._chunks, ignore_errors=True)
         else:
             self._chunks.mkdir(exist_ok=True)
-        _write(file, lambda place: place.write_text(identity, encoding="utf-8"))
-        _write(self.folder / "study.toml", lambda place: place.write_text(text, encoding="utf-8"))
+        write_text(file, identity)
+        write_text(self.folder / "study.toml", text)
 
     def stored(self) -> int:
         """Return how many runs are stored."""
@@ -139,7 +140,7 @@ class Store:
                     self._places(self._file(number), number, table)
                     writer.write_table(table)
 
-        _write(self.results, write)
+        write_whole(self.results, write)
         shutil.rmtree(self._chunks)
 
     def find(self, run: int) -> dict[str, Any] | None:
@@ -191,7 +192,7 @@ class Store:
     def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
         done = np.flatnonzero(chunk.is_done)
         table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
-        _write(file, lambda place: self._parquet.write_table(table, place, **_WRITTEN))
+        write_whole(file, lambda place: self._parquet.write_table(table, place, **_WRITTEN))
 
     def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
         study = self.scenarios.study
@@ -261,15 +262,6 @@ class _Chunk:
 def are_numbers(labels: Sequence[Any]) -> bool:
     """Whether a factor with these labels has a column of numbers."""
     return all(isinstance(label, int | float) and not isinstance(label, bool) for label in labels)
-
-
-def _write(file: Path, write: Any) -> None:
-    """Write a file under another name and rename it."""
-    beside = file.with_name(f"{file.name}.writing")
-    write(beside)
-    with beside.open("rb") as written:
-        os.fsync(written.fileno())
-    os.replace(beside, file)
 
 
 class _FolderLock:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ...dbc.messages import SteeringCommand
 from ...runtime.node import NS_PER_S
+from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
 from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
@@ -269,7 +270,7 @@ def write_trace(
     """
     waiting = deque(marks)
     heads = (*PlantSample._fields, *PlacedSample._fields)
-    with file.open("w", newline="", encoding="utf-8") as stream:
+    with open_text(file) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow((*heads, "interventions") if marks else heads)
         for sample in samples:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
@@ -13,6 +12,7 @@ from ..command_line import DISTRIBUTION
 from ..node import NS_PER_S
 from ..node.real_time import LoopFigures
 from ..node.statistics import durations_report
+from ..output_file import write_text
 from ..port.connection import ConnectionFigures
 from ..settings import Settings, SettingsError
 from .host import HostAnswer
@@ -67,25 +67,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
     Raises OSError.
     """
-    write_file(path, json_text(content).encode())
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file atomically; raises OSError."""
-    if path.is_symlink() or (path.exists() and not path.is_file()):
-        # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
-        try:
-            path.write_bytes(content)
-        except OSError as error:  # errors of writing do not name the file
-            raise OSError(error.errno, error.strerror, str(path)) from error
-        return
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(content)
-        os.replace(partial, path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from error
+    write_text(path, json_text(content))
 
 
 def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ..output_file import open_text
 
 # Bits of SocketCAN's can_id and canfd_frame.flags, as candump prints them (linux/can.h).
 _CAN_ERR_FLAG = 0x20000000
@@ -89,7 +90,7 @@ class CandumpLog:
 
     def __init__(self, path: Path, channel: str) -> None:
         self._channel = channel
-        self._file = path.open("w", encoding="ascii", newline="\n")
+        self._file = open_text(path)
 
     def write(self, time_ns: int, frame: Frame) -> None:
         """Append a frame that was complete on the wire at ``time_ns``."""

@@ -39,6 +39,7 @@ from steer_by_wire.runtime.command_line import (
     run_main,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
 from steer_by_wire.runtime.program.thresholds import (
     Quantity,
@@ -215,12 +216,12 @@ def _analyse(
 
         if smoothed:
             figures["smoothed"] = smoothed[0].figures
-        (partial / _SOURCE).write_text(source, encoding="utf-8")
+        write_text(partial / _SOURCE, source)
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
         pictures = [*draw_pictures(analysis, figures), *map(draw_smoothed, smoothed)]
         page = report_html(title, figures, pictures)
-        (partial / "report.html").write_text(page, encoding="utf-8")
+        write_text(partial / "report.html", page)
     return Result(figures, folder)
 
 
@@ -229,14 +230,14 @@ def _all_or_nothing(folder: Path) -> Iterator[Path]:
     """Give a folder to write to; its files come into ``folder`` if the block ends well."""
     missing = [place for place in folder.parents if not place.exists()]  # the deepest first
     partial = folder.with_name(f".{folder.name}.partial")
-    partial.mkdir(parents=True, exist_ok=True)
     try:
+        partial.mkdir(parents=True, exist_ok=True)
         yield partial
         folder.mkdir(exist_ok=True)
         for file in partial.iterdir():
             file.replace(folder / file.name)
     finally:
-        shutil.rmtree(partial)
+        shutil.rmtree(partial, ignore_errors=True)
         for place in missing:
             with suppress(OSError):  # it holds something
                 place.rmdir()

@@ -13,6 +13,7 @@ from typing import Any, get_type_hints
 from ...closed_loop.recordings.bus_listener import ReceivedMessage
 from ...dbc.messages import MESSAGE_TYPES
 from ...runtime.command_line import installation
+from ...runtime.output_file import open_binary
 from .signal_tables import MissingLibraryError
 
 
@@ -24,7 +25,7 @@ class McapFile:
             writer: Any = import_module("mcap.writer")
         except ImportError as error:
             raise MissingLibraryError(f"MCAP needs mcap: {installation('mcap')}") from error
-        self._file = path.open("wb")
+        self._file = open_binary(path)
         self._writer = writer.Writer(self._file)
         self._writer.start(profile="", library="steer-by-wire-emulator")
         self._channels = {name: self._channel(name) for name in MESSAGE_TYPES}

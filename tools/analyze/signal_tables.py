@@ -16,6 +16,7 @@ from typing import Any
 from ...closed_loop.recordings.bus_listener import ReceivedMessage
 from ...dbc.messages import MESSAGE_TYPES, resolutions
 from ...runtime.command_line import installation
+from ...runtime.output_file import open_text
 from ...runtime.settings import SettingsError
 
 ROWS_PER_GROUP = 50_000
@@ -40,7 +41,7 @@ class CsvTable:
     """Writes the table as CSV."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("w", encoding="ascii", newline="\n")
+        self._file = open_text(path)
         self._file.write(",".join(("time_s", "message", *COLUMNS)) + "\n")
         self._cells = [""] * len(COLUMNS)
         self._formats = {name: _formats(name) for name in MESSAGE_TYPES}

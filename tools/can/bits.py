@@ -19,6 +19,7 @@ from steer_by_wire.runtime.command_line import add_json_argument, output_file, s
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
+from steer_by_wire.runtime.output_file import open_text
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
 from steer_by_wire.runtime.settings import SettingsError
@@ -50,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         show_or_write(options.json, figures, lambda: print(_text(figures)))
     if options.vcd is not None:
         frames = _recorded(Path(options.frame)) if frame is None else iter([(0, frame)])
-        with options.vcd.open("w", encoding="ascii") as file:
+        with open_text(options.vcd) as file:
             moved = write_vcd(file, frames, BitRates(options.bitrate, options.data_bitrate))
         if moved:
             text = f"moved back, being closer together than they are long: {moved} frames"

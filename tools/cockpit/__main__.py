@@ -32,6 +32,7 @@ from steer_by_wire.runtime.command_line import (
     say,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.bus_options import (
@@ -99,7 +100,7 @@ def _run(options: argparse.Namespace) -> int:
         block = read_replay(options.recordings, options.log_channel)
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
-            options.export.write_text(single_page(block, title), encoding="utf-8")
+            write_text(options.export, single_page(block, title))
             say(NAME, f"wrote {options.export}")
             return ExitStatus.OK
         return asyncio.run(_serve(options, None, block))

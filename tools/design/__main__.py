@@ -48,6 +48,7 @@ from steer_by_wire.runtime.command_line import (
     say,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.report import refuse_another_run, write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names
@@ -171,7 +172,7 @@ def _run(options: argparse.Namespace) -> int:
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        (pictures / name).write_text(text, encoding="utf-8")
+        write_text(pictures / name, text)
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
         Job(spec, vehicle, law, sources, options.out, pictures, index, options.minutes)

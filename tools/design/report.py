@@ -23,6 +23,7 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand, Judgement
@@ -177,12 +178,12 @@ class LawFiles(NamedTuple):
 
     def write_preset(self, text: str) -> None:
         """Write what meets all demands, in place of what did not."""
-        self.preset.write_text(text, encoding="utf-8")
+        write_text(self.preset, text)
         self.unmet.unlink(missing_ok=True)
 
     def write_unmet(self, text: str) -> None:
         """Write the best of what meets not all demands."""
-        self.unmet.write_text(text, encoding="utf-8")
+        write_text(self.unmet, text)
 
 
 STOPPED = "The search was stopped before its end: this is the best so far, not the best."

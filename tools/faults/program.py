@@ -29,6 +29,7 @@ from steer_by_wire.runtime.command_line import (
     whole_number,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import (
     SettingsError,
@@ -132,7 +133,7 @@ def _run(options: argparse.Namespace) -> int:
     )
     sections = [live_section(live)] if live else []
     html = campaign_page(spec, results, groups, findings, comparison, sections)
-    (folder / "index.html").write_text(html, encoding="utf-8")
+    write_text(folder / "index.html", html)
     lines = [*table_lines(groups), "", *finding_lines(findings)]
     if comparison is not None:
         lines += ["", *comparison_lines(comparison)]

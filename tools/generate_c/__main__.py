@@ -11,6 +11,7 @@ from functools import partial
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
 
 from .law_source import law_source
@@ -36,7 +37,7 @@ def _write(options: argparse.Namespace) -> int:
     files = law_source(settings, origin)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
-        (options.out / name).write_text(text, encoding="utf-8")
+        write_text(options.out / name, text)
         print(options.out / name)
     return ExitStatus.OK
 

@@ -23,6 +23,7 @@ from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_cons
 from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import (
@@ -180,7 +181,7 @@ def write_index(out: Path) -> Path:
     written = read_written(out, [entry.key for entry in ENTRIES])
     index = out / "index.html"
     page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
-    index.write_text(page, encoding="utf-8")
+    write_text(index, page)
     return index
 
 

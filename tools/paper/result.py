@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from pydantic import ConfigDict, TypeAdapter
 
 from ...runtime.array_types import FloatArray
+from ...runtime.output_file import open_text, write_text
 from ...runtime.settings import SettingsError
 
 
@@ -135,13 +136,13 @@ def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
         "comparisons": [comparison._asdict() for comparison in written.comparisons]
     }
     text = json.dumps(record, indent=1, ensure_ascii=False)
-    _summary(folder, written.key).write_text(text, encoding="utf-8")
+    write_text(_summary(folder, written.key), text)
     return written
 
 
 def write_columns(picture: Picture, file: Path) -> None:
     """Write the data of a picture, with all digits; what is not a number stays empty."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
+    with open_text(file) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(picture.columns)
         rows = zip_longest(

@@ -45,6 +45,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
@@ -153,7 +154,7 @@ def _run(options: argparse.Namespace) -> int:
             files.settings_texts(plant_settings, ours) | {files.settings(BUS).name: dump_toml(bus)},
         )
         files.write_settings(plant_settings, ours)
-        files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
+        write_text(files.settings(BUS), dump_toml(bus))
     log = files and files.candump_log
     if options.interface and ours is not None:
         run = run_in_real_time(plant_settings, ours, log)

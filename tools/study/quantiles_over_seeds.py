@@ -16,6 +16,7 @@ from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import Rows, StudyRecord
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.array_types import FloatArray
+from ...runtime.output_file import write_text
 from .axes import same_levels
 
 SEEDS_MIN = 100
@@ -57,7 +58,7 @@ def seeds_section(study: StudyRecord, rows: Rows) -> Section | None:
         f"P(peak beyond {road_m:g} m) [%]",
     )
     table = Table(headings, lines)
-    (study.folder / MARKDOWN).write_text(markdown(table), encoding="utf-8")
+    write_text(study.folder / MARKDOWN, markdown(table))
     return Section(
         "Over seeds",
         (

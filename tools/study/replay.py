@@ -38,6 +38,7 @@ from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.run_verdict import RunEnd
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...runtime.array_types import FloatArray
+from ...runtime.output_file import write_text
 from ...runtime.port.python_can import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
@@ -89,7 +90,7 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     verdict = verdict_of(study.settings.verdict, end, row)
     compiled = {**_named(row.tolist(), end), "verdict": str(verdict)}
     if pair.bus is not None:
-        files.settings(BUS).write_text(dump_toml(pair.bus), encoding="utf-8")
+        write_text(files.settings(BUS), dump_toml(pair.bus))
         return Replay(pair, files, store.find(run), compiled, compiled, study.fastmath)
     virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
     return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
@@ -303,4 +304,4 @@ def _write(file: Path, runs: Sequence[LiveRun]) -> None:
         }
 
     rows = [{"run": one.run, "study": known(one.study), "live": known(one.live)} for one in runs]
-    file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    write_text(file, json.dumps(rows, indent=1))

@@ -24,6 +24,7 @@ from ...closed_loop.studies.result_reader import (
 from ...closed_loop.studies.run_figures import short_windows
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
@@ -61,7 +62,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
-    file.write_text(page(f"Study {study.name}", sections, verdict), encoding="utf-8")
+    write_text(file, page(f"Study {study.name}", sections, verdict))
     return file
 
 

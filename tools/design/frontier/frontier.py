@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....controller.settings import ControllerSettings, controller_preset
+from ....runtime.output_file import open_text, write_text
 from ..law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings
@@ -50,9 +51,7 @@ def compute(
     for row in _rows(asked, vehicle, structure, done):
         rows.insert(0, row)
     text = json.dumps({"digest": digest, "rows": [_plain(row) for row in rows]}, indent=1)
-    unfinished = file.with_suffix(".part")
-    unfinished.write_text(text + "\n", encoding="utf-8")
-    unfinished.replace(file)
+    write_text(file, text + "\n")
     return rows
 
 
@@ -84,7 +83,7 @@ def _predictor_rows(asked: FrontierSettings, vehicle: VehicleFile, done: Done) -
 
 def write_csv(rows: Iterable[Row], file: Path) -> None:
     """Write one line for each structure and delay; lengths in metres, parameters by name."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
+    with open_text(file) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         names = [name for name in Point._fields if name != "values"]
         writer.writerow([*names, *Trials._fields, "values"])

@@ -20,6 +20,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ....closed_loop.worker_processes import worker_pool
 from ....plant_emulator.path.settings import WaypointSettings
+from ....runtime.output_file import write_text
 from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
 from .virtual_trial import Detection, RunResult
@@ -124,9 +125,8 @@ def write_result(folder: Path, spec_hash: str, result: RunResult) -> None:
 
 def keep_only(folder: Path, spec_hash: str, results: Iterable[RunResult]) -> None:
     """Write these results to a folder, and no others."""
-    kept = folder / f"{RESULTS}.new"  # if killed meanwhile, the old results remain
-    kept.write_text("".join(_line_of(spec_hash, result) for result in results), encoding="utf-8")
-    kept.replace(folder / RESULTS)
+    lines = "".join(_line_of(spec_hash, result) for result in results)
+    write_text(folder / RESULTS, lines)  # if killed meanwhile, the old results remain
 
 
 def _line_of(spec_hash: str, result: RunResult) -> str:

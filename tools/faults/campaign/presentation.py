@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
+from ....runtime.output_file import open_text
 from .campaign_runs import GOLDEN, laws_of
 from .case_groups import Comparison, Group, in_ms, in_percent
 from .specification import CampaignSettings
@@ -88,7 +89,7 @@ def comparison_lines(comparison: Comparison) -> list[str]:
 
 def write_csv(path: Path, results: Sequence[RunResult]) -> None:
     """Write a line for each run."""
-    with path.open("w", newline="", encoding="utf-8") as opened:
+    with open_text(path) as opened:
         writer = csv.writer(opened)
         writer.writerow(RunResult._fields)
         for result in results:
