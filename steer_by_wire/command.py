@@ -43,7 +43,7 @@ def _tool(name: str, summary: str, *subcommands: str) -> Program:
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
     {
         "Run the loop": {
-            "demo": _tool("demo", "four laws side by side as latency grows, with pictures"),
+            "demo": _tool("demo", "laws side by side as latency grows, with pictures"),
             "run": _tool("run", "plant and controller in virtual time, without waiting"),
             "plant": Program("plant_emulator.__main__", "the plant on a CAN bus"),
             "controller": Program("controller.__main__", "the controller on a CAN bus"),

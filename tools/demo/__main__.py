@@ -1,4 +1,4 @@
-"""Run four laws as real processes on a CAN bus while the latency of the network grows.
+"""Run five laws as real processes on a CAN bus while the latency of the network grows.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
     steer-by-wire demo --rest-bus car.dbc --load 0.3
