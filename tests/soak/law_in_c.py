@@ -5,11 +5,14 @@
 Targets: gcc and clang where installed, with -O0, -O2 and the sanitizers of addresses and undefined
 behaviour; a Cortex-M7 under QEMU with -O2. Of that, also: flash and RAM of the law with its limits
 and fades, the deepest stack of a tick, and its instructions, of which some 15 are the driver's.
-Ends with status 1 if a bit differs. Takes about ten minutes.
+Where Frama-C is installed (Debian: frama-c-base) it proves that no input, not a number included,
+makes a command exceed the angle, for any number of periods. Ends with status 1 if a bit differs or
+that is not proved. Takes about twenty minutes.
 """
 
 import argparse
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -35,6 +38,27 @@ from tests.support.law_in_c import (
     written,
 )
 
+ANY_COMMANDS = """
+#include "steering_law.c"
+
+volatile double any;
+volatile int goes_on;
+
+int main(void)
+{
+    double sent_rad = 0.0;
+
+    while (goes_on) {
+        sent_rad = limit_step(&STEER_LIMITS, sent_rad, any);
+        /*@ assert \\is_finite(sent_rad) && -MAX <= sent_rad <= MAX; */
+    }
+    return 0;
+}
+"""
+EVA = (
+    *("frama-c", "-eva", "-warn-special-float", "none", "-eva-slevel", "200"),
+    *("-eva-split-return-function", "is_finite:0:1"),
+)
 SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
@@ -61,7 +85,23 @@ def main() -> int:
                 said = "equal" if tick < 0 else f"differs from tick {tick} on"
                 console.print(f"{preset:<31} {target!s:<21} {options.ticks} ticks: {said}")
             console.print(f"{preset:<31} {', '.join(sizes(folder, firmware))}")
+            if shutil.which(EVA[0]):
+                is_proved = proves(folder, settings.limits.steer_rad_max)
+                differ += not is_proved
+                console.print(f"{preset:<31} angle {'proved' if is_proved else 'not proved'}")
     return differ > 0
+
+
+def proves(folder: Path, limit_rad: float) -> bool:
+    """Return whether Frama-C proves the limit of the angle, and not a slightly lower one."""
+    found = []
+    for bound_rad in (limit_rad, 0.999 * limit_rad):
+        source = ANY_COMMANDS.replace("MAX", repr(bound_rad))
+        file = folder / "any_commands.c"
+        file.write_text(source, encoding="utf-8")
+        said = subprocess.run([*EVA, file], check=True, capture_output=True, text=True).stdout
+        found.append("  1 valid     0 unknown     0 invalid      1 total" in said)
+    return found == [True, False]
 
 
 def sizes(folder: Path, target: Target) -> Iterator[str]:

@@ -71,6 +71,8 @@ _SOURCE = """\
  */
 #include "steering_law.h"
 
+#include <float.h>
+
 {structs}
 static const {params} PARAMS = {values};
 
@@ -80,7 +82,9 @@ const double RAMP_STEP_RAD = {ramp_step_rad};
 
 static bool is_finite(double x)
 {{
-    return x - x == 0.0;
+    if (x != x) /* not a number; by itself, so that Frama-C follows it */
+        return false;
+    return x >= -DBL_MAX && x <= DBL_MAX;
 }}
 
 {definitions}
