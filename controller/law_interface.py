@@ -90,7 +90,8 @@ class LawInput(NamedTuple):
     """Input of a law.
 
     ``lateral_error_m``  the newest measurement [m]
-    ``sent_steer_rad``   the command sent in the previous period, after limits [rad]
+    ``sent_steer_rad``   the command sent in the previous period, after limits; the wheel's
+                         angle while the steering reports that it limits it or has fallen back [rad]
     """
 
     lateral_error_m: float

@@ -14,7 +14,15 @@ import numpy as np
 
 from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
-from ...dbc.messages import LateralError, LawNumber, Mode, SteeringCommand, limits, resolutions
+from ...dbc.messages import (
+    LateralError,
+    LawNumber,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    limits,
+    resolutions,
+)
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.settings import PathSettings
@@ -35,10 +43,17 @@ from .along_path import cg_deviations_m
 from .compilation import compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import Inbox, Uplink, quantised
-from .loop import COMPLETE, LAW_FAILED, run_segment
+from .loop import COMPLETE, LAW_FAILED, OVERRULED, run_segment
 from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
-from .schedule import RunSchedule, arrivals_of, inbox_of, quantised_speed_m_s, schedule_run
+from .schedule import (
+    RunSchedule,
+    arrivals_of,
+    inbox_of,
+    quantised_speed_m_s,
+    schedule_run,
+    status_in_use,
+)
 
 _guard = lru_cache(maxsize=256)(design_guard)
 """Kept for the next run with the same plant."""
@@ -57,6 +72,10 @@ class FaultsNotCompiledError(SettingsError):
 
 class OwnVehicleNotCompiledError(SettingsError):
     """The vehicle's equations come from another package; only the nodes integrate those."""
+
+
+class _OverruledError(Exception):
+    """The steering overrules a command, in a run without ``Instants.tick_status``."""
 
 
 class Outcome(StrEnum):
@@ -179,17 +198,36 @@ def run_batch(
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
     law = compiled_law(controller, fastmath=fastmath)
-    design = law.design
     schedule = schedule_run(plant, controller) if schedule is None else schedule
-    motion = compiled_motion(plant)
+    run = _FASTMATH if fastmath else run_segment
+    needed = run, law, schedule, plant, controller
+    try:
+        return _run_whole(*needed, tick_status=np.empty(0, dtype=np.int64))
+    except _OverruledError:
+        # Few runs need it, and it costs a third of one.
+        return _run_whole(*needed, tick_status=status_in_use(plant, controller, schedule))
+
+
+def _run_whole(
+    run: Any,
+    law: CompiledLaw,
+    schedule: RunSchedule,
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    *,
+    tick_status: IntArray,
+) -> BatchRun:
+    """Run from the start to the end. Raises _OverruledError."""
+    design, motion = law.design, compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
     records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
-    instants = Instants(*schedule[:6])
+    instants = Instants(*schedule[:6], tick_status)
     world = (motion, _constants(plant, controller, schedule), instants, records, inbox)
-    run = _FASTMATH if fastmath else run_segment
     samples, ticks, code = _run(
         run, law, world, schedule, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
     )
+    if code == OVERRULED:
+        raise _OverruledError
     played_rad = None if inbox is None or design.plan is None else inbox.played_rad
     return _collected(schedule, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
@@ -258,6 +296,8 @@ def _constants(
         lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
         lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
         steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
+        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
+        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
         motion_start_ns=schedule.motion_start_ns,
         share=share,
         share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),

@@ -25,9 +25,11 @@ from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
+    GuardMode,
     guard_command,
     guard_timer,
     guard_wheel,
+    is_overruled,
     start_guard,
 )
 from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
@@ -50,11 +52,12 @@ from .law_input import (
 from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, borrowed, called, placed, read, write
 
-COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
+COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED = range(4)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
-is not finite."""
+is not finite; with a command that the steering overrules, in a run without ``tick_status``."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+_HOLDING = int(GuardMode.HOLDING)
 
 
 @compiled_inline
@@ -133,12 +136,28 @@ def _plant_until(
             r.command[at] = in_effect
             reading_m = error_m + s.noise_m[at]
             record_signals(inbox, sample, linear, guard)
+            if is_overruled(guard) and guard.mode != _HOLDING:
+                if len(s.tick_status) == 0:
+                    buffered = plan, is_new, played
+                    x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
+                    return x, OVERRULED
+                wheel_rad = min(max(wheel_rad, -c.wheel_rad_max), c.wheel_rad_max)
+                r.overruled_rad[at] = quantised(wheel_rad, c.wheel_resolution_rad)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 buffered = plan, is_new, played
                 x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                 return x, LEFT_RANGE
             r.measured_m[at] = quantised(reading_m, c.lateral_error_resolution_m)
+
+
+@compiled_inline
+def _acting_rad(s: Instants, r: Records, tick: Any, sent_rad: float) -> float:
+    """Return the command that acts, as ``Received.acting_rad`` of a node does."""
+    if len(s.tick_status) == 0 or s.tick_status[tick] < 0:
+        return sent_rad
+    overruled_rad = r.overruled_rad[np.uintp(s.tick_status[tick])]
+    return overruled_rad if math.isfinite(overruled_rad) else sent_rad
 
 
 @compiled_unchecked
@@ -197,7 +216,8 @@ def _run_ticks(
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             note_now(inbox, now_known, known, tick, to_ns)
-            observed = (law.params, law.state, history, now_known, error_m, sent_rad)
+            acting_rad = _acting_rad(s, r, now, sent_rad)
+            observed = (law.params, law.state, history, now_known, error_m, acting_rad)
             output = called(law.step, NO_OUTPUT, observed)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
             if not math.isfinite(asked_rad):

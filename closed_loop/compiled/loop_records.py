@@ -27,6 +27,8 @@ class Constants(NamedTuple):
     lateral_error_resolution_m: float
     lateral_error_m_max: float
     steer_resolution_rad: float
+    wheel_resolution_rad: float
+    wheel_rad_max: float
     motion_start_ns: int
     share: float
     share_from_ns: int
@@ -41,6 +43,8 @@ class Instants(NamedTuple):
     ``command_tick``    which tick it was sent at
     ``sample_ns``       when the sensors sample
     ``noise_m``         the sensor noise of each sample's lateral error
+    ``tick_status``     the sample whose STEERING_STATUS is in use at each tick, -1 for none; empty:
+                        not needed unless the steering overrules a command
     """
 
     tick_ns: IntArray
@@ -49,11 +53,14 @@ class Instants(NamedTuple):
     command_tick: IntArray
     sample_ns: IntArray
     noise_m: FloatArray
+    tick_status: IntArray
 
 
 class Records(NamedTuple):
-    """The records of a run: the first seven per sample, the last two per control tick.
+    """The records of a run: the first eight per sample, the last two per control tick.
 
+    ``overruled_rad``  wheel angle as on the wire where the steering overrules, else NaN; written
+                    only where ``Instants.tick_status`` is there
     ``command``     index into the schedule's commands of the one in effect, -1 before the first
     ``law_output``  (ticks, 4), in the order of ``LawOutput``
     """
@@ -65,6 +72,7 @@ class Records(NamedTuple):
     curvature_1_m: FloatArray
     measured_m: FloatArray
     command: IntArray
+    overruled_rad: FloatArray
     sent_rad: FloatArray
     law_output: FloatArray
 
@@ -79,6 +87,7 @@ def empty_records(samples: int, ticks: int) -> Records:
         np.empty(samples),
         np.empty(samples),
         np.empty(samples, dtype=np.int64),
+        np.full(samples, np.nan),
         np.full(ticks, np.nan),
         np.empty((ticks, 4)),
     )

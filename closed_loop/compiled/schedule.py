@@ -4,7 +4,7 @@ It depends on the settings and the seed alone, not on where the vehicle is, beca
 losses are drawn from streams of their own. Whether the controller accepts a measurement, and which
 mode it is in, also follow from the arrivals alone; the controller's own classes decide both.
 
-The two status messages are left out, because control does not depend on them.
+The controller's status messages are left out, because control does not depend on them.
 """
 
 from functools import lru_cache
@@ -131,6 +131,21 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
         motion_start_ns=motion_start_ns,
         end_ns=end_ns,
     )
+
+
+def status_in_use(
+    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+) -> IntArray:
+    """Return the sample whose STEERING_STATUS is in use at each tick, -1 for none that is fresh."""
+    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
+    arrivals = arrivals_of(Uplink.STEERING_STATUS, plant, controller.counters, samples, start_ns)
+    arrival_ns, tick_ns = arrivals.arrival_ns, schedule.tick_ns
+    if not len(arrival_ns):
+        return np.full(len(tick_ns), -1)
+    in_use = np.searchsorted(arrival_ns, tick_ns, side="right") - 1
+    age_ns = tick_ns - arrival_ns[in_use]
+    is_fresh = (in_use >= 0) & (age_ns <= controller.age_limits.steering_status_ns)
+    return np.where(is_fresh, arrivals.sample[in_use], -1)
 
 
 def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:

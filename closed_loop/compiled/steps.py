@@ -45,6 +45,7 @@ from ...plant_emulator.steering.hold_and_fallback import (
     guard_command,
     guard_timer,
     guard_wheel,
+    is_overruled,
     start_guard,
 )
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
@@ -74,6 +75,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     guard_command,
     guard_timer,
     guard_wheel,
+    is_overruled,
     status_of,
     deviation_behind_m,
 )

@@ -2,7 +2,7 @@
 
     u = C(0 - y_fb) - d̂,   CDOB fed with c = u + d̂
 
-Both observers see the command that was sent, after limits, and do not wind up. The input of the
+Both observers see the command that acts, after limits, and do not wind up. The input of the
 CDOB is u_sent + d̂, which is c itself while no limit acts. With the unlimited c as input, a CDOB
 without washout would leave the path for good after one saturation.
 """

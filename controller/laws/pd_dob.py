@@ -1,6 +1,6 @@
 """Law ``pd_dob`` of SAE 2018-01-1086, Figure 3: u = C(0 - y) - d̂.
 
-The observer sees the command that was sent, after limits, and does not wind up.
+The observer sees the command that acts, after limits, and does not wind up.
 """
 
 from typing import TYPE_CHECKING, NamedTuple

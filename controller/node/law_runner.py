@@ -2,7 +2,7 @@
 
 On recovery the law starts anew, at rest at the present measurement. Its first command differs from
 the held one. The difference is added to its commands and fades out at the ramp rate, so that the
-first command equals the last one held. As always, the law's input is the command that was sent.
+first command equals the last one held. As always, the law's input is the command that acts.
 """
 
 from math import isfinite
@@ -92,7 +92,8 @@ class LawRunner:
         )
         vehicle = received.vehicle_at(now_ns)
         error_m, history = received.lateral_error_m, self._history
-        observed = LawInput(error_m, sent_rad, vehicle, loop_delay, history)
+        acting_rad = received.acting_rad(sent_rad, now_ns)
+        observed = LawInput(error_m, acting_rad, vehicle, loop_delay, history)
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1

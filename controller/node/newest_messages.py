@@ -23,6 +23,15 @@ SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleSt
 """The messages without which the controller falls back."""
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
+_APPLYING = SteeringStatusCode.APPLYING
+OVERRULING = frozenset(
+    {
+        SteeringStatusCode.LIMITED_BY_SAFETY,
+        SteeringStatusCode.FALLBACK,
+        SteeringStatusCode.SAFE_STATE,
+    }
+)
+"""What the steering reports while the wheel's angle is not of any command."""
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
 
@@ -52,6 +61,19 @@ class Received:
     def refused(self) -> int:
         """Frames refused so far, for any cause."""
         return self.reception.refused + self.unauthenticated
+
+    def acting_rad(self, sent_rad: float, now_ns: int) -> float:
+        """Return the command that acts: the one sent, or the wheel's angle in its place.
+
+        An observer that takes a command for the vehicle's input which the steering limits, or no
+        longer follows, winds up. One that is held is a late command, as in any network.
+        """
+        code = self.steering
+        if code is _APPLYING or code not in OVERRULING:  # the hash of a code takes long
+            return sent_rad
+        arrival_ns = self.statuses.arrival_ns
+        is_stale = arrival_ns is None or now_ns - arrival_ns > self._limits.steering_status_ns
+        return sent_rad if is_stale else self.wheel_rad
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked if it is stale."""

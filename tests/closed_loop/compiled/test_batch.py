@@ -57,6 +57,10 @@ PLANTS: dict[str, Sequence[str]] = {
     ),
     "lane change": ('path={kind="double_lane_change"}', "vehicle.speed_m_s=5.555555555555555"),
     "circle": ('path={kind="circle", radius_m=30.0}',),
+    "overruled commands": (
+        *("safety.lateral_acceleration_m_s2_max=0.1", 'latency.uplink.model="gamma"'),
+        *("latency.uplink.mean_s=0.05", "latency.uplink.spread_s=0.03", "latency.uplink.loss=0.2"),
+    ),
     "sensors at their own pace": ("sensor_period_ms=7", "latency.uplink.mean_s=0.003"),
     "moving from the start": ("start_on_first_command=false", "latency.uplink.mean_s=0.2"),
 }

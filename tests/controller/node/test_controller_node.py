@@ -194,6 +194,30 @@ def law_that_steers(
     return link(limits={"steer_rate_rad_s_max": 1000.0})
 
 
+@pytest.mark.parametrize("code", SteeringStatusCode)
+def test_a_law_is_given_the_wheels_angle_where_the_steering_overrules_its_command(
+    monkeypatch: pytest.MonkeyPatch, code: SteeringStatusCode
+) -> None:
+    given_rad: list[float] = []
+
+    def step(_p: None, x: float, observed: LawInput) -> tuple[float, LawOutput]:
+        given_rad.append(observed.sent_steer_rad)
+        return x, LawOutput(0.3, 0.0, 0.0, observed.lateral_error_m)
+
+    design = LawDesign(None, lambda error_m: error_m, step)
+    monkeypatch.setattr(
+        "steer_by_wire.controller.node.law_runner.design_law", lambda _settings: design
+    )
+    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    plant.drive(2, 0.2)
+    plant.deliver(SteeringStatus(0.05, 0, code))
+    plant.drive(20, 0.2)
+    overrules = code in (3, 5, 6)
+    # 135 ms after the status it is too old to be believed.
+    expected = [0.0, 0.3, *([0.05 if overrules else 0.3] * 14), *([0.3] * 6)]
+    assert given_rad == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_law_that_fails_is_counted_held_and_started_anew(
     monkeypatch: pytest.MonkeyPatch, bad: float
