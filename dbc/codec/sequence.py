@@ -23,7 +23,8 @@ that waits, it contradicts it, and neither is used.
 **Two streams.** ``resync_run`` frames of other counters within FOREIGN_NS, beside frames in
 sequence, are a second sender, and so is each further one during the caution. For QUIET_NS after it
 no frame is used, whoever came first. So whoever forges frames beside a sender whose frames arrive
-is not followed: at most he keeps these from being used, which is silence.
+is not followed: at most he keeps these from being used, which is silence. A late frame that fills a
+gap is of the same stream, unless it comes so late that it would have been missed.
 """
 
 from collections import deque
@@ -165,6 +166,7 @@ class SequenceCheck:
                 raise ValueError(f"{name} = {value}: allowed is {least} or more")
         self._rule = rule
         self._period_ns_max = self._period_ns = max(period_ns, PERIOD_NS_MIN)
+        self._late_ns_max = max(rule.lead_ns, rule.resync_ns)  # of a frame in the same stream
         self._next = _NONE
         self._contents: list[object] = []
         self._arrivals_ns = [0] * COUNTERS
@@ -275,7 +277,7 @@ class SequenceCheck:
         is_ahead = 0 < frame.forward < HALF
         known = self._contents[counter]
         late_ns = -frame.forward % COUNTERS * self._period_ns
-        is_explained = known is _SKIPPED or (known is None and late_ns <= self._rule.lead_ns)
+        is_explained = (known is None or known is _SKIPPED) and late_ns <= self._late_ns_max
         is_other = is_ahead or not (is_explained or known == frame.content)
         if is_other and (self._is_second(now_ns) or self._had_second()):
             return self._doubt_all(now_ns)

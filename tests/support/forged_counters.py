@@ -28,7 +28,10 @@ class Event(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What a receiver heard, and when a forged frame was in use: from, to [ns]."""
+    """What a receiver heard, and when a forged frame was in use: from, to [ns].
+
+    It is until the next frame, or until the receiver holds because none came for ``resync_ns``.
+    """
 
     events: Sequence[Event]
     forged_ns: Sequence[tuple[int, int]]
@@ -70,11 +73,11 @@ def hear(
         events.append(Event(time_ns, number, is_forged, result))
         if result in CHANGING:
             if since_ns is not None:
-                forged_ns.append((since_ns, time_ns))
+                forged_ns.append((since_ns, min(time_ns, since_ns + rule.resync_ns)))
             assert isinstance(check.content, tuple)
             since_ns = time_ns if check.content[0] else None
     if since_ns is not None:
-        forged_ns.append((since_ns, last_ns))
+        forged_ns.append((since_ns, min(last_ns, since_ns + rule.resync_ns)))
     return Heard(events, forged_ns, check)
 
 

@@ -231,6 +231,11 @@ TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
         Absence(150, 184, 0),
         234,
     ),
+    "far ahead of a true sender that is late in what he has skipped": (
+        [[Shot(12_230_708, -77), Shot(9_900_000, 3)]],
+        Absence(0, 108, 210),
+        223,
+    ),
     "leaps that shorten the measured period": (
         [
             [],
@@ -251,8 +256,8 @@ ABSENCES = st.one_of(
 
 
 def followed_max(rule: SequenceRule) -> int:
-    """Once, until what a late frame explains has passed and a run contradicts it."""
-    return 2 + rule.lead_ns // PERIOD_NS + 2 * rule.resync_run
+    """Until no true frame is late enough for the network to explain it, and two more."""
+    return 2 + max(rule.lead_ns, rule.resync_ns) // PERIOD_NS
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
