@@ -21,8 +21,8 @@ error before others do see the others' flags after their own, and count 8 more.
 Stuck line: a dominant level that stays after the flags counts 8 for everybody each 8 bits. The
 sender goes into bus-off, receivers become error passive, and nothing can be sent until the line is
 recessive for 11 bits. On a recessive line each start of frame is a bit error to its sender, which
-goes into bus-off after 32 attempts. The bit errors within its flags, which bring that about sooner,
-are not counted.
+goes into bus-off after 32 attempts, while receivers see an idle bus. The bit errors within its
+flags, which bring that about sooner, are not counted.
 """
 
 from functools import lru_cache
@@ -42,6 +42,8 @@ SILENT_BITS = 11 - INTERMISSION_BITS
 ONE, FIRST = 1, 9
 """What an error adds to a receive counter, and to that of a receiver that signals it first."""
 ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
+AFTER_ACK = frozenset({"ACK delimiter", "EOF"})
+"""Where a receiver that acknowledged the frame has counted it as received already."""
 _BEFORE_RTR = frozenset({"ID", "ID extension"})
 """Where a recessive stuff bit comes before RTR: SRR and IDE are recessive there themselves."""
 _TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
@@ -67,6 +69,7 @@ class Disturbed(NamedTuple):
     ``is_repeated``         the sender sends it again
     ``again``               how often everybody counts 8 for a line that stays dominant
     ``counted``             by the receive counters
+    ``is_acknowledged``     by the receivers, but for the odd one, before they found an error
     """
 
     bits: FrameBits
@@ -78,6 +81,7 @@ class Disturbed(NamedTuple):
     is_repeated: bool = True
     again: int = 0
     counted: Counted = Counted()
+    is_acknowledged: bool = False
 
 
 def disturb(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
@@ -160,8 +164,12 @@ def disturb_stuck(frame: Frame, level: int, first: int, stuck_bits: int) -> Dist
     is_own = first >= 0 or level != DOMINANT
     again = max(0, until - wrong - 1 - FLAG_BITS) // _AGAIN_BITS if level == DOMINANT else 0
     field = bits[wrong].field
-    counted = Counted(sender=0 if is_own else ONE)
-    return Disturbed(FrameBits(slow, fast), False, is_own, cause, field, None, True, again, counted)
+    is_unheard = level == RECESSIVE and wrong == 0
+    counted = Counted(sender=0 if is_own else ONE, receivers=0 if is_unheard else ONE)
+    stuck = Disturbed(
+        FrameBits(slow, fast), False, is_own, cause, field, None, True, again, counted
+    )
+    return stuck._replace(is_acknowledged=field in AFTER_ACK)
 
 
 def is_excused(bit: WireBit) -> bool:
@@ -183,7 +191,8 @@ def _outcome(found: int, fast: int, field: str, *, is_lost: bool, is_last: bool)
         cause = "no acknowledgement"
     length = FrameBits(found + 1 - fast + FLAG_BITS + DELIMITER_BITS, fast)
     counted = Counted(sender=ONE if is_lost else 0, receivers=0 if is_last else ONE)
-    return Disturbed(length, is_last, not is_lost, cause, field, counted=counted)
+    outcome = Disturbed(length, is_last, not is_lost, cause, field, counted=counted)
+    return outcome._replace(is_acknowledged=field in AFTER_ACK)
 
 
 def _silent(found: int, index: int, field: str, *, is_lost: bool) -> Disturbed:

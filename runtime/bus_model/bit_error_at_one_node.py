@@ -19,6 +19,7 @@ from ..frame.exact_length import FrameBits
 from ..frame.received_bits import WireError, receive
 from ..frame.wire_bits import DOMINANT, RECESSIVE, WireBit, frame_on_wire
 from .bit_error_at_all_nodes import (
+    AFTER_ACK,
     ARBITRATION,
     DELIMITER_BITS,
     FIRST,
@@ -73,6 +74,7 @@ def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -
         field=bits[index].field,
         only_at=node,
         counted=Counted(ONE if is_lost else 0, FIRST, 0 if is_received else ONE),
+        is_acknowledged=bits[others].field in AFTER_ACK,
     )
 
 
@@ -95,6 +97,7 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
         # Receivers take a flag after the frame for an overload, and answer it.
         found = index + 1 if is_received else index if is_silent else max(index, reception.bit)
     is_unheard = is_passive and bit.field == "ACK"
+    is_form_error = reception.error is WireError.FORM  # who finds a CRC error does not acknowledge
     return Disturbed(
         _length(bits, found, FLAG_BITS + DELIMITER_BITS),
         is_received=is_received,
@@ -102,6 +105,7 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
         cause="no acknowledgement" if bit.field == "ACK" else "bit error",
         field=bit.field,
         counted=Counted(receivers=0 if is_received or is_silent else ONE),
+        is_acknowledged=is_form_error and bits[reception.bit].field in AFTER_ACK,
     )
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from ..frame import BITRATE_SWITCH, Frame
 from ..frame.wire_bits import frame_on_wire
 from ..node import NEVER_NS
-from .bit_error_at_all_nodes import FIRST, Disturbed, disturb, disturb_stuck
+from .bit_error_at_all_nodes import AFTER_ACK, FIRST, Disturbed, disturb, disturb_stuck
 from .bit_error_at_one_node import disturb_receiver, disturb_sender, unacknowledged
 from .bit_noise import Noise, StuckLine
 from .bit_ticks import BitTicks
@@ -175,7 +175,12 @@ class BusErrors:
         if node == sender:
             return disturb_sender(frame, index, is_passive=is_passive)
         self.join(node)
-        return disturb_receiver(frame, index, node, is_passive=self.is_passive(node))
+        # Its receive counter falls when it acknowledges: it is passive after that as a sender only.
+        is_after_ack = frame_on_wire(frame)[index].field in AFTER_ACK
+        is_passive = self.is_passive(node)
+        if is_passive and is_after_ack:
+            is_passive = self.counters(node).transmit >= PASSIVE_MIN
+        return disturb_receiver(frame, index, node, is_passive=is_passive)
 
     def on_whole(self, sender: int) -> None:
         """Count a frame that was sent and received."""
@@ -270,9 +275,12 @@ def _count(counters: ErrorCounters, disturbed: Disturbed, *, is_sender: bool, is
         return
     counted = disturbed.counted
     errors = counted.sender if is_sender else counted.odd if is_odd else counted.receivers
+    is_acknowledged = disturbed.field in AFTER_ACK if is_odd else disturbed.is_acknowledged
+    is_whole = is_acknowledged or (disturbed.is_received and not errors)
+    # What is not repeated has been counted as a frame by all but the odd one.
+    if not is_sender and (is_whole if disturbed.is_repeated else is_odd and is_acknowledged):
+        counters.on_received()
     if errors:
         counters.on_receive_error()
         for _ in range(min(disturbed.again, PASSIVE_MIN) + (errors == FIRST)):
             counters.on_dominant_after_flag()
-    elif disturbed.is_received and disturbed.is_repeated and not is_sender:
-        counters.on_received()

@@ -99,6 +99,57 @@ def test_an_error_passive_receiver_misses_the_frame_and_disturbs_nobody() -> Non
     assert bus.missed == {(LENGTH * BIT_NS, 2)}
 
 
+AFTER_ACK = range(LENGTH - 8, LENGTH - 1)
+"""ACK delimiter to the last bit but one. At its ACK a receiver counts a frame as received: 1 less,
+from above 127 to 119 or more. Only then it counts an error (ISO 11898-1, fault confinement)."""
+
+
+def test_an_error_passive_receiver_is_active_again_once_it_has_acknowledged() -> None:
+    for index in AFTER_ACK:
+        bus, errors, events = bus_with({2: HitsAt(at(index))})
+        for _ in range(200):
+            errors.counters(2).on_receive_error()
+        errors.note_limits(2)
+        bus.submit(FRAME, 0, 0)
+        ends_ns = drain(bus)
+        assert ends_ns[-1] == (index + 1 + 6 + 1 + 8 + 3 + LENGTH) * BIT_NS
+        assert [event.cause for event in events] == ["error at one receiver"]
+        assert errors.counters(0).transmit == 8 - 1
+        assert 119 <= errors.counters(2).receive <= 127  # passive again by 9, then the repetition
+
+
+def test_a_receiver_that_is_error_passive_as_a_sender_stays_so_and_alone_misses_the_frame() -> None:
+    for index in AFTER_ACK:
+        bus, errors, _ = bus_with({2: HitsAt(at(index))})
+        errors.counters(2).on_transmit_error(17)
+        errors.note_limits(2)
+        bus.submit(FRAME, 0, 0)
+        assert drain(bus) == [LENGTH * BIT_NS]
+        assert bus.missed == {(LENGTH * BIT_NS, 2)}
+        assert errors.counters(2).receive == 1
+
+
+def test_an_error_after_the_acknowledgement_is_counted_on_top_of_a_frame_received() -> None:
+    for index in AFTER_ACK:
+        bus, errors, _ = bus_with({2: HitsAt(at(index))})
+        for node in (1, 2):
+            for _ in range(5):
+                errors.counters(node).on_receive_error()
+        bus.submit(FRAME, 0, 0)
+        drain(bus)
+        # Received, the error (8 more for who signals it first), and the repetition received.
+        others = 5 - 1 + (index != LENGTH - 2) - 1
+        assert [errors.counters(node).receive for node in (1, 2)] == [others, 5 - 1 + 9 - 1]
+    for index in (LENGTH - 10, LENGTH - 9):  # CRC delimiter, ACK: the others acknowledge, it not
+        bus, errors, _ = bus_with({2: HitsAt(at(index))})
+        for node in (1, 2):
+            for _ in range(5):
+                errors.counters(node).on_receive_error()
+        bus.submit(FRAME, 0, 0)
+        drain(bus)
+        assert [errors.counters(node).receive for node in (1, 2)] == [5 - 1 + 1 - 1, 5 + 9 - 1]
+
+
 def test_a_node_alone_becomes_error_passive_and_never_bus_off() -> None:
     bus, errors, events = bus_with({}, is_acknowledged=lambda _: False)
     bus.submit(FRAME, 0, 0)
@@ -128,5 +179,6 @@ def test_a_recessive_line_puts_whoever_sends_into_bus_off() -> None:
     assert drain(bus) == []
     assert len(events) == 32
     assert errors.bus_offs == 1
+    assert [errors.counters(node).receive for node in (1, 2)] == [0, 0]  # to them the bus is idle
     bus.submit(FRAME, 1, at(5_001))
     assert len(drain(bus)) == 1
