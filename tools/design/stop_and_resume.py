@@ -11,6 +11,7 @@ import json
 import math
 import sys
 import time
+import zlib
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -70,8 +71,7 @@ class KeptCosts:
             found, lines = "", []
         if found == digest:
             # The last line of a process that was killed may be cut off.
-            whole = (line.split("\t") for line in lines if line.endswith(";"))
-            self._known = {key: float(cost[:-1]) for key, cost in whole}
+            self._known = dict(filter(None, map(_cost_of, lines)))
         else:
             file.write_text(f"{digest}\n", encoding="utf-8")
 
@@ -88,13 +88,28 @@ class KeptCosts:
             self._known[key] = value
             if self._file is not None:
                 with self._file.open("a", encoding="utf-8") as stream:
-                    stream.write(f"{key}\t{value!r};\n")
+                    stream.write(_line_of(key, value))
         return value
 
     def forget(self) -> None:
         """Remove the file of a search that has ended."""
         if self._file is not None:
             self._file.unlink(missing_ok=True)
+
+
+def _line_of(key: str, cost: float) -> str:
+    content = f"{key}\t{cost!r}"
+    return f"{content}\t{zlib.crc32(content.encode()):08x}\n"
+
+
+def _cost_of(line: str) -> tuple[str, float] | None:
+    """Return key and cost of a line; None for a damaged one."""
+    key, _, rest = line.partition("\t")
+    try:
+        cost = float(rest.partition("\t")[0])
+    except ValueError:
+        return None
+    return (key, cost) if f"{line}\n" == _line_of(key, cost) else None
 
 
 def kept_costs(file: Path, spec: Specification, vehicle: VehicleFile, *further: Any) -> KeptCosts:

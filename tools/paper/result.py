@@ -18,6 +18,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from ...runtime.array_types import FloatArray
 from ...runtime.output_file import open_text, write_text
+from ...runtime.sealed_record import sealed, unsealed
 from ...runtime.settings import SettingsError
 
 
@@ -135,7 +136,7 @@ def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
     record = written._asdict() | {
         "comparisons": [comparison._asdict() for comparison in written.comparisons]
     }
-    text = json.dumps(record, indent=1, ensure_ascii=False)
+    text = json.dumps(sealed(record), indent=1, ensure_ascii=False)
     write_text(_summary(folder, written.key), text)
     return written
 
@@ -166,8 +167,9 @@ def _summary(folder: Path, key: str) -> Path:
 
 def _read(file: Path) -> Written:
     try:
-        return _RECORD.validate_json(file.read_bytes())
-    except ValueError as error:
+        content = unsealed(json.loads(file.read_bytes()))
+        return _RECORD.validate_json(json.dumps(content))
+    except (RecursionError, TypeError, ValueError) as error:
         raise SettingsError(
             f"{file}: is not a summary of this program; delete it, or choose another --out"
         ) from error

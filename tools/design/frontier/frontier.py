@@ -8,12 +8,13 @@ import csv
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....controller.settings import ControllerSettings, controller_preset
 from ....runtime.output_file import open_text, write_text
+from ....runtime.sealed_record import sealed, unsealed
 from ..law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings
@@ -50,8 +51,7 @@ def compute(
     rows: list[Row] = []
     for row in _rows(asked, vehicle, structure, done):
         rows.insert(0, row)
-    text = json.dumps({"digest": digest, "rows": [_plain(row) for row in rows]}, indent=1)
-    write_text(file, text + "\n")
+    _write(file, digest, rows)
     return rows
 
 
@@ -106,10 +106,15 @@ def _plain(row: Row) -> dict[str, Any]:
     return {"point": row.point._asdict(), "trials": row.trials._asdict()}
 
 
+def _write(file: Path, digest: str, rows: Sequence[Row]) -> None:
+    record = sealed({"digest": digest, "rows": [_plain(row) for row in rows]})
+    write_text(file, json.dumps(record, indent=1) + "\n")
+
+
 def _read(file: Path, digest: str) -> list[Row] | None:
-    """Return the rows of a file, or None where it is not there or is of other settings."""
+    """Return the rows of a file, or None where it is not there, damaged or of other settings."""
     try:
-        kept = json.loads(file.read_text(encoding="utf-8"))
+        kept = unsealed(json.loads(file.read_text(encoding="utf-8")))
         if kept["digest"] != digest:
             return None
         return [Row(Point(**row["point"]), Trials(**row["trials"])) for row in kept["rows"]]

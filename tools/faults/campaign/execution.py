@@ -21,6 +21,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from ....closed_loop.worker_processes import worker_pool
 from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.output_file import write_text
+from ....runtime.sealed_record import sealed, unsealed
 from ....runtime.settings import SettingsError
 from .specification import CampaignSettings
 from .virtual_trial import Detection, RunResult
@@ -130,7 +131,7 @@ def keep_only(folder: Path, spec_hash: str, results: Iterable[RunResult]) -> Non
 
 
 def _line_of(spec_hash: str, result: RunResult) -> str:
-    return json.dumps({"specification": spec_hash, **result._asdict()}) + "\n"
+    return json.dumps(sealed({"specification": spec_hash, **result._asdict()})) + "\n"
 
 
 def _lines(file: Path) -> Iterator[bytes]:
@@ -146,11 +147,13 @@ def _of_line(line: bytes) -> tuple[str, RunResult | None]:
         record: Any = json.loads(line)
     except (ValueError, RecursionError):  # includes UnicodeDecodeError
         return "", None
-    of_hash = record.pop("specification", "") if isinstance(record, dict) else ""
+    of_hash = record.get("specification", "") if isinstance(record, dict) else ""
     if not (isinstance(of_hash, str) and of_hash):
         return "", None
     try:
-        result = _FIELDS.validate_python(record)
+        content = unsealed(record)
+        del content["specification"]
+        result = _FIELDS.validate_python(content)
         result = result._replace(verdict=Detection(result.verdict))
     except (ValidationError, ValueError):
         return of_hash, None
