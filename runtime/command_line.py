@@ -66,7 +66,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End with status 2 and one line, with a suggestion for an unknown option."""
         if message.startswith("unrecognized arguments:"):
-            unknown = message.partition(": ")[2].split()[0].partition("=")[0]
+            unknown = message.partition(": ")[2].split(" ")[0].partition("=")[0]
             close = difflib.get_close_matches(unknown, self._option_string_actions, n=1)
             message += f" (did you mean {close[0]}?)" if close else ""
         super().error(message)

@@ -168,6 +168,7 @@ def test_the_version_is_the_distributions_and_the_packages(
             ["run", "--durations", "3"],
             "steer-by-wire run: error: unrecognized arguments: --durations (did you mean --dur",
         ),
+        (["check", "law.toml", ""], "steer-by-wire check: error: unrecognized arguments: "),
         (["study", "nosuch"], "steer-by-wire study: error: argument STUDY: 'nosuch' is neither"),
     ],
 )
