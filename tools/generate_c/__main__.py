@@ -33,8 +33,9 @@ def _write(options: argparse.Namespace) -> int:
     if options.preset is None and options.settings is None:
         options.preset = DEFAULT_PRESET
     settings = load_program_settings(ControllerSettings, PRESETS, options)
-    origin = str(options.settings or f"preset {options.preset}")
-    files = law_source(settings, origin)
+    preset = [f"preset {options.preset}"] if options.preset else []
+    origin = [*preset, *([options.settings.name] if options.settings else [])]
+    files = law_source(settings, " and ".join(origin))
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)

@@ -217,4 +217,4 @@ def _structs(records: Iterable[Record]) -> str:
 
 
 def _within_comment(text: str) -> str:
-    return "\n".join(f" * {line}".rstrip() for line in text.replace("*/", "* /").splitlines())
+    return "\n".join(f" * {line}".rstrip() for line in text.splitlines())

@@ -20,6 +20,15 @@ def test_it_writes_two_files_and_says_where(
     assert max(map(len, source.splitlines())) <= 100
 
 
+def test_preset_and_file_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("rate_hz = 50.0\n")
+    assert main([str(file), "--preset", "paper_pd", "--out", str(tmp_path)]) == 0
+    title, *_ = (tmp_path / "steering_law.h").read_text(encoding="utf-8").splitlines()
+    said = "generated from preset paper_pd and mine.toml: do not edit."
+    assert title == f"/* Law pd at 50 Hz, {said}"
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [
