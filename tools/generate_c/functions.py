@@ -127,7 +127,8 @@ class Function:
         nodes = [*ast.walk(source.tree)]
         stored = [it for it in nodes if isinstance(it, ast.Name) and isinstance(it.ctx, ast.Store)]
         self._times_set = Counter(it.id for it in stored)
-        for name, node in ((self.name, source.tree), *((it.id, it) for it in stored)):
+        named = [(name, source.tree) for name in (self.name, *dict(self.parameters))]
+        for name, node in (*named, *((it.id, it) for it in stored)):
             if name in _TAKEN or name.startswith("result"):
                 source.refuse(node, f"{name}, a name that C has for something else")
         self._not_zero = {
@@ -137,15 +138,6 @@ class Function:
             if self._times_set[name] <= 1
         }
         self.result = self._kind(source.tree, returned[1], f"{self.name}_result")
-
-    @property
-    def kinds_returned(self) -> Sequence[Kind]:
-        """The kinds of what it returns together."""
-        return (
-            [self.result]
-            if isinstance(self.result, str)
-            else [kind for _, kind in self.result.fields]
-        )
 
     def prototype(self, storage: str = "") -> str:
         """Return the function's head, without a semicolon."""
@@ -167,7 +159,7 @@ class Function:
             self._source.refuse(statements[-1], "an end without return")
         lines = [line for statement in statements for line in self._statement(statement)]
         doc = f"{ast.get_docstring(self._source.tree)}\n\n(in {self._source.file})"
-        comment = "\n".join(f" * {line}".rstrip() for line in doc.splitlines())
+        comment = "\n".join(f" * {line}".rstrip() for line in doc.replace("*/", "").splitlines())
         body = textwrap.indent("\n".join(lines), "    ")
         return f"/*{comment[2:]} */\n{self.prototype(storage)}\n{{\n{body}\n}}\n"
 

@@ -9,8 +9,9 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from steer_by_wire.controller.law_interface import LawOutput
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
-from steer_by_wire.controller.limits.steer_limits import limit_step
+from steer_by_wire.controller.limits.steer_limits import SteerLimits, limit_step
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import SettingsError
@@ -123,8 +124,8 @@ def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
     ]
     step, at_rest = functions[law.step], functions[law.at_rest]
     of_params, of_state, _ = (kind for _, kind in step.parameters)
-    of_limits = functions[limit_step].parameters[0][1]
-    shown = parts_of(of_state) | parts_of(step.kinds_returned[1]) | parts_of(of_limits)
+    of_output, of_limits = records.kind_of(LawOutput), records.kind_of(SteerLimits)
+    shown = parts_of(of_state) | parts_of(of_output) | parts_of(of_limits)
     title = f"Law {settings.law} at {settings.rate_hz:g} Hz, generated from {origin}: do not edit."
     header = _HEADER.format(
         title=title,
@@ -185,6 +186,11 @@ def reached(roots: Sequence[Callable[..., Any]]) -> list[Source]:
 
     for source in map(source_of, roots):
         visit(source, (source.function,))
+    names: set[str] = set()
+    for source in found.values():
+        if source.tree.name in names:
+            source.refuse(source.tree, f"a second function {source.tree.name}")
+        names.add(source.tree.name)
     return [*found.values()]
 
 

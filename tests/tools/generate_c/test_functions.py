@@ -2,6 +2,7 @@
 
 import ast
 import textwrap
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import pytest
@@ -118,12 +119,13 @@ def test_the_rest_of_python_is_refused_with_its_place(body: str, line: int, why:
     ("head", "why"),
     [
         ("def f(a: int) -> float:", "the type <class 'int'> is neither float, bool nor a record"),
+        ("def f(default: float) -> float:", "default, a name that C has for something else"),
         ("def f(a) -> float:", "a parameter or the result without a type"),
         ("def f(*, a: float) -> float:", "a parameter or the result without a type"),
         ("def f(a: float) -> list[float]:", "the type list[float] is neither float"),
     ],
 )
-def test_so_is_a_function_of_other_types(head: str, why: str) -> None:
+def test_so_is_a_function_of_other_parameters(head: str, why: str) -> None:
     with pytest.raises(UserError) as refused:
         statements("return 0.0", head)
     assert str(refused.value).startswith(f"f.py:1: {why}")
@@ -139,3 +141,20 @@ def test_a_function_that_calls_itself_is_refused() -> None:
         UserError, match=r"test_functions\.py:\d+: 'calls_itself\(a\)' calls itself"
     ):
         reached([calls_itself])
+
+
+def same(a: float) -> float:
+    """Return the same."""
+    return a
+
+
+def test_two_functions_of_one_name_are_refused() -> None:
+    def makes() -> Callable[[float], float]:
+        def same(a: float) -> float:
+            """Return the same, elsewhere."""
+            return a
+
+        return same
+
+    with pytest.raises(UserError, match=r"functions\.py:\d+: a second function same"):
+        reached([same, makes()])
