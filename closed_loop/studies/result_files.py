@@ -81,6 +81,9 @@ class Store:
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         self._lock = _FolderLock(self.folder)
+        # Before there is anything of it: what is killed in between can be continued.
+        write_text(file, identity)
+        write_text(self.folder / "study.toml", text)
         if self.is_complete:
             rows = check_columns(self.results, self._types)
             if rows != self._runs:
@@ -88,8 +91,6 @@ class Store:
             shutil.rmtree(self._chunks, ignore_errors=True)
         else:
             self._chunks.mkdir(exist_ok=True)
-        write_text(file, identity)
-        write_text(self.folder / "study.toml", text)
 
     def stored(self) -> int:
         """Return how many runs are stored."""

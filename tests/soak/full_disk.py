@@ -1,13 +1,15 @@
-"""Let a disk fail at every use that a program makes of it, and judge how the program ends.
+"""Let a disk fail at every use that a program makes of it, or kill it there, and judge the end.
 
     python -m tests.soak.full_disk [--seed 1] [--share 1.0]
 
 Each program first leaves its results, then runs again into the same place while use n of the disk
-fails, for every n, and either only that one or all from there on. The promise:
+fails, for every n: only that one, or all from there on. And it is killed (-9) there while it runs
+for the first time. The promise:
 
     the program    one line that names the file and the cause, and status 4
     whole files    those of before or those of now, never a part, and no temporary one is left
     a recording    the failure, and no more frames than can be read from the file
+    after a kill   the same command runs again, to its end
 
 Prints what breaks it, and the count of tries. ``--share`` draws some of them. About four minutes.
 """
@@ -17,6 +19,7 @@ import importlib
 import io
 import json
 import os
+import shutil
 import sys
 import tempfile
 import tomllib
@@ -59,11 +62,12 @@ _TEMPORARY = (".partial", ".writing", ".part", ".new")
 
 
 class Try(NamedTuple):
-    """What is tried, and which use of the disk fails; all later ones too if ``stays_full``."""
+    """What is tried, and which use of the disk fails: all later ones too if ``stays_full``."""
 
     name: str
     fails_at: int | None
     stays_full: bool = True
+    kills: bool = False
 
 
 def prepare(place: Path) -> None:
@@ -80,20 +84,17 @@ def attempt(place: Path, one: Try) -> FailingDisk:
     folder.mkdir(exist_ok=True)
     if one.name in RECORDINGS:
         return _attempt_recording(folder, one)
-    module, words = PROGRAMS[one.name]
-    main = importlib.import_module(f"steer_by_wire.tools.{module}.__main__").main
     before = files_in(folder)
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        chdir(folder),
-        redirect_stdout(out),
-        redirect_stderr(err),
-        failing_disk(folder, one.fails_at, stays_full=one.stays_full) as disk,
-    ):
-        status = main(list(words))
-    said = err.getvalue().strip()
+    if one.kills:
+        _kill(folder, one)
+        for name, content in files_in(folder).items():
+            assert name.endswith(_TEMPORARY) or is_whole(name, content), (one, name)
+        one = one._replace(fails_at=None)
+    status, said, disk = _run(folder, one)
     if not disk.has_failed:
         assert status == ExitStatus.OK, (one, said)
+        left = [name for name in files_in(folder) if name.endswith(_TEMPORARY)]
+        assert not left, (one, left)
         return disk
     assert status == ExitStatus.OUTPUT, (one, status, said)
     assert "\n" not in said, (one, said)
@@ -105,6 +106,35 @@ def attempt(place: Path, one: Try) -> FailingDisk:
         assert not name.endswith(_TEMPORARY), (one, name)
         assert content == before.get(name) or is_whole(name, content), (one, name)
     return disk
+
+
+def _run(folder: Path, one: Try) -> tuple[int, str, FailingDisk]:
+    """Run a program; returns its status, what it has said, and the disk."""
+    module, words = PROGRAMS[one.name]
+    main = importlib.import_module(f"steer_by_wire.tools.{module}.__main__").main
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        chdir(folder),
+        redirect_stdout(out),
+        redirect_stderr(err),
+        failing_disk(folder, one.fails_at, stays_full=one.stays_full, kills=one.kills) as disk,
+    ):
+        status = main(list(words))
+    return status, err.getvalue().strip(), disk
+
+
+def _kill(folder: Path, one: Try) -> None:
+    """Run a program into an empty folder, in a process that is killed at a use of the disk."""
+    shutil.rmtree(folder)
+    folder.mkdir()
+    pid = os.fork()
+    if not pid:
+        try:
+            _run(folder, one)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(pid, 0)
+    assert os.WIFSIGNALED(status), (one, status)
 
 
 def files_in(folder: Path) -> dict[str, bytes]:
@@ -171,9 +201,9 @@ def tries(place: Path, names: Sequence[str], random: Random, share: float) -> It
     for name in names:
         uses = attempt(place, Try(name, None)).uses
         for fails_at in range(1, uses + 1):
-            for stays_full in (True, False):
-                if random.random() < share:
-                    yield Try(name, fails_at, stays_full)
+            ways = [Try(name, fails_at), Try(name, fails_at, stays_full=False)]
+            ways += [Try(name, fails_at, kills=True)] * (name in PROGRAMS)
+            yield from (one for one in ways if random.random() < share)
 
 
 def search(names: Sequence[str], seed: int, share: float, note: Callable[[str], None]) -> int:

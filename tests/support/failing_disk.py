@@ -1,5 +1,7 @@
 """A disk that fails from, or at, its n-th use: opening, writing, syncing, renaming, making folders.
 
+Or at which the process is killed.
+
 In this process, for files below one folder, as far as they are written by Python. What a library
 writes by itself (sqlite, Arrow) does not fail.
 """
@@ -8,6 +10,7 @@ import builtins
 import errno
 import io
 import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,13 +22,17 @@ import pytest
 class FailingDisk:
     """Counts uses, and lets number ``fails_at`` fail, and all later ones if ``stays_full``.
 
+    ``kills``  the process is killed then, by SIGKILL
+
     ``uses``  so far
     ``has_failed``  whether one has failed
     """
 
-    def __init__(self, folder: Path, fails_at: int | None, *, stays_full: bool = True) -> None:
+    def __init__(
+        self, folder: Path, fails_at: int | None, *, stays_full: bool = True, kills: bool = False
+    ) -> None:
         self._folder = str(folder.resolve())
-        self._fails_at, self._stays_full = fails_at, stays_full
+        self._fails_at, self._stays_full, self._kills = fails_at, stays_full, kills
         self.uses = 0
         self.has_failed = False
 
@@ -34,6 +41,8 @@ class FailingDisk:
         self.uses += 1
         if self._fails_at is None or self.uses < self._fails_at:
             return
+        if self._kills:
+            os.kill(os.getpid(), signal.SIGKILL)
         if self.uses == self._fails_at or self._stays_full:
             self.has_failed = True
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *([file] if file else []))
@@ -83,10 +92,10 @@ class _RawFile(io.FileIO):
 
 @contextmanager
 def failing_disk(
-    folder: Path, fails_at: int | None, *, stays_full: bool = True
+    folder: Path, fails_at: int | None, *, stays_full: bool = True, kills: bool = False
 ) -> Iterator[FailingDisk]:
     """Let what is written below ``folder`` fail from use ``fails_at`` on; None: never."""
-    disk = FailingDisk(folder, fails_at, stays_full=stays_full)
+    disk = FailingDisk(folder, fails_at, stays_full=stays_full, kills=kills)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(builtins, "open", disk.open)
         patch.setattr(io, "open", disk.open)

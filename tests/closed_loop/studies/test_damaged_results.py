@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from steer_by_wire.closed_loop.studies.result_reader import read_overrides, read
 from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
+from tests.support.failing_disk import failing_disk
 from tests.support.running_program import wait_until
 from tests.support.small_study import make_scenarios, open_store
 
@@ -254,3 +256,16 @@ def test_another_version_does_not_go_on(
     open_store(tmp_path, scenarios)
     monkeypatch.setattr("steer_by_wire.closed_loop.studies.study.version", lambda _name: "0.0")
     assert "another study: version differ" in refusal(lambda: open_store(tmp_path, scenarios))
+
+
+def test_a_folder_that_was_begun_and_cut_short_anywhere_can_be_continued(
+    scenarios: Scenarios, tmp_path: Path
+) -> None:
+    """Without its study.json it was refused, as if it held results of nobody knows what."""
+    for use in range(1, 50):
+        with failing_disk(tmp_path, use) as disk, suppress(OSError):
+            open_store(tmp_path / f"{use}", scenarios)
+        assert open_store(tmp_path / f"{use}", scenarios).stored() == 0
+        if not disk.has_failed:
+            break
+    assert 5 < use < 49
