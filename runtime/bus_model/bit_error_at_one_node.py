@@ -85,7 +85,7 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
     levels = [bit.level for bit in bits]
     bit = bits[index]
     if bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff:
-        return _lost_at_sender(bits, index)
+        return _lost_at_sender(bits, index, is_passive=is_passive)
     flag = RECESSIVE if is_passive else DOMINANT
     reception = receive(levels[: index + 1] + [flag] * (FLAG_BITS + len(bits)))
     is_received = reception.error is None or index == len(bits) - 1
@@ -109,20 +109,21 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
     )
 
 
-def _lost_at_sender(bits: tuple[WireBit, ...], index: int) -> Disturbed:
+def _lost_at_sender(bits: tuple[WireBit, ...], index: int, *, is_passive: bool) -> Disturbed:
     """The sender falls silent; it and the receivers read the silence by different bits."""
     before = [bit.level for bit in bits[:index]]
     views = [[*before, DOMINANT], [*before, RECESSIVE]]  # the sender's, the receivers'
     silence = [RECESSIVE] * len(bits)
     read = [receive(view + silence) for view in views]
-    signalled = [one.bit for one in read if one.error is not WireError.PROTOCOL_EXCEPTION]
+    heard = read[1:] if is_passive else read
+    signalled = [one.bit for one in heard if one.error is not WireError.PROTOCOL_EXCEPTION]
     counted, last, after = [0, 0], max(one.bit for one in read), SILENT_BITS
     if signalled:
         flagged = [RECESSIVE] * (min(signalled) - index) + [DOMINANT] * len(bits)
         read = [receive(view + flagged) for view in views]
         found = [0 if one.error is WireError.PROTOCOL_EXCEPTION else one.bit for one in read]
         last, after = max(found), FLAG_BITS + DELIMITER_BITS
-        counted = [0 if at == 0 else ONE if at == last else FIRST for at in found]
+        counted = [0 if at == 0 else ONE if at == last or is_passive else FIRST for at in found]
     return Disturbed(
         _length(bits, last, after),
         is_received=False,
