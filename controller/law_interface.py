@@ -81,6 +81,12 @@ class History(NamedTuple):
     plans: Sequence[MutableSequence[float]] = ()
 
 
+def newest_heading_rad(observed: "LawInput") -> float:
+    """Return the heading error of the newest lateral error [rad]; 0 without a history."""
+    history = observed.history
+    return history.heading_error_rad[observed.link.error_sample & history.sample_mask]
+
+
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)
 NO_LOOP_DELAY = LoopDelay(0, -1, -1, 0.0, False)
 NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0.0,))
@@ -162,6 +168,8 @@ class Law(NamedTuple):
     ``feed_forward_refusal``  why [feed_forward] must not be added; empty: it may be
     ``commands_read``    for a law that is linear in the lateral error and its own last commands:
                          returns the number of these commands from the params; None: not linear
+    ``heading_gain``     for a law that is linear in the newest heading error too: returns its gain
+                         [rad/rad] from the params; the law looks back where that is not 0
     ``looking_back``     analysis of a law that is linear at a constant latency only
     ``after_hold``       state after a hold, from the params, the state before the hold and the
                          lateral error now [m]; None: the law starts anew
@@ -184,6 +192,7 @@ class Law(NamedTuple):
     takes_derivative: bool = False
     feed_forward_refusal: str = ""
     commands_read: Callable[[Any], int] | None = None
+    heading_gain: Callable[[Any], float] | None = None
     looking_back: Callable[[Any, Any], LookingBack | None] | None = None
     after_hold: Callable[[Any, Any, float], Any] | None = None
     plan: LawPlan | None = None

@@ -15,6 +15,7 @@ from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
 from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 from .delay_estimation.delay_estimator import DelayEstimationSettings
+from .laws.assembly import design_law
 from .laws.settings import LawSettings
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
 
@@ -44,7 +45,7 @@ class ControllerSettings(LawSettings):
     @property
     def law_that_reads_the_vehicle(self) -> str:
         """The law's name if it reads more than the lateral error; else empty."""
-        reads_more = self.law_record.looks_back or self.feed_forward is not None
+        reads_more = self.law_record.looks_back or design_law(self).looks_back
         return self.law if reads_more else ""
 
     @property

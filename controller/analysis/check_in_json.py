@@ -88,7 +88,7 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
     law = design.looking_back
     if law is None:
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
-        return _loop_of(settings, design, steer_to_lateral_error(vehicle), known)
+        return _loop_of(settings, design, vehicle, known)
     periods = law.state_period_ns, law.request_periods
     return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, known)
 
@@ -96,13 +96,15 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
 def _loop_of(
     settings: ControllerSettings,
     design: LawDesign,
-    model: TransferFunction,
+    plant: NominalVehicle | TransferFunction,
     responses: Responses | None = None,
 ) -> Loop:
     """Return the loop of a law that does not look back."""
+    model = steer_to_lateral_error(plant) if isinstance(plant, NominalVehicle) else plant
     if not _has_two_rates(settings):
         return SampledLoop(design, model, settings.period_ns)
-    return PeriodicLoop(design, settings.loop_delay, LoopModel(model), responses=responses)
+    loop_model = LoopModel(plant if design.heading_gain else model)
+    return PeriodicLoop(design, settings.loop_delay, loop_model, responses=responses)
 
 
 def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[DelayInterval, ...]:
@@ -146,8 +148,13 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     figures["law_poles"] = _poles(np.linalg.eigvals(law.a).astype(np.complex128), settings)
     if settings.model is None:
         return figures
+    if design.heading_gain and not settings.model.heading:
+        needed = "a law that reads the heading error needs nominal_model.kind = 'vehicle'"
+        return figures | {"not_analysed": needed}
     if _has_two_rates(settings):
-        loop_model = LoopModel(settings.model)
+        loop_model = LoopModel(
+            vehicle_of(settings).vehicle if design.heading_gain else settings.model
+        )
         return figures | _looking_back(settings, design, _two_rates(settings), loop_model, progress)
     loop = SampledLoop(design, settings.model, settings.period_ns)
     progress("poles and margins")

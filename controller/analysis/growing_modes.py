@@ -30,7 +30,7 @@ import numpy as np
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..prediction.matrices import zero_order_hold
-from .linear_system import companion_form, without_idle_states
+from .linear_system import companion_form, heading_row, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 _PHASE_STEP_RAD = 1.0
@@ -55,6 +55,7 @@ class GrowingModes:
     def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:
         self._law = without_idle_states(loop.law)
         self._a, self._b, self._c = companion_form(loop.model)
+        self._model = loop.model
         self._period_ns = loop.period_ns
         self._transition, self._whole = zero_order_hold(self._a, self._b, loop.period_ns / NS_PER_S)
         self._delay_ns_max = delay_ns_max
@@ -123,7 +124,11 @@ class GrowingModes:
         row = np.linalg.solve(shifted, self._c[:, None])[:, :, 0]
         of_law, response = self._law.determinant_and_response(z)
         q = np.linalg.det(shifted) * of_law
-        return q, (q * response)[:, None] * row
+        p = (q * response)[:, None] * row
+        if self._law.heading is not None:
+            row = np.linalg.solve(shifted, heading_row(self._model)[:, None])[:, :, 0]
+            p += (q * self._law.heading.response(z))[:, None] * row
+        return q, p
 
     def _chi(
         self, theta: FloatArray, q: ComplexArray, p: ComplexArray, delay_ns: int

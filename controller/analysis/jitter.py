@@ -29,7 +29,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..prediction.matrices import zero_order_hold
 from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
-from .linear_system import companion_form, without_idle_states
+from .linear_system import companion_form, heading_row, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import stable_intervals
 
@@ -123,6 +123,9 @@ class _MomentRecursion:
         self._law[:-1, :plant_end] = np.outer(law.b, c)
         self._law[:-1, plant_end:] = law.a
         self._law[-1] = np.concatenate([law.d * c, law.c])
+        if law.heading is not None:
+            read = np.append(law.heading.b, law.heading.d)
+            self._law[:, :plant_end] += np.outer(read, heading_row(loop.model))
         ages = np.arange(youngest, oldest + 1) * when.steps_per_period
         self._choices = [newest_arrivals(hazards[ages + s]) for s in range(when.steps_per_period)]
         self._period_s = loop.period_ns / NS_PER_S

@@ -1,7 +1,7 @@
 """Linear discrete systems as matrices, for design time: the law as it runs, the plant as held.
 
     x[k+1] = A x[k] + B v[k]
-    w[k]   = C x[k] + D v[k]         one input, one output
+    w[k]   = C x[k] + D v[k]         one input, one output; a law may read the heading error too
 
 The law's matrices come from its own step function, so what is analysed is what runs. The plant's
 are exact for a command held over the period and delayed by any time.
@@ -25,12 +25,16 @@ from ..prediction.matrices import zero_order_hold
 
 
 class LinearSystem(NamedTuple):
-    """A, B, C and D; B and C as vectors."""
+    """A, B, C and D; B and C as vectors.
+
+    ``heading``  the system from a second input, the heading error; None where it is not read
+    """
 
     a: FloatArray
     b: FloatArray
     c: FloatArray
     d: float
+    heading: LinearSystem | None = None
 
     def response(self, z: ComplexArray) -> ComplexArray:
         """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole."""
@@ -102,7 +106,7 @@ class NotLinearError(ValueError):
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
 
-    Its matrices are read-only.
+    And from heading error [rad], if it reads that. Its matrices are read-only.
 
     Each column is the response of one step to a small unit of a single state or input. The last
     states are the commands of the previous periods, as many as the law reads, the newest first;
@@ -116,10 +120,12 @@ def law_system(design: LawDesign) -> LinearSystem:
     rest = design.initial_state(0.0)
     order = len(floats_of(rest))
     columns = []
-    for unit in np.eye(order + commands + 1):
+    for unit in np.eye(order + commands + 2):
         values = [float(value) for value in _UNIT * unit]
-        sent_rad, error_m = values[order:-1], values[-1]
-        history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
+        *sent_rad, error_m, heading_rad = values[order:]
+        history = NO_HISTORY._replace(
+            tick_mask=-1, sent_rad=tuple(reversed(sent_rad)), heading_error_rad=(heading_rad,)
+        )
         loop_delay = NO_LOOP_DELAY._replace(tick=commands)
         observed = LawInput(error_m, sent_rad[0], NO_VEHICLE, loop_delay, history)
         state, output = design.step(design.params, filled(rest, iter(values[:order])), observed)
@@ -128,21 +134,33 @@ def law_system(design: LawDesign) -> LinearSystem:
     if not np.isfinite(rows).all():
         raise NotLinearError("the law has no finite answer to a small error")
     rows.flags.writeable = False
-    a, b = rows[:, :-1], rows[:, -1]
-    return LinearSystem(a, b, a[order], float(b[order]))
+    a, b, of_heading = rows[:, :-2], rows[:, -2], rows[:, -1]
+    reads = LinearSystem(a, of_heading, a[order], float(of_heading[order]))
+    return LinearSystem(a, b, a[order], float(b[order]), reads if design.heading_gain else None)
 
 
 def without_idle_states(system: LinearSystem) -> LinearSystem:
     """Return the system without states that nothing drives or nothing reads: poles at z = 0."""
     while True:
         driven = np.any(system.a, axis=1) | (system.b != 0.0)
+        if system.heading is not None:
+            driven |= system.heading.b != 0.0
         read = np.any(system.a, axis=0) | (system.c != 0.0)
         kept = driven & read
         if np.all(kept):
             return system
-        system = LinearSystem(
-            system.a[np.ix_(kept, kept)], system.b[kept], system.c[kept], system.d
-        )
+        system = _with(system, kept)
+
+
+def _with(system: LinearSystem, kept: NDArray[np.bool_]) -> LinearSystem:
+    """Return the system of some of its states alone."""
+    return LinearSystem(
+        system.a[np.ix_(kept, kept)],
+        system.b[kept],
+        system.c[kept],
+        system.d,
+        None if system.heading is None else _with(system.heading, kept),
+    )
 
 
 @lru_cache(maxsize=_PLANTS_KEPT)
@@ -178,6 +196,19 @@ def companion_form(model: TransferFunction) -> tuple[FloatArray, FloatArray, Flo
     c = np.zeros(order)
     c[: len(numerator)] = numerator[::-1] / denominator[0]
     return a, b, c
+
+
+def heading_row(model: TransferFunction) -> FloatArray:
+    """Return the C of the heading error, to the A and B of ``companion_form``.
+
+    Raises ValueError for a model that has no heading error.
+    """
+    if not model.heading:
+        raise ValueError("the law reads the heading error: it needs nominal_model.kind = 'vehicle'")
+    numerator, denominator = _product(model.heading, 0), polynomials(model)[1]
+    row = np.zeros(len(denominator) - 1)
+    row[: len(numerator)] = numerator[::-1] / denominator[0]
+    return row
 
 
 def polynomials(model: TransferFunction) -> tuple[FloatArray, FloatArray]:

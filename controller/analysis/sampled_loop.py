@@ -18,7 +18,7 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..laws.assembly import LawDesign
-from .linear_system import held_plant, law_system, without_idle_states
+from .linear_system import heading_row, held_plant, law_system, without_idle_states
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.
@@ -121,8 +121,12 @@ class SampledLoop:
             z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
             inputs = b_new + b_old / z[:, None]
             states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
-            plant = states[:, :, 0] @ c * z ** float(-whole_periods)
-            return np.asarray(-law.response(z) * plant, dtype=np.complex128)
+            delayed = z ** float(-whole_periods)
+            loop = -law.response(z) * (states[:, :, 0] @ c * delayed)
+            if law.heading is not None:
+                heading = states[:, :, 0] @ heading_row(self.model) * delayed
+                loop -= law.heading.response(z) * heading
+            return np.asarray(loop, dtype=np.complex128)
 
         return response
 
@@ -144,14 +148,19 @@ class SampledLoop:
         law_end = plant_end + len(law.b)
         order = law_end + whole_periods + 1
         command = np.zeros(order)  # u[k] from all states
+        read = np.outer(law.b, c)  # by the law, of the plant
         command[:plant_end] = law.d * c
+        if law.heading is not None:
+            of_heading = heading_row(self.model)
+            read += np.outer(law.heading.b, of_heading)
+            command[:plant_end] += law.heading.d * of_heading
         command[plant_end:law_end] = law.c
         on_its_way = np.eye(order)[law_end:]
         newer = on_its_way[whole_periods - 1] if whole_periods else command
         matrix = np.zeros((order, order))
         matrix[:plant_end] = np.outer(b_new, newer) + np.outer(b_old, on_its_way[whole_periods])
         matrix[:plant_end, :plant_end] += a
-        matrix[plant_end:law_end, :plant_end] = np.outer(law.b, c)
+        matrix[plant_end:law_end, :plant_end] = read
         matrix[plant_end:law_end, plant_end:law_end] = law.a
         matrix[law_end] = command
         matrix[law_end + 1 :] = on_its_way[:-1]

@@ -9,6 +9,8 @@ From the single-track model, SAE 2018-01-1086 (1) and (4), in closed form:
          + (V (b21 + a12 b21 - a22 b11) + l_s (a21 b11 - a11 b21)) s
          + V (a21 b11 - a11 b21)
 
+and the heading error Δψ/δ = (b21 s² + (a21 b11 - a11 b21) s) / (s² D(s)).
+
     a11 = -(c_r + c_f)/(m̃ V)            a12 = -1 + (c_r l_r - c_f l_f)/(m̃ V²)
     a21 = (c_r l_r - c_f l_f)/J         a22 = -(c_r l_r² + c_f l_f²)/(J V)
     b11 = c_f/(m̃ V)                     b21 = c_f l_f/J
@@ -67,7 +69,8 @@ def steer_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
         v * yaw_gain,
     )
     poles = Factor(1.0, -(a11 + a22), a11 * a22 - a12 * a21)
-    return TransferFunction(power_of_s=-2, numerator=(zeros,), denominator=(poles,))
+    heading = Factor(b21, yaw_gain, 0.0)
+    return TransferFunction(-2, (zeros,), (poles,), (heading,))
 
 
 def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:

@@ -41,11 +41,16 @@ class Factor(NamedTuple):
 
 
 class TransferFunction(NamedTuple):
-    """s^power_of_s · Π numerator / Π denominator; a negative power counts integrators."""
+    """s^power_of_s · Π numerator / Π denominator; a negative power counts integrators.
+
+    ``heading``  numerator of a second output, the heading error, over the same denominator and
+                 integrators; empty where it is not known
+    """
 
     power_of_s: int
     numerator: tuple[Factor, ...]
     denominator: tuple[Factor, ...]
+    heading: tuple[Factor, ...] = ()
 
     def times(self, other: TransferFunction) -> TransferFunction:
         """Return the series connection of both."""
@@ -53,6 +58,7 @@ class TransferFunction(NamedTuple):
             self.power_of_s + other.power_of_s,
             self.numerator + other.numerator,
             self.denominator + other.denominator,
+            self.heading and self.heading + other.numerator,
         )
 
     def inverse(self) -> TransferFunction:

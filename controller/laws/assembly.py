@@ -43,6 +43,7 @@ class LawDesign(NamedTuple):
                        the law starts anew
     ``commands_read``  number of its last commands that a law reads if it is linear in these and
                        the lateral error alone; None for all other laws
+    ``heading_gain``   of a law that is linear in the newest heading error too [rad/rad]
     ``looking_back``   analysis of a law that is linear at a constant latency only
     ``plan``           as in the law's record
     ``mistake``        the last exception of a law from another package; empty for none
@@ -54,6 +55,7 @@ class LawDesign(NamedTuple):
     params_at: Callable[[float], Any] | None = None
     looks_back: bool = False
     commands_read: int | None = 1
+    heading_gain: float = 0.0
     recovered_state: Callable[[Any, float], Any] | None = None
     looking_back: LookingBack | None = None
     plan: LawPlan | None = None
@@ -81,13 +83,15 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
     designed = law.design(settings)
     params_at = designed.at if isinstance(designed, Schedule) else None
     params = designed if params_at is None else params_at(0.0)
+    heading_gain = 0.0 if law.heading_gain is None else law.heading_gain(params)
     return LawDesign(
         params,
         partial(law.at_rest, params),
         law.step,
         params_at,
-        law.looks_back,
+        law.looks_back or heading_gain != 0.0,
         None if law.commands_read is None else law.commands_read(params),
+        heading_gain,
         None if law.after_hold is None else partial(law.after_hold, params),
         None if law.looking_back is None else law.looking_back(settings, params),
         law.plan,

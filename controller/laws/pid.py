@@ -1,8 +1,9 @@
-"""Law ``pid``: u = -(K_p + K_d s/(s/N + 1)) y + I, the PD of [pd] with an integral. Not in paper.
+"""Law ``pid``: u = -(K_p + K_d s/(s/N + 1)) y - K_ψ Δψ + I, with the PD of [pd]. Not in paper.
 
     I[k] = I[k-1] - K_i T y[k] + (T/T_t) (u_sent[k-1] - u[k-1])        T_t = K_p/K_i + K_d/K_p
 
     y       lateral_error_m       preview lateral error                          [m]
+    Δψ      heading_error_rad     of the same sample; read only where K_ψ is given [rad]
     u       steer_rad             command of the law, before limits              [rad]
     u_sent  sent_steer_rad        command that was sent, after limits            [rad]
     I       integral_rad          steer by the integral                          [rad]
@@ -23,7 +24,7 @@ from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
-from ..law_interface import Law, LawInput, LawOutput, last_command
+from ..law_interface import Law, LawInput, LawOutput, last_command, newest_heading_rad
 from .assembly import required
 
 if TYPE_CHECKING:
@@ -31,9 +32,10 @@ if TYPE_CHECKING:
 
 
 class PidSettings(Settings):
-    """[pid]: the integral beside the gains of [pd]."""
+    """[pid]: integral and heading gain beside the gains of [pd]."""
 
     integral_gain_rad_m_s: Annotated[float, Field(gt=0.0, le=1e6)]  # K_i [rad/(m s)]
+    heading_gain_rad_rad: Annotated[float, Field(gt=0.0, le=1e6)] | None = None  # K_ψ [rad/rad]
 
 
 class PidParams(NamedTuple):
@@ -46,6 +48,7 @@ class PidParams(NamedTuple):
     pd: PdParams
     integral_step_rad_m: float
     tracking_step: float
+    heading_gain: float
 
 
 class PidState(NamedTuple):
@@ -63,6 +66,8 @@ def pid_step(p: PidParams, x: PidState, observed: LawInput) -> tuple[PidState, L
     integral_rad = x.integral_rad - p.integral_step_rad_m * error_m + p.tracking_step * withheld_rad
     x_pd, demand_rad = pd_step(p.pd, x.pd, error_m)
     steer_rad = demand_rad + integral_rad
+    if p.heading_gain != 0.0:
+        steer_rad -= p.heading_gain * newest_heading_rad(observed)
     return PidState(x_pd, integral_rad, steer_rad), LawOutput(steer_rad, 0.0, 0.0, error_m)
 
 
@@ -79,7 +84,12 @@ def _design(settings: "LawSettings") -> PidParams:
         design_pd(pd, period_s),
         table.integral_gain_rad_m_s * period_s,
         min(1.0, period_s / tracking_time_s),
+        table.heading_gain_rad_rad or 0.0,
     )
+
+
+def _heading_gain(p: PidParams) -> float:
+    return p.heading_gain
 
 
 LAW = Law(
@@ -90,4 +100,5 @@ LAW = Law(
     settings=PidSettings,
     needs=("pd",),
     commands_read=last_command,
+    heading_gain=_heading_gain,
 )

@@ -23,7 +23,7 @@ from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, curvature
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .law_parameters import Candidate, controller_settings, designs
+from .law_parameters import Candidate, controller_law, controller_settings, designs
 from .loop_figures import (
     FrequencyGrid,
     StabilityGrid,
@@ -34,15 +34,18 @@ from .loop_figures import (
     stability_grid,
 )
 from .specification import Specification
-from .tracking import TrackingGrid, rms_m, track, tracking_grid, unsteered_error_m
+from .tracking import TrackingGrid, rms_m, track, tracking_grid, unsteered_errors
 from .vehicle_file import VehicleFile
 
 _SAMPLES_PER_TICK = 4
 """Between two, curvature is taken as linear, which is exact except at the path's break points."""
 
 
-def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
-    """Return the lateral error without steering at the ticks, shape (paths, corners, ticks) [m]."""
+def unsteered_runs(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return lateral error [m] and heading error [rad] without steering at the ticks.
+
+    Shape (2, paths, corners, ticks).
+    """
     ticks = spec.ticks
     speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
     paths = [build_path(path) for path in spec.course.paths]
@@ -51,9 +54,10 @@ def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
     @lru_cache
     def unsteered(path_index: int, speed_m_s: float) -> FloatArray:
         met = _curvature_met(paths[path_index], speed_m_s, interval_s, ticks)
-        return unsteered_error_m(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
+        return unsteered_errors(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
 
-    return np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
+    runs = np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
+    return np.moveaxis(runs, 2, 0)
 
 
 def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArray:
@@ -182,7 +186,7 @@ def make_study(
         models,
         tracking_grid(
             models,
-            unsteered_runs_m(spec, vehicle),
+            unsteered_runs(spec, vehicle),
             delays_ns,
             period_ns,
             first_tick,
@@ -218,7 +222,7 @@ def judge_law(
         Demand(name, float(np.count_nonzero(slow_poles(grid, design))), 0.0)
         for name, grid in study.stability.items()
     ]
-    cells = sum(grid.plants.shape[0] * grid.plants.shape[1] for grid in study.stability.values())
+    cells = sum(grid.plants.shape[1] * grid.plants.shape[2] for grid in study.stability.values())
     slow = sum(demand.value for demand in demands)
     if "settling" in study.without:
         slow += _diverging(study, design)
@@ -297,7 +301,7 @@ def _frequency(study: Study, design: LawDesign) -> list[Demand]:
 
 def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
     tracking, limits = track(study.tracking, design), study.spec.limits
-    largest_m = study.spec.rms_m_max_of(law)
+    largest_m = study.spec.rms_m_max_of(controller_law(law))
     rms_m_max = np.inf if largest_m is None else largest_m
     return [
         Demand("RMS error", float(tracking.rms_m.max()), rms_m_max),

@@ -16,7 +16,7 @@ from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs_m
+from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs
 from .law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
 from .parameter_search import Found, Progress, find, find_any
 from .specification import Specification
@@ -148,7 +148,7 @@ def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> Rm
         last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
     grid = tracking_grid(
-        study.models, unsteered_runs_m(spec, study.vehicle), delays_ns, spec.period_ns
+        study.models, unsteered_runs(spec, study.vehicle), delays_ns, spec.period_ns
     )
     return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
 

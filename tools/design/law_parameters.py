@@ -45,17 +45,19 @@ _BELOW_NYQUIST = 0.8
 KEYS = {
     "pd": ("k_p", "k_d", "derivative_filter"),
     "pid": ("k_p", "k_d", "derivative_filter", "k_i"),
+    "pid_heading": ("k_p", "k_d", "derivative_filter", "k_i", "k_heading"),
     "pd_dob": ("k_p", "k_d", "derivative_filter", "dob"),
     "pd_cdob": ("k_p", "k_d", "derivative_filter", "cdob", "washout"),
     "pd_ddob": ("k_p", "k_d", "derivative_filter", "dob", "cdob", "washout"),
 }
-"""The free parameters of each law."""
+"""The free parameters of each law, and of ``pid`` with its heading gain."""
 
 SETTINGS_KEYS = {
     "k_p": "pd.proportional_gain_rad_m",
     "k_d": "pd.derivative_gain_rad_s_m",
     "derivative_filter": "pd.derivative_filter_rad_s",
     "k_i": "pid.integral_gain_rad_m_s",
+    "k_heading": "pid.heading_gain_rad_rad",
     "dob": "dob.q_cutoff_rad_s",
     "cdob": "cdob.q_cutoff_rad_s",
     "washout": "cdob.washout_rad_s",
@@ -124,6 +126,7 @@ def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int,
         "k_d": (0.005 / gain, 10.0 / gain),
         "derivative_filter": (min(0.5, 0.1 * fast), fast),
         "k_i": (0.005 / gain, 10.0 / gain),
+        "k_heading": (0.01, 20.0),
         "dob": (0.05, min(30.0, fast)),
         "cdob": (0.1, min(60.0, fast)),
         "washout": (0.05, min(30.0, fast)),
@@ -143,7 +146,9 @@ def controller_settings(
         )
     }
     if "k_i" in values:
-        tables["pid"] = PidSettings(integral_gain_rad_m_s=values["k_i"])
+        tables["pid"] = PidSettings(
+            integral_gain_rad_m_s=values["k_i"], heading_gain_rad_rad=values.get("k_heading")
+        )
     if "dob" in values:
         tables["dob"] = DobSettings(q_cutoff_rad_s=values["dob"], q_kind=spec.dob_q_kind)
     if "cdob" in values:
@@ -151,7 +156,7 @@ def controller_settings(
             q_cutoff_rad_s=values["cdob"], washout_rad_s=values["washout"]
         )
     return ControllerSettings(
-        law=law,
+        law=controller_law(law),
         rate_hz=spec.rate_hz,
         nominal_model=VehicleModelSettings(**vehicle.vehicle.model_dump()),
         limits=spec.limits,
@@ -159,6 +164,11 @@ def controller_settings(
         validity=validity(vehicle, spec.delay.ms_max),
         **tables,
     )
+
+
+def controller_law(law: str) -> str:
+    """Return what a law with these parameters is called in the controller's settings."""
+    return law.removesuffix("_heading")
 
 
 def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:

@@ -1,13 +1,15 @@
 """Stability, peak sensitivity and noise gain of the sampled loop, for many plants at once.
 
-With L = -P K, the loop cut at the command:
+With L = -P K, the loop cut at the command (P K is a sum over both where the law reads the heading
+error too):
 
     law                K(z) = C (zI - A)⁻¹ B + D                      from lateral error to steer
     plant              P(z) = C (zI - A)⁻¹ (b_new + b_old z⁻¹) z⁻ⁿ    from steer to lateral error
     peak sensitivity   max over ω of |1/(1 + L)| on the unit circle, the inverse of the smallest
                        distance of L from -1
     noise gain         standard deviation of the steer [rad] for white noise of 1 m standard
-                       deviation on every measurement:  √(1/2π ∫ |K/(1 + L)|² dθ)
+                       deviation on every measurement:  √(1/2π ∫ |K/(1 + L)|² dθ); on the heading
+                       error HEADING_NOISE_1_M of that
     stability          Nyquist's count on the circle |z| = e^{-σT}: the poles of the closed loop
                        outside of it are those of the open loop outside of it, less the turns of
                        1 + L around 0; none means that every mode decays faster than σ
@@ -28,30 +30,65 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import matrix_balance, schur
 
-from ...controller.analysis.linear_system import held_plant, law_system, without_idle_states
+from ...controller.analysis.linear_system import (
+    heading_row,
+    held_plant,
+    law_system,
+    without_idle_states,
+)
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.assembly import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 
+HEADING_NOISE_1_M = 0.1
+"""Noise of the heading error over that of the lateral error: 2 mrad beside 20 mm, as the predictor
+is designed for."""
+
 
 class TriangularLaw(NamedTuple):
-    """C (zI - A)⁻¹ B + D with A upper triangular, complex."""
+    """C (zI - A)⁻¹ B + D with A upper triangular, complex.
+
+    ``heading``  B and D of the heading error; None where the law does not read it
+    """
 
     triangle: ComplexArray
     inputs: ComplexArray
     outputs: ComplexArray
     d: float
+    heading: tuple[ComplexArray, float] | None
 
 
 def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
-    """Return the response of a linear law at each of ``z``, shape (Z,), none of them a pole."""
-    triangle, inputs, outputs, d = triangular(design)
+    """Return the response of a linear law at each of ``z``, none of them a pole.
+
+    Shape (inputs, Z): to the lateral error, and to the heading error if the law reads that.
+    """
+    triangle, inputs, outputs, d, heading = triangular(design)
+    return np.stack(
+        [
+            _response(triangle, of_input, outputs, direct, z)
+            for of_input, direct in ((inputs, d), *([] if heading is None else [heading]))
+        ]
+    )
+
+
+def _response(
+    triangle: ComplexArray, inputs: ComplexArray, outputs: ComplexArray, d: float, z: ComplexArray
+) -> ComplexArray:
     states = np.empty((len(inputs), len(z)), dtype=np.complex128)
     for row in range(len(inputs) - 1, -1, -1):
         later = triangle[row, row + 1 :] @ states[row + 1 :]
         states[row] = (inputs[row] + later) / (z - triangle[row, row])
     return np.asarray(outputs @ states + d, dtype=np.complex128)
+
+
+def fed_back(plants: ComplexArray, law: ComplexArray) -> ComplexArray:
+    """Return P K of plants of shape (inputs, corners, delays, Z), summed over the law's inputs."""
+    looped: ComplexArray = plants[0] * law[0]
+    for plant, response in zip(plants[1:], law[1:], strict=False):
+        looped += plant * response
+    return looped
 
 
 @lru_cache(maxsize=1)
@@ -62,19 +99,27 @@ def triangular(design: LawDesign) -> TriangularLaw:
     balanced, (scale, _) = matrix_balance(needed.a, permute=False, separate=True)
     triangle, basis = schur(balanced, output="complex")
     inputs = basis.conj().T @ (needed.b / scale)
-    return TriangularLaw(triangle, inputs, (needed.c * scale) @ basis, needed.d)
+    heading = None
+    if needed.heading is not None:
+        heading = basis.conj().T @ (needed.heading.b / scale), needed.heading.d
+    return TriangularLaw(triangle, inputs, (needed.c * scale) @ basis, needed.d, heading)
 
 
 def plant_responses(
     model: TransferFunction, delays_ns: Sequence[int], period_ns: int, z: ComplexArray
 ) -> ComplexArray:
-    """Return the held plant's response at each of ``z`` for each delay, shape (delays, Z)."""
-    responses = np.empty((len(delays_ns), len(z)), dtype=np.complex128)
-    row = _output_row(model, period_ns, z)
-    for index, delay_ns in enumerate(delays_ns):
-        plant = held_plant(model, period_ns, delay_ns)
-        newer_and_older = row @ plant.b_new + (row @ plant.b_old) / z
-        responses[index] = newer_and_older * z ** float(-plant.whole_periods)
+    """Return the held plant's response at each of ``z`` for each delay, shape (2, delays, Z).
+
+    The first output is the lateral error, the second the heading error.
+    """
+    outputs = held_plant(model, period_ns, 0).c, heading_row(model)
+    responses = np.empty((len(outputs), len(delays_ns), len(z)), dtype=np.complex128)
+    for of_output, output in zip(responses, outputs, strict=True):
+        row = _output_row(model, output, period_ns, z)
+        for index, delay_ns in enumerate(delays_ns):
+            plant = held_plant(model, period_ns, delay_ns)
+            newer_and_older = row @ plant.b_new + (row @ plant.b_old) / z
+            of_output[index] = newer_and_older * z ** float(-plant.whole_periods)
     return responses
 
 
@@ -86,11 +131,13 @@ def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:
     return model.times(TransferFunction(0, (one,), (Factor(0.0, lag_s, 1.0),)))
 
 
-def _output_row(model: TransferFunction, period_ns: int, z: ComplexArray) -> ComplexArray:
+def _output_row(
+    model: TransferFunction, output: FloatArray, period_ns: int, z: ComplexArray
+) -> ComplexArray:
     """Return C (zI - A)⁻¹ at each z, shape (Z, states); the delay has no part in it."""
     plant = held_plant(model, period_ns, 0)
-    matrices = z[:, None, None] * np.eye(len(plant.c)) - plant.a.T
-    rows = np.linalg.solve(matrices, plant.c[:, None].astype(np.complex128))
+    matrices = z[:, None, None] * np.eye(len(output)) - plant.a.T
+    rows = np.linalg.solve(matrices, output[:, None].astype(np.complex128))
     return np.asarray(rows[:, :, 0], dtype=np.complex128)
 
 
@@ -99,7 +146,7 @@ _OMEGA_RAD_S_MIN = 0.02
 
 
 class StabilityGrid(NamedTuple):
-    """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (corners, delays, Z)."""
+    """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (2, corners, delays, Z)."""
 
     radius: float
     z: ComplexArray
@@ -150,7 +197,7 @@ def frequency_grid(
 
 def slow_poles(grid: StabilityGrid, design: LawDesign) -> IntArray:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
-    distance = 1.0 - grid.plants * law_response(design, grid.z)
+    distance = 1.0 - fed_back(grid.plants, law_response(design, grid.z))
     # From ω = 0 to π; the lower half of the circle adds as many turns again.
     turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
     poles = np.abs(np.diagonal(triangular(design).triangle))
@@ -162,7 +209,10 @@ def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
     law = law_response(design, grid.z)
     sensitivity = sensitivity_size(grid, law)
-    power = np.square(sensitivity * np.abs(law))
+    size = np.abs(law[0])
+    if len(law) > 1:
+        size = np.hypot(size, HEADING_NOISE_1_M * np.abs(law[1]))
+    power = np.square(sensitivity * size)
     mean = 0.5 * (power[..., 1:] + power[..., :-1]) @ np.diff(grid.angle_rad) / math.pi
     # Below the first point the power is taken as constant.
     mean += power[..., 0] * grid.angle_rad[0] / math.pi
@@ -171,7 +221,7 @@ def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
 
 def sensitivity_size(grid: FrequencyGrid, law: ComplexArray) -> FloatArray:
     """Return |1/(1 + L)| at every point, shape (corners, delays, Z)."""
-    return np.asarray(1.0 / np.abs(1.0 - grid.plants * law), dtype=np.float64)
+    return np.asarray(1.0 / np.abs(1.0 - fed_back(grid.plants, law)), dtype=np.float64)
 
 
 def _peak(size: FloatArray) -> FloatArray:
@@ -192,7 +242,8 @@ def _peak(size: FloatArray) -> FloatArray:
 def _plants(
     models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
 ) -> ComplexArray:
-    return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
+    """Return the responses of all plants, shape (2, corners, delays, Z)."""
+    return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models], axis=1)
 
 
 def _spread(last: float, scale: float, points: int) -> FloatArray:

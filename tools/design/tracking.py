@@ -2,8 +2,13 @@
 
     y = y_ρ + P u,   u = K y      so      Y(z) = Y_ρ(z) / (1 - P(z) K(z)),   U(z) = K(z) Y(z)
 
+and where a law reads the heading error ψ = ψ_ρ + P_ψ u too, u = K y + K_ψ ψ:
+
+    U(z) = (K Y_ρ + K_ψ Ψ_ρ) / (1 - P K - P_ψ K_ψ),   Y = Y_ρ + P U
+
     y    lateral error at the control ticks                                      [m]
     y_ρ  the same without steering: (5), -V² ∫∫ ρ dt², ρ the path's curvature    [m]
+    ψ_ρ  heading error without steering: -V ∫ ρ dt                               [rad]
     P    plant behind the hold and a constant delay, at the ticks
     K    law, its own command fed back as sent
 
@@ -33,7 +38,7 @@ from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.assembly import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from .loop_figures import law_response, plant_responses
+from .loop_figures import fed_back, law_response, plant_responses
 
 _LATE_FACTOR = 1e-8
 """R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""
@@ -44,9 +49,9 @@ _ROOM = 1.3
 class TrackingGrid(NamedTuple):
     """Plants and paths on the circle |z| = R; Z of its points suffice, the rest being conjugate.
 
-    ``plants``     P, shape (corners, delays, Z)
-    ``unsteered``  Y_ρ, shape (paths, corners, Z)
-    ``added``      steer that is added to the law's, of the same shape; 0 for none
+    ``plants``     P and P_ψ, shape (2, corners, delays, Z)
+    ``unsteered``  Y_ρ and Ψ_ρ, shape (2, paths, corners, Z)
+    ``added``      steer that is added to the law's, shape (paths, corners, Z); 0 for none
     ``first_tick``  the first one that counts; before it the run settles
     """
 
@@ -74,10 +79,10 @@ class Tracking(NamedTuple):
     steer_rate_rad_s: FloatArray
 
 
-def unsteered_error_m(
+def unsteered_errors(
     curvature_1_m: FloatArray, interval_s: float, speed_m_s: float, stride: int
 ) -> FloatArray:
-    """Return y_ρ at every ``stride``-th sample of the curvature met at constant speed, (5).
+    """Return y_ρ and ψ_ρ at every ``stride``-th sample of the curvature at constant speed, (5).
 
     ``curvature_1_m``  ρ at 0, interval, 2 interval, ..., taken as linear in between
 
@@ -86,12 +91,13 @@ def unsteered_error_m(
     earlier, later = curvature_1_m[:-1], curvature_1_m[1:]
     slope = _accumulated(0.5 * interval_s * (earlier + later))
     moved = interval_s * slope[:-1] + interval_s**2 * (2.0 * earlier + later) / 6.0
-    return np.asarray(-(speed_m_s**2) * _accumulated(moved)[::stride], dtype=np.float64)
+    error_m = -(speed_m_s**2) * _accumulated(moved)[::stride]
+    return np.stack([error_m, -speed_m_s * slope[::stride]])
 
 
 def tracking_grid(
     models: Sequence[TransferFunction],
-    unsteered_m: FloatArray,
+    unsteered: FloatArray,
     delays_ns: Sequence[int],
     period_ns: int,
     first_tick: int = 1,
@@ -100,21 +106,24 @@ def tracking_grid(
     """Return the part of the computation that is the same for every law.
 
     ``models``       plants from steer to lateral error, one for each corner
-    ``unsteered_m``  y_ρ at the ticks from 0 on, shape (paths, corners, ticks)
+    ``unsteered``    y_ρ and ψ_ρ at the ticks from 0 on, shape (2, paths, corners, ticks)
     ``first_tick``   the first one that counts; before it the run settles
-    ``added_rad``    steer that is added to the law's at the ticks, of the same shape; None: none
+    ``added_rad``    steer that is added to the law's at the ticks, shape (paths, corners, ticks);
+                     None: none
     """
-    ticks = unsteered_m.shape[-1]
+    ticks = unsteered.shape[-1]
     transform = int(next_fast_len(math.ceil(_ROOM * ticks), real=True))
     log_radius = -math.log(_LATE_FACTOR) / transform
     points = np.arange(transform // 2 + 1)
     z = np.exp(log_radius + 2j * math.pi * points / transform)
     growth = np.exp(log_radius * np.arange(ticks))
-    plants = np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
-    unsteered = rfft(unsteered_m / growth, transform)
-    added = np.zeros_like(unsteered) if added_rad is None else rfft(added_rad / growth, transform)
+    responses = [plant_responses(model, delays_ns, period_ns, z) for model in models]
+    on_circle = rfft(unsteered / growth, transform)
+    zeros = np.zeros_like(on_circle[0])
+    added = zeros if added_rad is None else rfft(added_rad / growth, transform)
+    plants = np.stack(responses, axis=1)
     return TrackingGrid(
-        period_ns, ticks, transform, growth, z, plants, unsteered, added, first_tick
+        period_ns, ticks, transform, growth, z, plants, on_circle, added, first_tick
     )
 
 
@@ -123,31 +132,35 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
 
     The result is meaningless where the loop is unstable.
     """
-    law = law_response(design, grid.z)
-    by_path = [
-        _track_path(grid, error, law * error + added[:, None])
-        for error, added in zip(_errors(grid, law), grid.added, strict=True)
-    ]
+    by_path = [_track_path(grid, *path) for path in _errors_and_steers(grid, design)]
     return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
 
 
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
-    errors = _errors(grid, law_response(design, grid.z))
-    return np.stack([_rms(grid, _in_time(grid, error)) for error in errors])
+    paths = _errors_and_steers(grid, design)
+    return np.stack([_rms(grid, _in_time(grid, error)) for error, _ in paths])
 
 
 def lateral_error_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the lateral error at every tick, shape (paths, corners, delays, ticks) [m]."""
-    errors = _errors(grid, law_response(design, grid.z))
-    return np.stack([_in_time(grid, error) for error in errors])
+    return np.stack([_in_time(grid, error) for error, _ in _errors_and_steers(grid, design)])
 
 
-def _errors(grid: TrackingGrid, law: ComplexArray) -> Iterator[ComplexArray]:
-    """Yield the error on the circle for path after path, shape (corners, delays, Z)."""
-    sensitivity = 1.0 / (1.0 - grid.plants * law)
-    for unsteered, added in zip(grid.unsteered, grid.added, strict=True):
-        yield (unsteered[:, None] + grid.plants * added[:, None]) * sensitivity
+def _errors_and_steers(
+    grid: TrackingGrid, design: LawDesign
+) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+    """Yield error and steer on the circle for path after path, shape (corners, delays, Z)."""
+    law = law_response(design, grid.z)
+    sensitivity = 1.0 / (1.0 - fed_back(grid.plants, law))
+    for *unsteered, added in zip(*grid.unsteered, grid.added, strict=True):
+        if len(law) == 1:
+            error = (unsteered[0][:, None] + grid.plants[0] * added[:, None]) * sensitivity
+            yield error, law[0] * error + added[:, None]
+        else:
+            asked = sum(k * error for k, error in zip(law, unsteered, strict=True)) + added
+            steer = asked[:, None] * sensitivity
+            yield unsteered[0][:, None] + grid.plants[0] * steer, steer
 
 
 def _track_path(

@@ -32,6 +32,7 @@ LOOKING_BACK = (
     ("practical_delayed_set_point",),
     ("practical_pd_ddob", 'pd.derivative="kalman"'),
     ("practical_pd", "feed_forward={}"),
+    ("practical_pid", "pid.heading_gain_rad_rad=0.5", "feed_forward={}"),
     ("practical_pd_ddob", "followed_point=rear_axle", "feed_forward={}"),
     ("practical_predictor", "followed_point=centre_of_gravity"),
     ("practical_packet",),

@@ -7,17 +7,21 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis import check_in_json
-from steer_by_wire.controller.analysis.check_in_json import check_figures
+from steer_by_wire.controller.analysis.check_in_json import (
+    check_figures,
+    loop_around,
+    stable_delays_of,
+)
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, stable_constant_delays
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.controller.filters.settings import PaperEq19Settings, VehicleModelSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.assembly import design_law, vehicle_of
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -51,17 +55,41 @@ def test_a_gain_that_decides_anew_on_a_held_measurement_is_the_loop_of_the_senso
     assert found[0].last_ns == pytest.approx(by_hand.last_ns, abs=20_000)
 
 
-@pytest.mark.parametrize("preset", ["practical_pd", "practical_pd_ddob", "practical_smith"])
-def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(preset: str) -> None:
-    settings = controller_preset(preset)
+HEADING = "pid.heading_gain_rad_rad=0.5"
+
+
+@pytest.mark.parametrize(
+    ("preset", "overrides"),
+    [
+        *(("practical_pd", ()), ("practical_pd_ddob", ()), ("practical_smith", ())),
+        ("practical_pid", (HEADING,)),
+    ],
+)
+def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(
+    preset: str, overrides: tuple[str, ...]
+) -> None:
+    settings = controller_preset(preset, overrides)
     assert settings.model is not None
-    design = design_law(settings)
+    design, vehicle = design_law(settings), vehicle_of(settings).vehicle
     for sensor_ms in (10, 5):
         rates = LoopDelayParams(10 * MS, sensor_ms * MS, 50.0)
-        found = stable_constant_delays(PeriodicLoop(design, rates, LoopModel(settings.model)))
+        found = stable_constant_delays(PeriodicLoop(design, rates, LoopModel(vehicle)))
         (one,) = stable_delays(SampledLoop(design, settings.model, 10 * MS))
         assert [each.first_ns for each in found] == [0]
         assert found[0].last_ns == pytest.approx(one.last_ns, abs=20_000)
+
+
+def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a_heading() -> None:
+    settings = controller_preset("practical_pid", (HEADING,))
+    vehicle = vehicle_of(settings).vehicle
+    at_once, twice = (
+        stable_delays_of(loop_around(each, vehicle, {}), 450 * MS)
+        for each in (settings, controller_preset("practical_pid", (HEADING, "rate_hz=200")))
+    )
+    # Every second tick decides on the same measurement again.
+    assert twice[0].last_ns == pytest.approx(at_once[0].last_ns, abs=1 * MS)
+    other = settings.model_copy(update={"nominal_model": PaperEq19Settings(kind="paper_eq19")})
+    assert "needs nominal_model.kind = 'vehicle'" in check_text(other)
 
 
 # Against runs: a straight path, a push, and what becomes of the wheel

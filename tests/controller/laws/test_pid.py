@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.filters.settings import PdSettings
-from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import controller_preset
+from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 
 PERIOD_S = 0.01
 K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0
@@ -89,6 +91,30 @@ def test_noise_that_meets_the_rate_limit_does_not_empty_the_integral() -> None:
         },
     )
     assert np.std(run.plant.lateral_error_m[500:]) < 0.02
+
+
+def test_it_reads_the_heading_error_only_where_that_has_a_gain() -> None:
+    rings = NO_HISTORY._replace(heading_error_rad=(0.0, 0.03), sample_mask=1)
+    observed = LawInput(0.1, 0.0, link=NO_LOOP_DELAY._replace(error_sample=5), history=rings)
+    steers_rad = []
+    for gain in (None, 2.0):
+        table = {"integral_gain_rad_m_s": K_I, "heading_gain_rad_rad": gain}
+        design = design_law(
+            controller_preset("practical_pid").model_copy(update={"pid": PidSettings(**table)})
+        )
+        assert design.looks_back is (gain is not None)
+        _, output = design.step(design.params, design.initial_state(0.1), observed)
+        steers_rad.append(output.steer_rad)
+    assert steers_rad[1] - steers_rad[0] == pytest.approx(-2.0 * 0.03)
+
+
+def test_with_a_heading_gain_a_compiled_run_equals_the_nodes() -> None:
+    noise = ("sensor_noise.heading_error_rad=0.002", "sensor_noise.lateral_error_m=0.02")
+    plant = plant_settings((*noise, "latency.downlink.mean_s=0.1", "latency.uplink.loss=0.1"), 4.0)
+    settings = controller_preset("practical_pid", ("pid.heading_gain_rad_rad=0.5",))
+    run = assert_same_as_nodes(plant, settings)
+    without = run_batch(plant, controller_preset("practical_pid"))
+    assert not np.array_equal(run.lateral_error_m, without.lateral_error_m)
 
 
 def test_its_gain_must_be_above_zero() -> None:

@@ -44,7 +44,7 @@ from steer_by_wire.tools.design.tracking import (
     rms_m,
     track,
     tracking_grid,
-    unsteered_error_m,
+    unsteered_errors,
 )
 
 MS_NS = 1_000_000
@@ -58,16 +58,18 @@ LANE_CHANGE = SingleLaneChangeSettings(start_m=5.0, offset_m=2.0, length_m=15.0)
 
 
 def preset(law: str) -> ControllerSettings:
+    if law == "pid_heading":
+        return controller_preset("practical_pid", ("pid.heading_gain_rad_rad=0.2",))
     return controller_preset(f"practical_{law}")
 
 
-def unsteered_m(path: PathSettings, vehicle: NominalVehicle, ticks: int) -> NDArray[np.float64]:
+def unsteered(path: PathSettings, vehicle: NominalVehicle, ticks: int) -> NDArray[np.float64]:
     built, interval_s = build_path(path), PERIOD_S / STRIDE
     met: list[float] = [
         curvature(built, vehicle.speed_m_s * interval_s * index)
         for index in range((ticks - 1) * STRIDE + 1)
     ]
-    return unsteered_error_m(np.array(met, dtype=np.float64), interval_s, vehicle.speed_m_s, STRIDE)
+    return unsteered_errors(np.array(met, dtype=np.float64), interval_s, vehicle.speed_m_s, STRIDE)
 
 
 def drive(
@@ -88,14 +90,15 @@ def drive(
 
 
 def test_on_a_circle_the_unsteered_error_is_a_parabola() -> None:
-    error_m = unsteered_error_m(np.full(41, 0.05), 0.1, 3.0, 4)
+    error_m, heading_rad = unsteered_errors(np.full(41, 0.05), 0.1, 3.0, 4)
     time_s = 0.4 * np.arange(11)
     assert error_m == pytest.approx(-0.5 * 0.05 * (3.0 * time_s) ** 2, abs=1e-12)
+    assert heading_rad == pytest.approx(-0.05 * 3.0 * time_s, abs=1e-12)
 
 
 def test_on_a_clothoid_the_unsteered_error_is_cubic_whatever_the_stride() -> None:
     rate = 0.01
-    error_m = unsteered_error_m(
+    error_m, _ = unsteered_errors(
         np.array([0.1 * rate * k for k in range(41)], dtype=np.float64), 0.1, 2.0, 8
     )
     time_s = 0.8 * np.arange(6)
@@ -109,7 +112,7 @@ def test_on_a_clothoid_the_unsteered_error_is_cubic_whatever_the_stride() -> Non
 def test_a_law_s_response_is_the_one_of_its_matrices(law: str) -> None:
     design = design_law(preset(law))
     z = 1.01 * np.exp(1j * np.linspace(0.0, math.pi, 50))
-    assert law_response(design, z) == pytest.approx(law_system(design).response(z), rel=1e-6)
+    assert law_response(design, z)[0] == pytest.approx(law_system(design).response(z), rel=1e-6)
 
 
 @settings(deadline=None, max_examples=20)
@@ -123,14 +126,14 @@ def test_a_plant_s_response_is_its_impulse_response_summed(delay_ns: int, lag_s:
         total += float(plant.c @ state) * z ** float(-tick)
         new, old = tick == plant.whole_periods, tick == plant.whole_periods + 1
         state = plant.a @ state + plant.b_new * new + plant.b_old * old
-    (response,) = plant_responses(model, [delay_ns], PERIOD_NS, z)
+    (response,) = plant_responses(model, [delay_ns], PERIOD_NS, z)[0]
     assert np.abs(response - total).max() < 1e-9 * np.abs(total).max()
 
 
 # Tracking against virtual time: nodes, frames, quantisation, the plant emulator's own vehicle
 
 
-@pytest.mark.parametrize("law", PAPER_LAWS)
+@pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading"])
 @pytest.mark.parametrize(
     ("corner", "path", "delay_ns"),
     [(0, ELLIPSE, 0), (3, ELLIPSE, 250 * MS_NS), (2, LANE_CHANGE, 123_456_789)],
@@ -142,7 +145,7 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
     run_m = result.trace.lateral_error_m
     grid = tracking_grid(
         [MODELS[corner]],
-        unsteered_m(path, CORNERS[corner], len(run_m) + 1)[None, None],
+        unsteered(path, CORNERS[corner], len(run_m) + 1)[:, None, None],
         [delay_ns],
         PERIOD_NS,
     )
@@ -162,7 +165,7 @@ def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
     run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.lateral_error_m
     grid = tracking_grid(
         [behind_lag(MODELS[3], lag_s)],
-        unsteered_m(ELLIPSE, corner, len(run_m) + 1)[None, None],
+        unsteered(ELLIPSE, corner, len(run_m) + 1)[:, None, None],
         [delay_ns],
         PERIOD_NS,
     )
@@ -172,8 +175,8 @@ def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
 
 def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
     ticks, design = 1001, design_law(preset("pd"))
-    unsteered = unsteered_m(ELLIPSE, CORNERS[2], ticks)
-    grid = tracking_grid([MODELS[2]], unsteered[None, None], [0], PERIOD_NS)
+    free = unsteered(ELLIPSE, CORNERS[2], ticks)[:, None, None]
+    grid = tracking_grid([MODELS[2]], free, [0], PERIOD_NS)
     steer_rad, state, commands_rad = 0.0, design.initial_state(0.0), []
     for error_m in lateral_error_m(grid, design)[0, 0, 0]:
         state, output = design.step(design.params, state, LawInput(float(error_m), steer_rad))
@@ -188,16 +191,17 @@ def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
 def test_paths_corners_and_delays_do_not_mix() -> None:
     delays_ns, ticks = [0, 50 * MS_NS, 175 * MS_NS], 1500
     paths = (ELLIPSE, LANE_CHANGE)
-    unsteered = np.array([[unsteered_m(p, corner, ticks) for corner in CORNERS] for p in paths])
+    runs = np.array([[unsteered(p, corner, ticks) for corner in CORNERS] for p in paths])
+    free = np.moveaxis(runs, 2, 0)
     design = design_law(preset("pd_ddob"))
-    together = tracking_grid(MODELS, unsteered, delays_ns, PERIOD_NS)
+    together = tracking_grid(MODELS, free, delays_ns, PERIOD_NS)
     all_m = rms_m(together, design)
     assert all_m.shape == (2, 4, 3)
     for path in range(2):
         for corner in range(4):
             alone = tracking_grid(
                 [MODELS[corner]],
-                unsteered[path, corner][None, None],
+                free[:, path, corner, None, None],
                 [delays_ns[2]],
                 PERIOD_NS,
             )

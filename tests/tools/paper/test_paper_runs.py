@@ -112,8 +112,8 @@ def test_pd_survives_the_paper_s_delay_only_with_a_slow_derivative() -> None:
 
 def gain_ratio_at_rest() -> float:
     """G/G_n at s = 0, the vehicle's over that of (19); both have two integrators."""
-    (zeros,), (poles,) = steer_to_lateral_error(paper_box().nominal)[1:]
-    (nominal_zeros,), (nominal_poles,) = paper_eq19()[1:]
+    _, (zeros,), (poles,), _ = steer_to_lateral_error(paper_box().nominal)
+    _, (nominal_zeros,), (nominal_poles,), _ = paper_eq19()
     return (zeros.s0 / poles.s0) / (nominal_zeros.s0 / nominal_poles.s0)
 
 

@@ -1,4 +1,4 @@
-"""The whole frontier: every structure and the shipped predictor, kept as it is computed.
+"""The whole frontier: structures, shipped predictor and the paper's laws, kept as computed.
 
 One file for each structure is written when it is done, so that an interrupted frontier goes on with
 the others. A file of other settings is computed anew.
@@ -17,15 +17,16 @@ from ....runtime.output_file import open_text, write_text
 from ....runtime.sealed_record import sealed, unsealed
 from ..law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
+from .published import PUBLISHED, published_points
 from .settings import STRUCTURES, FrontierSettings
 from .sweep import Point, specification_for, sweep
-from .trials import Trials, try_out, with_map, worst_rms_m
+from .trials import NOT_TRIED, Trials, try_out, with_map, worst_rms_m
 
 PREDICTOR = "predictor"
 """Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
 error, speed and the echoes of its commands besides the lateral error."""
 _PREDICTOR_PRESET = "practical_predictor"
-ALL = (*STRUCTURES, PREDICTOR)
+ALL = (*STRUCTURES, PREDICTOR, PUBLISHED)
 Done = Callable[[float], None]
 
 
@@ -60,6 +61,10 @@ def _rows(
 ) -> Iterable[Row]:
     if structure == PREDICTOR:
         yield from _predictor_rows(asked, vehicle, done)
+        return
+    if structure == PUBLISHED:
+        for point in published_points(asked, vehicle):
+            yield Row(point, NOT_TRIED)
         return
     law, takes_map = STRUCTURES[structure]
     for point in sweep(asked, vehicle, structure, done):

@@ -9,6 +9,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ....closed_loop.reports.plot_style import COLOURS
 from .frontier import PREDICTOR, Row
+from .published import FILTERED, PUBLISHED
 from .settings import FrontierSettings
 
 _LOOK: Mapping[str, tuple[str, str]] = {
@@ -18,8 +19,10 @@ _LOOK: Mapping[str, tuple[str, str]] = {
     "PD + DOB": (COLOURS[4], "-"),
     "PD + DDOB": (COLOURS[3], "-"),
     "PID": (COLOURS[1], "-"),
+    "PID + heading": (COLOURS[1], "--"),
     PREDICTOR: (COLOURS[2], ":"),
 }
+_GREY = "0.5"
 _PER_MM = 1e3
 _LEFT_MM_MIN = 0.01
 FigureOf = Callable[[Row], float]
@@ -30,6 +33,7 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(8.0, 5.0))
     axes = figure.subplots()
     _lines(axes, rows, lambda row: _PER_MM * row.point.rms_m, is_named=True)
+    _marks(axes, rows)
     axes.set(
         yscale="log",
         xlabel="guaranteed delay [ms]: every corner is stable to"
@@ -38,13 +42,14 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
     )
     _plain_ticks(axes)
     axes.set_title("Least error of each structure, each at its own best", fontsize=11)
-    figure.legend(fontsize=8, ncols=4, loc="outside upper center")
+    figure.legend(fontsize=8, ncols=5, loc="outside upper center")
     figure.text(
         0.01, -0.02,
         f"Worst of the vehicle's corners and of all delays up to the one shown; noise on the wheel"
         f" at most {asked.noise_gain_rad_m_max:g} rad per m;\npeak sensitivity at most"
         f" {asked.peak_sensitivity_max:g}. Predictor: the shipped preset, which reads more signals"
-        " and passes less noise.",
+        " and passes less noise.\nGrey: the paper's own gains, whatever noise they pass; its CDOB"
+        " and DDOB drift off the path without a washout.",
         fontsize=7.5, color="0.35", va="top",
     )  # fmt: skip
     return figure
@@ -87,6 +92,23 @@ def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
             _plain_ticks(axes)
     figure.legend(fontsize=9, ncols=len(_LOOK), loc="outside lower center")
     return figure
+
+
+def _marks(axes: Axes, rows: Sequence[Row]) -> None:
+    """Mark the paper's own laws, in grey and not joined."""
+    for taken, fill in ((PUBLISHED, "none"), (FILTERED, _GREY)):
+        points = [row.point for row in rows if row.point.structure.startswith(f"{taken}: ")]
+        held = [point for point in points if math.isfinite(point.rms_m)]
+        axes.scatter(
+            [point.delay_ms for point in held], [_PER_MM * point.rms_m for point in held], s=30,
+            facecolors=fill, edgecolors=_GREY, label=taken, zorder=3,
+        )  # fmt: skip
+        for point in held:
+            axes.annotate(
+                point.structure.removeprefix(f"{taken}: "), (point.delay_ms, _PER_MM * point.rms_m),
+                xytext=(0, 6 if taken == FILTERED else -12), textcoords="offset points",
+                fontsize=7, color=_GREY, ha="left",
+            )  # fmt: skip
 
 
 def _plain_ticks(axes: Axes) -> None:

@@ -14,6 +14,7 @@ from ..vehicle_file import VehicleFile
 from ..worker import begin_worker, report_progress, shared_progress
 from .frontier import ALL, Row, compute, write_csv
 from .picture import draw_frontier, draw_trials
+from .published import PUBLISHED
 from .settings import FrontierSettings
 
 WORKERS = 2
@@ -79,4 +80,9 @@ def _table(asked: FrontierSettings, rows: Sequence[Row]) -> Iterator[str]:
             if row.point.structure == name
         }
         figures = "".join(f"{by_delay.get(ms, '-'):>9}" for ms in asked.delays_ms)
-        yield f"  {name:31}{figures}"
+        if name != PUBLISHED:
+            yield f"  {name:31}{figures}"
+    for point, _ in rows:
+        if point.structure.startswith(PUBLISHED):
+            found = f"{1e3 * point.rms_m:.3g} mm at {point.delay_ms:.3g} ms"
+            yield f"  {point.structure:48}{found if point.delay_ms else 'drifts off'}"

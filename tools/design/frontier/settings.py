@@ -26,9 +26,10 @@ STRUCTURES = {
     "PD + DOB": Structure("pd_dob"),
     "PD + DDOB": Structure("pd_ddob"),
     "PID": Structure("pid"),
+    "PID + heading": Structure("pid_heading"),
 }
 """All that the linear search can design. The map's curvature comes from VEHICLE_STATE; apart from
-it, each reads the lateral error and its own commands only."""
+that and the heading error, each reads the lateral error and its own commands only."""
 
 
 class TrialsTable(Settings):

@@ -15,7 +15,7 @@ from ....controller.laws.assembly import LawDesign, design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..demands import Study, judge_law, make_study
-from ..law_parameters import Candidate, controller_settings
+from ..law_parameters import Candidate, controller_law, controller_settings
 from ..loop_figures import behind_lag
 from ..parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification
@@ -116,7 +116,7 @@ def specification_for(asked: FrontierSettings, law: str, delay_ms: float) -> Spe
     step_ms = max(_STEP_MS_MIN, delay_ms / _STEPS)
     return Specification(
         name="frontier",
-        laws=(law,),
+        laws=(controller_law(law),),
         rate_hz=asked.rate_hz,
         peak_sensitivity_max=asked.peak_sensitivity_max,
         noise_gain_rad_m_max=asked.noise_gain_rad_m_max,

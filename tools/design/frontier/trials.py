@@ -27,6 +27,7 @@ from ....plant_emulator.vehicle.settings import (
     VehicleSettings,
 )
 from ....runtime.node import NS_PER_MS
+from ..loop_figures import HEADING_NOISE_1_M
 from ..vehicle_file import VehicleFile
 from .settings import FrontierSettings
 
@@ -59,6 +60,9 @@ class Trials(NamedTuple):
     jitter_lost: int
 
 
+NOT_TRIED = Trials(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, 0)
+
+
 def try_out(
     asked: FrontierSettings,
     vehicle: VehicleFile,
@@ -77,7 +81,10 @@ def try_out(
     def step(**values: float) -> DisturbanceSettings:
         return DisturbanceSettings(steps=(DisturbanceStep(at_s=_AT_S, **values),))
 
-    noise = SensorNoiseSettings(lateral_error_m=trials.sensor_noise_m)
+    noise = SensorNoiseSettings(
+        lateral_error_m=trials.sensor_noise_m,
+        heading_error_rad=HEADING_NOISE_1_M * trials.sensor_noise_m,
+    )
     wind = run(path=straight, disturbance=step(side_force_n=trials.side_force_n))
     offset = run(path=straight, disturbance=step(steering_offset_rad=trials.steering_offset_rad))
     wrong = vehicle.box.vertices()[-1]

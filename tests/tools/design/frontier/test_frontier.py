@@ -2,14 +2,19 @@
 
 import csv
 import json
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.tools.design.frontier import published
+from steer_by_wire.tools.design.frontier import sweep as sweep_of_delays
 from steer_by_wire.tools.design.frontier.frontier import Row, compute, write_csv
+from steer_by_wire.tools.design.frontier.picture import draw_frontier
 from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
 from steer_by_wire.tools.design.frontier.sweep import (
     Point,
@@ -18,7 +23,12 @@ from steer_by_wire.tools.design.frontier.sweep import (
     study,
     sweep,
 )
-from steer_by_wire.tools.design.frontier.trials import Trials, with_map, worst_rms_m
+from steer_by_wire.tools.design.frontier.trials import (
+    NOT_TRIED,
+    Trials,
+    with_map,
+    worst_rms_m,
+)
 from steer_by_wire.tools.design.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
@@ -123,3 +133,19 @@ def test_the_table_has_a_line_for_each_structure_and_delay(tmp_path: Path) -> No
 def test_delays_must_ascend() -> None:
     with pytest.raises(SettingsError, match="delays_ms must be above 0 and ascend"):
         asked("delays_ms=[250, 160]")
+
+
+def test_the_papers_own_laws_are_marks_that_no_line_joins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(published, "LAWS", {"PD": "paper_pd"})
+    monkeypatch.setattr(sweep_of_delays, "MARGIN_NS_MAX", 60_000_000)
+    alone, quick = VehicleFile(vehicle=vehicle().vehicle), asked("course.duration_s=6")
+    points = list(published.published_points(quick, alone))
+    # 12.4 ms without the filter, 50 ms with it.
+    assert [1.3 * each.delay_ms for each in points] == pytest.approx([12.4, 50.0], abs=0.1)
+    lost = points[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)
+    rows = [Row(each, NOT_TRIED) for each in (*points, lost)]
+    (axes,) = draw_frontier(quick, rows).axes
+    assert not any(np.size(line.get_xdata()) for line in axes.lines)
+    assert [np.shape(marks.get_offsets()) for marks in axes.collections] == [(1, 2), (1, 2)]
