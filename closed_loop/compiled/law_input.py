@@ -216,12 +216,11 @@ def _take_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned
     )
 
 
-def _write_plan(
-    inbox: Inbox, limits: SteerLimits, acting: int, tick: int, before_rad: float
-) -> None:
+def _write_plan(inbox: Inbox, limits: SteerLimits, acting: int, tick: int) -> None:
     if acting >= 0:
-        row = inbox.rings.plans[tick & (len(inbox.rings.plans) - 1)]
-        limit_plan(limits, inbox.periods_per_sample, before_rad, acting, row)
+        plans, mask = inbox.rings.plans, len(inbox.rings.plans) - 1
+        row, before = plans[tick & mask], plans[(tick - 1) & mask]
+        limit_plan(limits, inbox.periods_per_sample, acting, before, row)
 
 
 def _carries_plan(inbox: Inbox, tick: int) -> bool:
@@ -267,7 +266,7 @@ take_arrivals = _choosing(_take_arrivals)
 take_command = _choosing(_take_command)
 """(inbox, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
 write_plan = _choosing(_write_plan)
-"""(inbox, limits, acting, tick, before_rad): limits the plan of a tick, if there is one."""
+"""(inbox, limits, acting, tick): limits the plan of a tick, if there is one."""
 carries_plan = _choosing(_carries_plan, without=False)
 """(inbox, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
 play = _choosing(_play, without=math.nan)

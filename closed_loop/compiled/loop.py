@@ -212,7 +212,7 @@ def _run_ticks(
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
         known = take_arrivals(inbox, known, s, r, to_ns)
-        wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
+        wanted_rad, acting = sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             note_now(inbox, now_known, known, tick, to_ns)
@@ -240,6 +240,6 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[now] = sent_rad
-        write_plan(inbox, c.limits, acting, tick, before_rad)
+        write_plan(inbox, c.limits, acting, tick)
         known = take_command(inbox, known, tick, sent_rad, acting >= 0)
     return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

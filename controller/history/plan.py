@@ -19,7 +19,7 @@ SPACING_MAX = 15
 ROW_LENGTH = 2 + VALUES
 
 
-def value_at(row: Sequence[float], sample: int) -> float:
+def value_at(row: Sequence[float], sample: float) -> float:
     """Return the angle that a plan or a single command sets at a sample [rad]."""
     spacing = row[1]
     age = sample - row[0]
@@ -35,25 +35,36 @@ def value_at(row: Sequence[float], sample: int) -> float:
 def limit_plan(
     p: SteerLimits,
     periods_per_sample: float,
-    last_sent_rad: float,
     acting: int,
+    before: Sequence[float],
     row: MutableSequence[float],
 ) -> None:
     """Limit angle and rate of a plan, in place.
 
-    ``last_sent_rad``  the command of the period before, at the time at which it acts
-    ``acting``         index of the value for the time at which the present one acts, a step from
-                       that at most: the wheel must not jump from one plan to the next. The others
-                       are limited from there on, in both directions
+    ``acting``  index of the value for the time at which the present one acts. The others are
+                limited from there on, in both directions
+    ``before``  the row of the period before, from which each value is a step at most: the wheel
+                must not jump from one plan to the next, whenever that comes
     """
     steer_rad_max, step_rad_max = p
-    first = 2 + acting
-    row[first] = limit_step(p, last_sent_rad, row[first])
-    spacing = SteerLimits(steer_rad_max, step_rad_max * row[1] * periods_per_sample)
+    spacing, first = row[1], 2 + acting
+    earlier = row[0] - 1.0 / periods_per_sample
+    row[first] = limit_step(p, value_at(before, earlier + acting * spacing), row[first])
+    apart_rad = step_rad_max * spacing * periods_per_sample
+    apart = SteerLimits(steer_rad_max, apart_rad)
+    # The calls take long, and few values need them.
     for index in range(first + 1, ROW_LENGTH):
-        row[index] = limit_step(spacing, row[index - 1], row[index])
+        wanted_rad, beside_rad = row[index], row[index - 1]
+        if not (abs(wanted_rad - beside_rad) <= apart_rad and abs(wanted_rad) <= steer_rad_max):
+            row[index] = limit_step(apart, beside_rad, wanted_rad)
     for index in range(first - 1, 1, -1):
-        row[index] = limit_step(spacing, row[index + 1], row[index])
+        wanted_rad, beside_rad = row[index], row[index + 1]
+        if not (abs(wanted_rad - beside_rad) <= apart_rad and abs(wanted_rad) <= steer_rad_max):
+            row[index] = limit_step(apart, beside_rad, wanted_rad)
+    for index in range(2, ROW_LENGTH):
+        before_rad = value_at(before, earlier + (index - 2) * spacing)
+        if abs(row[index] - before_rad) > step_rad_max:
+            row[index] = limit_step(p, before_rad, row[index])
 
 
 def hold(row: MutableSequence[float], steer_rad: float) -> None:

@@ -70,13 +70,13 @@ class CommandFrames:
         return self._commands.frame((steer_rad, self.sent.on_sent(now_ns, steer_rad), mode))
 
     def plan(
-        self, row: list[float], acting: int, before_rad: float, mode: Mode, now_ns: int
+        self, row: list[float], acting: int, before: list[float], mode: Mode, now_ns: int
     ) -> Frame:
         """Return the frame of a plan after limiting its ``row``.
 
-        ``acting``      index of the value that acts first
-        ``before_rad``  the command of the period before
+        ``acting``  index of the value that acts first
+        ``before``  the row of the period before
         """
-        limit_plan(self._limits, self._periods_per_sample, before_rad, acting, row)
+        limit_plan(self._limits, self._periods_per_sample, acting, before, row)
         self.plans += 1
         return self._plans.frame(plan_message(row, self.sent.on_sent(now_ns), mode))

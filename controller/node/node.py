@@ -170,7 +170,7 @@ class ControllerNode:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
                 self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
             if mode is not _WAITING:
-                frames.append(self._command_frame(mode, now_ns, period, before_rad))
+                frames.append(self._command_frame(mode, now_ns, period))
             fault = self._fault
             is_safety_due = self._safety.on_tick(fault, now_ns)
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
@@ -312,11 +312,8 @@ class ControllerNode:
         if entered is _ACTIVE:
             self._law.start(before, self._received.lateral_error_m)
 
-    def _command_frame(self, mode: Mode, now_ns: int, period: int, before_rad: float) -> Frame:
-        """Return the command of this period or its plan, and record that it was sent.
-
-        ``before_rad``  the command of the period before
-        """
+    def _command_frame(self, mode: Mode, now_ns: int, period: int) -> Frame:
+        """Return the command of this period or its plan, and record that it was sent."""
         steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
         bus_history, acting, arrival_ns = (
             law.bus_history,
@@ -325,8 +322,8 @@ class ControllerNode:
         )
         is_planned = acting >= 0 and mode is _ACTIVE
         if is_planned and bus_history is not None:
-            row = bus_history.plan_of(period)
-            frame = self._commands.plan(row, acting, before_rad, mode, now_ns)
+            rows = bus_history.plan_of(period), bus_history.plan_of(period - 1)
+            frame = self._commands.plan(rows[0], acting, rows[1], mode, now_ns)
         else:
             frame = self._commands.command(steer_rad, mode, now_ns)
         if bus_history is not None:

@@ -107,13 +107,10 @@ def check_packetised_mpc(runs: Any) -> None:
     lq, mpc = runs.values()
     assert lq.lateral_error_peak_m > 1.0
     assert 0.3 < mpc.lateral_error_peak_m < 0.7
-    # The limit is reached. It holds within a plan; where a plan follows another that it does not
-    # continue, the wheel of the law without a limit in its plan is more than twice as fast.
-    lq_rad_s, mpc_rad_s = (
-        np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01 for run in (lq, mpc)
-    )
-    assert mpc_rad_s == pytest.approx(0.03, rel=1e-3)
-    assert 0.06 < lq_rad_s < 0.075
+    # The limit is reached, and kept where a plan follows another.
+    for run in (lq, mpc):
+        wheel_rad_s = np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01
+        assert wheel_rad_s == pytest.approx(0.03, rel=1e-3)
 
 
 CHECKS: dict[str, Callable[[Any], None]] = {

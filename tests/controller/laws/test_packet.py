@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.pair_result import rms
 from steer_by_wire.closed_loop.virtual_pair import VirtualPair, make_virtual_pair
@@ -36,12 +38,40 @@ def test_a_single_command_acts_at_every_sample() -> None:
     assert {value_at([7.0, 0.0, 0.3, 0.9], sample) for sample in (0, 7, 500)} == {0.3}
 
 
-def test_a_plan_is_limited_from_the_command_before_on() -> None:
+def test_a_plan_is_limited_from_the_plan_before_on() -> None:
+    limits = SteerLimits(0.5, 0.02)
+    before, row = [0.0, 0.0, 0.1], [0.0, 5.0, *[1.0] * VALUES]
+    limit_plan(limits, 0.5, 2, before, row)
+    # After a single command each value is a step away.
+    assert row[2:] == pytest.approx([0.12] * VALUES)
+    before = [0.0, 5.0, *(0.05 * index for index in range(VALUES))]
     row = [0.0, 5.0, *[1.0] * VALUES]
-    limit_plan(SteerLimits(0.5, 0.02), 0.5, 0.1, 2, row)
-    # A spacing is 2.5 periods: 0.05 rad; the value that acts first is a step away.
-    assert row[4:14] == pytest.approx([0.12, 0.17, 0.22, 0.27, 0.32, 0.37, 0.42, 0.47, 0.5, 0.5])
-    assert row[2:4] == pytest.approx([0.22, 0.17])
+    limit_plan(limits, 0.5, 2, before, row)
+    # A period is two samples, in which the plan before moves by a step; a spacing is 2.5 periods.
+    assert row[3:13] == pytest.approx([0.05 * index for index in range(1, 11)])
+    assert row[2] == pytest.approx(0.02)
+
+
+@given(
+    st.lists(
+        st.lists(st.floats(-0.6, 0.6), min_size=VALUES, max_size=VALUES), min_size=1, max_size=9
+    ),
+    st.integers(1, SPACING_MAX),
+    st.integers(0, VALUES - 1),
+    st.integers(0, 300),
+)
+def test_a_wheel_that_follows_plans_keeps_the_rate_where_they_change(
+    planned: list[list[float]], spacing: int, acting: int, lead: int
+) -> None:
+    """Whatever is planned, and however late each plan comes."""
+    before = [-1.0, float(spacing), *[0.0] * VALUES]
+    for tick, steers_rad in enumerate(planned):
+        row = [float(tick), float(spacing), *steers_rad]
+        limit_plan(SteerLimits(0.5, 0.02), 1.0, acting, before, row)
+        now = tick + lead
+        assert abs(value_at(row, now) - value_at(before, now - 1)) <= 0.02 + 1e-12
+        assert abs(value_at(row, now) - value_at(row, now - 1)) <= 0.02 + 1e-12
+        before = row
 
 
 def controller(*overrides: str) -> ControllerSettings:
