@@ -130,7 +130,7 @@ def outcome_of(vehicle: dict[str, Any], spec: dict[str, Any], minutes: float, fo
     assert status == bool(without)
     assert {line.partition("error: ")[2].partition(":")[0] for line in refused} == without
     for kept in folder.glob("drawn_*.toml"):
-        if not kept.name.endswith("plant.toml"):
+        if not kept.name.endswith(("_plant.toml", "_specification.toml")):
             load_settings(ControllerSettings, None, kept)
             is_unmet = kept.name.endswith(".unmet.toml")
             assert kept.read_text().startswith("# NOT A DESIGN") == is_unmet
