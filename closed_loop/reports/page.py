@@ -33,7 +33,9 @@ a { color: #0b5394; }
 .table { overflow-x: auto; }
 .verdict { font-size: 1.1rem; }
 nav { columns: 16rem; font-size: .92rem; }
-@media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; } }
+@media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; }
+  .good, .fair, .poor, .more { white-space: normal; display: inline-block; }
+  .picture { overflow-x: auto; } .picture img { max-width: none; width: 42rem; } }
 @media (prefers-color-scheme: dark) {
   body { color: #e4e4e4; background: #16181a; }
   a { color: #8ab8e8; } summary, .caption { color: #b4b4b4; }
@@ -129,6 +131,7 @@ def _section(section: Section) -> str:
 def _picture(picture: Picture) -> str:
     data = b64encode(picture.png).decode("ascii")
     image = f'<img alt="{escape(picture.text)}" src="data:image/png;base64,{data}" />'
+    image = f'<div class="picture" tabindex="0">{image}</div>'  # keys scroll what has the focus
     if not picture.data:
         return image
     link = _inline(Cell(picture.data, link=picture.data))

@@ -74,7 +74,9 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
         return None
     order = np.argsort(first)  # as in the study
     condition = np.argsort(order)[condition]
-    texts = [", ".join(str(rows.factors[name][row]) for name in names) for row in first[order]]
+    texts = [
+        ", ".join(_level(name, rows.factors[name][row]) for name in names) for row in first[order]
+    ]
     delays = axes.mean.values
     shape = (len(texts), len(study.names), len(delays))
     cell = np.ravel_multi_index((condition, rows.controller, axes.mean.place), shape)
@@ -96,6 +98,11 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
         worst(rows.cg_peak_m),
         held,
     )
+
+
+def _level(name: str, value: object) -> str:
+    """Return a level in words: a number says nothing without the name of its factor."""
+    return str(value) if isinstance(value, str) else f"{name} {value}"
 
 
 def _is_vehicle(factor: FactorRecord) -> bool:
@@ -211,6 +218,7 @@ def draw_conditions(found: LawByDelay) -> Figure:
             _draw_law(panel, found, (condition, law), *style, name)
         panel.set(yscale="log", title=found.conditions[condition])
         panel.set_xlabel("mean delay [ms]")
+        panel.tick_params(labelbottom=condition + 2 >= count)  # also above an empty place
     for panel in panels[::2]:
         panel.set_ylabel(f"worst RMS from {SETTLED_S:g} s on [mm]")
     for panel in panels[count:]:
@@ -227,4 +235,5 @@ def _draw_law(
 
 
 def _styles() -> Iterator[tuple[str, str]]:
-    return cycle([(colour, dashes) for dashes in ("-", "--", ":") for colour in COLOURS])
+    """Colours and dashes both change from law to law, so that they differ without colour too."""
+    return zip(cycle(COLOURS), cycle(("-", "--", ":")), strict=False)
