@@ -18,17 +18,15 @@ from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
 from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.socketcan_error_frames import state_of
-from ..frame import ERROR, Frame
+from ..frame import ERROR, ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
 from ..frame.message import frame_of, message_of
 from ..node import NS_PER_S
 from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
     ANSWER,
-    ERROR_STATE,
     FD_LENGTHS,
     FILTERS_MAX,
     OWN,
-    REMOTE_LENGTH_SHIFT,
     Answer,
     Buffer,
     BusOff,

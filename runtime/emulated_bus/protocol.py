@@ -21,7 +21,15 @@ broker; in a request for bus-off it is the duration.
 from struct import Struct
 from typing import NamedTuple
 
-from ..frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from ..frame import (
+    BITRATE_SWITCH,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    REMOTE,
+    REMOTE_LENGTH_SHIFT,
+    Frame,
+)
 from ..node import NS_PER_S
 
 MAGIC = b"emucan\x00\x02"
@@ -32,15 +40,10 @@ CHANNEL_BYTES_MAX = 64
 FILTERS_MAX = 512
 """Filters one client may have at the broker; as many as a SocketCAN socket may."""
 
-ERROR_STATE = 32
-"""Flag beside those of ``frame``: the sender of this FD frame is error passive (ESI)."""
 BUS_OFF_NS_MAX = 100_000 * NS_PER_S
 """How long a bus-off may be asked to last."""
 OWN = 64
 """Flag beside those of ``runtime.frame``: the client that receives this frame sent it."""
-REMOTE_LENGTH_SHIFT = 8
-"""The flags of a remote frame hold, from this bit on, the length that it asks for. They carry it
-through the bus model, whose frames have no length but that of their data."""
 
 _FRAME = 1
 _FILTER = 2

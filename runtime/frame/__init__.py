@@ -4,6 +4,26 @@ Not here: who may send when (``bus_model``), and how a program gets at a bus (``
 Begin at ``frame.py``, whose names this package hands on.
 """
 
-from .frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, ERROR, EXTENDED, FD, REMOTE, Frame
+from .frame import (
+    BITRATE_SWITCH,
+    CLASSIC_LENGTH_MAX,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    REMOTE,
+    REMOTE_LENGTH_SHIFT,
+    Frame,
+)
 
-__all__ = ["BITRATE_SWITCH", "CLASSIC_LENGTH_MAX", "ERROR", "EXTENDED", "FD", "REMOTE", "Frame"]
+__all__ = [
+    "BITRATE_SWITCH",
+    "CLASSIC_LENGTH_MAX",
+    "ERROR",
+    "ERROR_STATE",
+    "EXTENDED",
+    "FD",
+    "REMOTE",
+    "REMOTE_LENGTH_SHIFT",
+    "Frame",
+]

@@ -1,15 +1,14 @@
 """Exact length of a CAN frame on the wire [bits], stuff bits of its own content included.
 
 Source: ISO 11898-1:2015, frame formats and frame coding. A frame extends from start of
-frame to end of frame, without the intermission after it. Senders are error active (ESI dominant),
-and a receiver acknowledges in time.
+frame to end of frame, without the intermission after it. A receiver acknowledges in time.
 
 Bits before the payload, dominant 0, recessive 1:
 
     classic, 11 bit   SOF=0 id:11 RTR IDE=0 r0=0                                  dlc:4
     classic, 29 bit   SOF=0 base:11 SRR=1 IDE=1 extension:18 RTR r1=0 r0=0        dlc:4
-    FD, 11 bit        SOF=0 id:11 RRS=0 IDE=0              FDF=1 res=0 BRS ESI=0  dlc:4
-    FD, 29 bit        SOF=0 base:11 SRR=1 IDE=1 extension:18 RRS=0 FDF=1 res=0 BRS ESI=0 dlc:4
+    FD, 11 bit        SOF=0 id:11 RRS=0 IDE=0              FDF=1 res=0 BRS ESI    dlc:4
+    FD, 29 bit        SOF=0 base:11 SRR=1 IDE=1 extension:18 RRS=0 FDF=1 res=0 BRS ESI dlc:4
 
 After five equal bits the sender inserts an opposite one, which counts as the first of the next
 five. In classic frames this applies up to the last bit of the CRC. In FD frames it ends with the
@@ -24,7 +23,16 @@ from functools import cache, lru_cache
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
-from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from .frame import (
+    BITRATE_SWITCH,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    REMOTE,
+    REMOTE_LENGTH_SHIFT,
+    Frame,
+)
 
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""
@@ -168,14 +176,14 @@ def frame_bits(frame: Frame) -> FrameBits:
     if not flags and len(data) == 8:
         return FrameBits(bits_of_eight_bytes(can_id, data), 0)
     limit = 0x1FFFFFFF if flags & EXTENDED else _BASE_ID_MAX
-    dlc = DATA_LENGTH_CODE.get(len(data))
+    dlc = DATA_LENGTH_CODE.get(len(data)) if not flags & REMOTE else flags >> REMOTE_LENGTH_SHIFT
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
         raise ValueError(f"not a frame that can be sent: {frame}")
     if flags & FD:
         if flags & REMOTE:
             raise ValueError(f"CAN FD has no remote frames: {frame}")
         return _fd_bits(can_id, data, dlc, flags)
-    if dlc > 8 or (flags & REMOTE and data) or flags & BITRATE_SWITCH:
+    if dlc > 8 or (flags & REMOTE and data) or flags & (BITRATE_SWITCH | ERROR_STATE):
         raise ValueError(f"not a classic frame: {frame}")
     return FrameBits(_classic_bits(can_id, data, dlc, flags), 0)
 
@@ -244,7 +252,8 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
     """
     brs = 1 if flags & BITRATE_SWITCH else 0
     # The last byte of the header is FDF, res, BRS, ESI, DLC.
-    control = 1 << 7 | brs << 5 | dlc
+    control = 1 << 7 | brs << 5
+    code = (1 << 4 if flags & ERROR_STATE else 0) | dlc
     if flags & EXTENDED:
         unstuffed_until_brs = 36
         head = 0b1010101 << 41 | _extended_identifier(can_id) << 9 | control
@@ -253,10 +262,11 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
         unstuffed_until_brs = 17
         head = 0b01 << 22 | can_id << 10 | control
         header = head.to_bytes(3, "big")
-    # With BRS recessive no run of five ends inside the control byte, so what is counted up to there
-    # was inserted before BRS.
+    # Without ESI and DLC no run of five ends behind a recessive BRS, so what is counted up to there
+    # was inserted before it.
     header_stuff = _stuff_bits(header)
-    payload_stuff = _stuff_bits(header + data) - header_stuff
+    whole = header[:-1] + bytes([header[-1] | code]) + data
+    payload_stuff = _stuff_bits(whole) - header_stuff
     check_bits = _FD_SHORT_CHECK_BITS if len(data) <= _FD_SHORT_MAX else _FD_LONG_CHECK_BITS
     until_brs = unstuffed_until_brs + header_stuff
     after_brs = _ESI_AND_DLC_BITS + 8 * len(data) + payload_stuff + check_bits

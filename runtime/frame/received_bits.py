@@ -17,7 +17,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from .exact_length import DATA_LENGTH_CODE
-from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from .frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
 from .wire_bits import CRC_15, DOMINANT, RECESSIVE, RUN_MAX, crc_of, fd_crc, stuff_count
 
 _BYTES_OF_DLC = {code: length for length, code in DATA_LENGTH_CODE.items()}
@@ -129,9 +129,9 @@ def _frame(bits: _Bits) -> Frame:
 
 
 def _classic_frame(bits: _Bits, can_id: int, flags: int) -> Frame:
-    length = 0 if flags & REMOTE else min(bits.number(4), 8)
+    length = min(bits.number(4), 8)
     if flags & REMOTE:
-        bits.number(4)
+        flags, length = flags | length << REMOTE_LENGTH_SHIFT, 0
     data = bytes(bits.number(8) for _ in range(length))
     expected = crc_of(CRC_15, bits.kept)
     is_right = bits.number(CRC_15.width) == expected
@@ -145,7 +145,7 @@ def _fd_frame(bits: _Bits, can_id: int, flags: int) -> Frame:
     if bits.one() == RECESSIVE:
         raise _FoundError(WireError.PROTOCOL_EXCEPTION)
     flags |= FD | (BITRATE_SWITCH if bits.one() else 0)
-    bits.one()  # ESI
+    flags |= ERROR_STATE if bits.one() else 0
     length = _BYTES_OF_DLC[bits.number(4)]
     data = bytes(bits.number(8) for _ in range(length))
     bits.is_stuffed = False

@@ -1,7 +1,7 @@
 """The bits of a frame as they are on the wire, each with its field, stuff bits marked.
 
-Source: ISO 11898-1:2015, frame formats and frame coding. A frame here is what one error active
-sender sends and one receiver acknowledges, from start of frame to end of frame.
+Source: ISO 11898-1:2015, frame formats and frame coding. A frame here is what one sender sends and
+one receiver acknowledges, from start of frame to end of frame.
 
     classic   SOF ID (SRR IDE extension) RTR IDE/r1 r0 DLC data CRC:15
               | CRC delimiter ACK delimiter EOF:7
@@ -18,7 +18,7 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 from .exact_length import DATA_LENGTH_CODE, crc15, frame_bits
-from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from .frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
 
 DOMINANT, RECESSIVE = 0, 1
 RUN_MAX = 5
@@ -118,8 +118,14 @@ def _identifier(frame: Frame) -> list[WireBit]:
 
 def _classic_control(frame: Frame) -> list[WireBit]:
     first = "r1" if frame.flags & EXTENDED else "IDE"
-    dlc = DATA_LENGTH_CODE[len(frame.data)]
+    dlc = _classic_dlc(frame)
     return [WireBit(DOMINANT, first), WireBit(DOMINANT, "r0"), *_bits("DLC", dlc, 4)]
+
+
+def _classic_dlc(frame: Frame) -> int:
+    """Length of the payload, or that a remote frame asks for."""
+    flags = frame.flags
+    return flags >> REMOTE_LENGTH_SHIFT if flags & REMOTE else len(frame.data)
 
 
 def _payload(frame: Frame) -> list[WireBit]:
@@ -130,7 +136,8 @@ def _fd_bits(frame: Frame) -> tuple[WireBit, ...]:
     switch = 1 if frame.flags & BITRATE_SWITCH else 0
     ide = [] if frame.flags & EXTENDED else [WireBit(DOMINANT, "IDE")]
     control = [WireBit(RECESSIVE, "FDF"), WireBit(DOMINANT, "res"), WireBit(switch, "BRS")]
-    length = [WireBit(DOMINANT, "ESI"), *_bits("DLC", DATA_LENGTH_CODE[len(frame.data)], 4)]
+    error_state = RECESSIVE if frame.flags & ERROR_STATE else DOMINANT
+    length = [WireBit(error_state, "ESI"), *_bits("DLC", DATA_LENGTH_CODE[len(frame.data)], 4)]
     head = [*_identifier(frame), *ide, *control, *length, *_payload(frame)]
     stuffed = list(_stuffed(head, is_at_end=False))
     count = _bits("stuff count", stuff_count(len(stuffed) - len(head)), 4)
@@ -188,7 +195,7 @@ def stuffed_text(frame: Frame) -> StuffedText:
     """
     can_id, data, flags = frame
     rtr = 1 if flags & REMOTE else 0
-    dlc = DATA_LENGTH_CODE[len(data)]
+    dlc = _classic_dlc(frame)
     if flags & EXTENDED:
         base, extension = can_id >> 18, can_id & 0x3FFFF
         head, width = base << 27 | 0b11 << 25 | extension << 7 | rtr << 6 | dlc, 39

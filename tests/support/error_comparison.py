@@ -19,7 +19,14 @@ from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import (
     disturb,
 )
 from steer_by_wire.runtime.bus_model.bit_error_at_one_node import disturb_receiver, disturb_sender
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import (
+    BITRATE_SWITCH,
+    EXTENDED,
+    FD,
+    REMOTE,
+    REMOTE_LENGTH_SHIFT,
+    Frame,
+)
 from steer_by_wire.runtime.frame.exact_length import DATA_LENGTH_CODE
 from steer_by_wire.runtime.frame.wire_bits import WireBit, frame_on_wire
 from tests.support.bit_oracle import Bit, Node, Wire
@@ -33,7 +40,9 @@ _LONG = [length for length in DATA_LENGTH_CODE if length > 8]
 def random_frame(draw: random.Random, flags: int) -> Frame:
     """A frame with runs of equal bits; some FD frames are longer than 8 bytes."""
     lengths = _LONG if flags & FD and draw.random() < 0.05 else _SHORT
-    length = 0 if flags & REMOTE else draw.choice(lengths)
+    length = draw.choice(lengths)
+    if flags & REMOTE:
+        flags, length = flags | length << REMOTE_LENGTH_SHIFT, 0
     data = bytes(draw.choice((0x00, 0xFF, 0x0F, draw.randrange(256))) for _ in range(length))
     return Frame(draw.randrange(1 << 29 if flags & EXTENDED else 1 << 11), data, flags)
 

@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import (
+    BITRATE_SWITCH,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    REMOTE,
+    REMOTE_LENGTH_SHIFT,
+    Frame,
+)
 from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, FrameBits, crc15, frame_bits
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 
@@ -74,6 +83,23 @@ def test_a_frame_of_zeros_gets_a_stuff_bit_after_every_five() -> None:
     assert frame_bits(Frame(0, bytes(8))) == FrameBits(108 + 15 // 5 + 67 // 5, 0)
 
 
+@pytest.mark.parametrize("length", range(9))
+def test_a_remote_frame_sends_the_length_that_it_asks_for(length: int) -> None:
+    # SOF, identifier, RTR recessive, IDE and r0 dominant, DLC, CRC; then delimiters, ACK and EOF.
+    for can_id in (0, 0x100, 0x555, 0x7FF):
+        head = f"0{can_id:011b}100{length:04b}"
+        crc = crc15(int(head, 2).to_bytes(3, "big"))
+        frame = Frame(can_id, b"", REMOTE | length << REMOTE_LENGTH_SHIFT)
+        assert frame_bits(frame) == (len(stuff(f"{head}{crc:015b}")) + 1 + 2 + 7, 0)
+
+
+def test_an_error_passive_sender_is_recessive_in_esi() -> None:
+    # BRS, ESI and three bits of the DLC (1111) then are a run of five, with one more stuff bit.
+    frame = Frame(0x555, b"\x55" * 64, FD | BITRATE_SWITCH)
+    active, passive = frame_bits(frame), frame_bits(frame._replace(flags=frame.flags | ERROR_STATE))
+    assert passive == (active.nominal, active.data + 1)
+
+
 def test_the_fixed_stuff_bit_of_an_fd_frame_takes_the_place_of_one_after_the_payload() -> None:
     # Payload 1F ends in a run of five, payload 0F in one of four.
     assert frame_bits(Frame(0x555, b"\x1f", FD)) == frame_bits(Frame(0x555, b"\x0f", FD))
@@ -91,6 +117,8 @@ def test_the_fixed_stuff_bit_of_an_fd_frame_takes_the_place_of_one_after_the_pay
         Frame(1, bytes(65), FD),
         Frame(1, b"\0", REMOTE),
         Frame(1, b"", REMOTE | FD),
+        Frame(1, b"", REMOTE | 9 << REMOTE_LENGTH_SHIFT),
+        Frame(1, b"", ERROR_STATE),
         Frame(1, b"", BITRATE_SWITCH),
         Frame(4, bytes(8), ERROR),
     ],

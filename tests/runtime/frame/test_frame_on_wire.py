@@ -9,7 +9,7 @@ from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.frame.exact_length import crc15, frame_bits
 from steer_by_wire.runtime.frame.wire_bits import CRC_15, crc_of, frame_on_wire, stuff_count
 from steer_by_wire.runtime.recording.candump import parse_entry
-from tests.support.random_frames import sendable_frames
+from tests.support.random_frames import frames_on_a_bus
 
 ENCODED = Path(__file__).with_name("encoded_frames.txt")
 """Frames as for cansend, their bits as a hexadecimal number, and how many.
@@ -32,14 +32,14 @@ def test_the_bits_are_those_of_a_public_encoder(text: str, bits: str) -> None:
     assert "".join(str(bit.level) for bit in frame_on_wire(entry.frame)) == bits
 
 
-@given(sendable_frames())
+@given(frames_on_a_bus())
 def test_the_lengths_are_those_that_the_bus_model_uses(frame: Frame) -> None:
     bits = frame_on_wire(frame)
     fast = sum(bit.is_fast for bit in bits)
     assert (len(bits) - fast, fast) == frame_bits(frame)
 
 
-@given(sendable_frames())
+@given(frames_on_a_bus())
 def test_six_equal_bits_are_nowhere_before_the_end(frame: Frame) -> None:
     bits = frame_on_wire(frame)
     text = "".join(str(bit.level) for bit in bits if bit.field not in ("ACK delimiter", "EOF"))

@@ -8,7 +8,7 @@ from hypothesis import given
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.received_bits import WireError, receive
 from steer_by_wire.runtime.frame.wire_bits import CRC_15, WireBit, crc_of, frame_on_wire
-from tests.support.random_frames import sendable_frames
+from tests.support.random_frames import frames_on_a_bus
 
 ONE_OF_EACH_FORMAT = (
     Frame(0x100, bytes.fromhex("0123456789ABCDEF")),
@@ -26,7 +26,7 @@ def levels(bits: tuple[WireBit, ...]) -> list[int]:
     return [bit.level for bit in bits]
 
 
-@given(sendable_frames())
+@given(frames_on_a_bus())
 def test_what_is_sent_is_received_at_the_last_but_one_bit(frame: Frame) -> None:
     bits = levels(frame_on_wire(frame))
     assert receive(bits) == (frame, None, len(bits) - 2)
