@@ -14,7 +14,7 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ..frame import BITRATE_SWITCH, Frame
+from ..frame import BITRATE_SWITCH, ERROR_STATE, FD, Frame
 from ..frame.wire_bits import frame_on_wire
 from ..node import NEVER_NS
 from .bit_error_at_all_nodes import AFTER_ACK, FIRST, Disturbed, disturb, disturb_stuck
@@ -115,6 +115,12 @@ class BusErrors:
         """Whether a node must pause after its frames."""
         return node in self._limited and self.counters(node).is_passive
 
+    def as_sent(self, frame: Frame, sender: int) -> Frame:
+        """Return a frame as it is on the wire, with ESI recessive if its sender is passive."""
+        if frame.flags & FD and self.is_passive(sender):
+            return frame._replace(flags=frame.flags | ERROR_STATE)
+        return frame
+
     def is_off(self, node: int) -> bool:
         """Whether a node takes no part."""
         return node in self._limited and (
@@ -148,7 +154,7 @@ class BusErrors:
 
         Of several errors the first one counts.
         """
-        is_passive = self.is_passive(sender)
+        is_passive, frame = self.is_passive(sender), self.as_sent(frame, sender)
         if self._is_acknowledged is not None and not self._is_acknowledged(sender):
             return unacknowledged(frame, is_passive=is_passive)
         begin_ns, until_ns = ticks.whole_ns(start_ticks), ticks.whole_ns(end_ticks)

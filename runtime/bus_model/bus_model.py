@@ -22,7 +22,7 @@ It serves the emulated bus in real time, and virtual time where ``quiet_bus`` is
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ..frame import Frame
+from ..frame import FD, Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
 from ..frame.exact_length import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
@@ -174,7 +174,7 @@ class BusModel:
         elif competing := self._queue.competing:
             start_ticks, winner = self.access.next_start(competing, self._next_start_ticks)
             self._decided_until_ticks = start_ticks
-            end_ticks = start_ticks + winner.duration_ticks
+            end_ticks = start_ticks + self._duration_ticks(winner)
         else:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._traffic is not None:
@@ -205,7 +205,7 @@ class BusModel:
                     on_wire = None
                     break
                 self._next_start_ticks = start_ticks
-                end_ticks = start_ticks + on_wire.duration_ticks
+                end_ticks = start_ticks + self._duration_ticks(on_wire)
                 self._on_arbitration(on_wire)
                 if errors is not None:
                     hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
@@ -269,6 +269,13 @@ class BusModel:
         """Put the frames of the traffic that wait into the queue."""
         while traffic.best < NO_FIELD:
             self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
+
+    def _duration_ticks(self, sent: Waiting) -> int:
+        """How long a frame takes if it starts now: ESI tells the state of its sender."""
+        if self._errors is None or not sent.frame.flags & FD:
+            return sent.duration_ticks
+        frame = self._errors.as_sent(sent.frame, sent.sender)
+        return sent.duration_ticks if frame is sent.frame else self._ticks.of_frame(frame)
 
     def _on_arbitration(self, winner: Waiting) -> None:
         self._queue.take(winner)

@@ -6,7 +6,7 @@ from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates, Stuc
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.exact_length import frame_bits
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
@@ -148,6 +148,23 @@ def test_an_error_after_the_acknowledgement_is_counted_on_top_of_a_frame_receive
         bus.submit(FRAME, 0, 0)
         drain(bus)
         assert [errors.counters(node).receive for node in (1, 2)] == [5 - 1 + 1 - 1, 5 + 9 - 1]
+
+
+def test_an_error_passive_sender_says_so_in_its_frames_for_can_fd() -> None:
+    # BRS, ESI and three bits of the DLC (1111) are a run of five: one more stuff bit of 500 ns.
+    frame = Frame(0x555, b"\x55" * 64, FD | BITRATE_SWITCH)
+    ends_ns = []
+    for transmit_errors in (0, 17):
+        errors = BusErrors(QUIET)
+        errors.join(0)
+        errors.counters(0).on_transmit_error(transmit_errors)
+        errors.note_limits(0)
+        bus = BusModel(500_000, 2_000_000, errors=errors)
+        bus.submit(frame, 0, 0)
+        ((end_ns, _, delivered),) = bus.advance(bus.next_event_ns)
+        assert delivered == frame
+        ends_ns.append(end_ns)
+    assert ends_ns[1] - ends_ns[0] == 500
 
 
 def test_a_node_alone_becomes_error_passive_and_never_bus_off() -> None:
