@@ -46,7 +46,7 @@ _DURATION = COLUMNS.index("duration_s")
 _ENDS = {
     Outcome.COMPLETE: RunEnd.COMPLETE,
     Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE,
-    Outcome.LAW_FAILED: RunEnd.LAW_FAILED,
+    Outcome.LAW_FAILED: RunEnd.CONTROLLER_FAILED,
 }
 
 

@@ -65,7 +65,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
     if has_left:
         return RunEnd.LEFT_RANGE
-    return RunEnd.LAW_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
+    return RunEnd.CONTROLLER_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
 
 
 def range_left(trace: Trace) -> tuple[bool, int]:

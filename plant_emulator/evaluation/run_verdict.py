@@ -96,7 +96,8 @@ class RunEnd(StrEnum):
 
     COMPLETE = "complete"
     LEFT_RANGE = "left range"
-    LAW_FAILED = "law failed"
+    CONTROLLER_FAILED = "controller failed"
+    """Its law, or what it watches: implausible signals, a program that ends."""
     NO_START = "no start"
     TOO_SHORT = "too short"
 
@@ -195,7 +196,7 @@ def verdicts(
         Verdict.NO_START: ended(RunEnd.NO_START),
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
-        Verdict.UNSTABLE: ended(RunEnd.LAW_FAILED)
+        Verdict.UNSTABLE: ended(RunEnd.CONTROLLER_FAILED)
         | ((oscillates | begins) & grows)
         | (wheel_begins & wheel_grows),
         Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))

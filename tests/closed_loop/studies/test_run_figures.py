@@ -113,7 +113,7 @@ def test_a_disturbance_at_the_end_is_no_oscillation() -> None:
 def test_how_a_run_ended_comes_first() -> None:
     found = figures(sine(0.3, 2.0))
     assert verdict(found, RunEnd.LEFT_RANGE) is Verdict.LEFT_RANGE
-    assert verdict(found, RunEnd.LAW_FAILED) is Verdict.UNSTABLE
+    assert verdict(found, RunEnd.CONTROLLER_FAILED) is Verdict.UNSTABLE
     nothing = Figures(*[math.nan] * len(Figures._fields))
     assert verdict(nothing, RunEnd.NO_START) is Verdict.NO_START
     # A run without figures does not hold.

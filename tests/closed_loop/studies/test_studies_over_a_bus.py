@@ -14,11 +14,15 @@ import pytest
 
 from steer_by_wire.closed_loop.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
+from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
 from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.run_study import run_study
-from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
+from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -258,3 +262,16 @@ def test_the_replay_of_a_program_prints_the_command_that_runs_it(
     words = shlex.split(again.partition("  ")[0])
     assert words[:2] == ["steer-by-wire", "run"]
     assert shlex.split(words[words.index("--controller-command") + 1])[-1] == "practical_pd"
+
+
+def test_a_controller_that_stops_for_implausible_signals_has_failed_and_not_its_law() -> None:
+    fault = (
+        'faults=[{kind="scale", message="VEHICLE_STATE", signal="preview_curvature_1_m",'
+        ' direction="uplink", magnitude=-1.0, onset_s=1.0, duration_s=5.0}]'
+    )
+    plant = plant_preset("highway_nominal", ["duration_s=5", fault])
+    controller = controller_preset("highway_pd", ["supervision.stops_if_implausible=true"])
+    row = np.zeros(len(COLUMNS))
+    pair = Pair(plant=plant, controller=controller)
+    end = run_on_nodes(pair, BusSettings(), VerdictRules(), row)
+    assert end is RunEnd.CONTROLLER_FAILED

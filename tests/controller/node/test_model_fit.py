@@ -58,7 +58,7 @@ def test_a_vehicle_beyond_the_box_reads_model_misfit_and_asks_to_slow_down(
     assert found["validity_share"]["model_misfit"] > 0.1
 
 
-@pytest.mark.parametrize(("mass_kg", "fits"), [(6000.0, True), (8000.0, False)])
+@pytest.mark.parametrize(("mass_kg", "fits"), [(1280.0, True), (6000.0, True), (8000.0, False)])
 def test_a_single_gentle_lane_change_shows_only_what_is_far_from_the_box(
     mass_kg: float, fits: bool
 ) -> None:
