@@ -10,6 +10,7 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.design.frontier import published
 from steer_by_wire.tools.design.frontier import sweep as sweep_of_delays
@@ -110,9 +111,9 @@ def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its
 def test_what_is_there_is_not_computed_again_and_other_settings_are(tmp_path: Path) -> None:
     first = compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)
     file = tmp_path / "predictor.json"
-    kept = json.loads(file.read_text())
+    kept = unsealed(json.loads(file.read_text()))
     kept["rows"][0]["point"]["rms_m"] = 7.0
-    file.write_text(json.dumps(kept))
+    file.write_text(json.dumps(sealed(kept)))
     assert compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)[0].point.rms_m == 7.0
     file.write_text(file.read_text()[:100])
     again = compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)
