@@ -65,7 +65,7 @@ def is_killed(mutant: ModuleType, functions: list[FunctionType]) -> bool:
                         name: mutant.SequenceRule(*value) if isinstance(value, rule) else value
                         for name, value in arguments.items()
                     })  # fmt: skip
-        except Exception:
+        except (Exception, pytest.fail.Exception):
             return True
     return False
 
