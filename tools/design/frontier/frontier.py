@@ -63,7 +63,7 @@ def _rows(
         yield from _predictor_rows(asked, vehicle, done)
         return
     if structure == PUBLISHED:
-        for point in published_points(asked, vehicle):
+        for point in reversed(list(published_points(asked, vehicle))):
             yield Row(point, NOT_TRIED)
         return
     law, takes_map = STRUCTURES[structure]

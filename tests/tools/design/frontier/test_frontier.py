@@ -40,6 +40,13 @@ FOUND = {
     "PD": {"k_p": 1.48, "k_d": 0.061, "derivative_filter": 27.0},
     "PD + map": {"k_p": 1.48, "k_d": 0.054, "derivative_filter": 34.0},
     "PID": {"k_p": 1.2, "k_d": 0.162, "derivative_filter": 11.8, "k_i": 2.15},
+    "PID + heading": {
+        "k_p": 1.08,
+        "k_d": 0.148,
+        "derivative_filter": 14.4,
+        "k_i": 1.6,
+        "k_heading": 0.8,
+    },
 }
 """By ``steer-by-wire design paper_vehicle --frontier frontier``, for 250 ms."""
 
