@@ -44,6 +44,11 @@ MESSAGES: dict[type[Message], Message] = {
 INTERVAL_NS = 20 * MS
 STEPS_NS = (0, 1, MS, 5 * MS, 10 * MS, 10 * MS, 20 * MS, 20 * MS - 1, 60 * MS, 80 * MS)
 TO_SLOW_DOWN = {Validity.SPEED_HIGH, Validity.DELAY_LONG, Validity.MODEL_MISFIT}
+OVERRULING = {
+    SteeringStatusCode.LIMITED_BY_SAFETY,
+    SteeringStatusCode.FALLBACK,
+    SteeringStatusCode.SAFE_STATE,
+}
 TO_STOP = {SteeringStatusCode.FALLBACK, SteeringStatusCode.SAFE_STATE}
 TABLE = ValiditySettings(speed_m_s=(1.0, 2.0), delay_ms_max=250.0)
 DRIVES, TICKS = 25, 60
@@ -185,6 +190,10 @@ class Life:
     def compare_received(self) -> None:
         received, now_ns = self.received, self.now_ns
         assert received.freshness(now_ns) == tuple(map(self.freshness, LIMITS_NS))
+        received.wheel_rad = 0.3
+        is_fresh = self.freshness(SteeringStatus) is Freshness.FRESH
+        acting_rad = 0.3 if is_fresh and received.steering in OVERRULING else 0.7
+        assert received.acting_rad(0.7, now_ns) == acting_rad
         is_old = self.freshness(VehicleState) is Freshness.STALE
         assert received.vehicle_at(now_ns).is_stale is (received.vehicle.is_stale or is_old)
         arrivals_ns = [ns for ns in map(self.arrival_ns, LIMITS_NS) if ns is not None]
