@@ -13,7 +13,7 @@ from ..runtime.output_file import write_text
 from ..runtime.port.python_can import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
-from .processes import launched_broker
+from .process_group import launched_broker
 from .rest_bus_messages import traffic_of
 from .virtual_bus import QUIET_BUS
 

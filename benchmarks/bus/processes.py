@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.closed_loop.processes import ProcessError
+from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.runtime.port.python_can import BusError
 
 SOURCES = Path(__file__).parent

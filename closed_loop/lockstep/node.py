@@ -8,7 +8,7 @@ from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
-from ..processes import ProcessError
+from ..process_group import ProcessError
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
 

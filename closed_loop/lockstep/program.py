@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import IO, Self, cast
 
-from ..processes import ProcessError
+from ..process_group import ProcessError
 from .record import RECORD_BYTES, Record, RecordError, check_mark, pack, unpack
 
 ANSWER_TIMEOUT_S = 30.0

@@ -32,12 +32,12 @@ from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..agreed_point import judged_like
 from ..live_bus import BUSES, Bus, open_channels
+from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
 from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
-from ..processes import ProcessError, Processes
+from ..process_group import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
-from ..start_live_pair import LivePair, Program
 from ..virtual_bus import QUIET_BUS
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
 from .command import STATUS_KILLED

@@ -24,8 +24,7 @@ from ...runtime.settings import SettingsError
 from ..compiled.engine import BatchRun, Outcome, run_batch
 from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
-from .node_runs import run_on_nodes
-from .run_figures import (
+from .compiled_figures import (
     CG_STRIDE,
     COLUMNS,
     COUNTS,
@@ -37,6 +36,7 @@ from .run_figures import (
     take_figures,
     verdict_of,
 )
+from .node_runs import run_on_nodes
 from .scenario import Pair, Scenarios
 
 PLANS_KEPT = 64

@@ -26,8 +26,8 @@ from ..lockstep.node import LockstepNode, controller_node
 from ..pair_result import Trace
 from ..virtual_bus import shared_bus, with_clocks
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
+from .compiled_figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
 from .delay_error import DelayListener
-from .run_figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
 from .scenario import Pair
 
 TICKS_MAX = 10_000_000

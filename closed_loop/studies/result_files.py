@@ -30,8 +30,8 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
 from ...runtime.output_file import write_text, write_whole
 from ...runtime.settings import SettingsError
+from .compiled_figures import COLUMNS, COUNTS, verdicts
 from .compiled_runs import Computed
-from .run_figures import COLUMNS, COUNTS, verdicts
 from .scenario import Scenarios
 
 CHUNK_RUNS = 4096

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
+from .compiled_figures import COUNTS
 from .factors import Design
 from .result_files import are_numbers, overrides_of, read_columns, read_json
-from .run_figures import COUNTS
 from .scenario import Case, Pair, Scenarios
 from .study import Study
 from .study_file import ReportSettings, StudySettings

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...controller.laws.assembly import design_law
 from ...runtime.settings import with_values
 from ..simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
+from .compiled_figures import COLUMNS, Figures, verdicts
 from .compiled_runs import Computer
 from .result_files import Store
-from .run_figures import COLUMNS, Figures, verdicts
 from .scenario import Scenarios
 from .study import COLUMNS_TAKEN, Study, load_study, make_study
 from .study_file import BaseSettings, StudySettings

@@ -20,8 +20,8 @@ from ...controller.laws.plugin import place_of
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import SettingsError
 from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
+from .compiled_figures import COLUMNS
 from .factors import Design, Factor, make_design, make_factors
-from .run_figures import COLUMNS
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40

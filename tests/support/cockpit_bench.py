@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from steer_by_wire.closed_loop.processes import Processes, launched_broker
+from steer_by_wire.closed_loop.process_group import Processes, launched_broker
 from tests.support.browser import Browser, chromium, open_browser
 
 ROUNDS = 3

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop import worker_processes
+from steer_by_wire.closed_loop import parallel_work
 
 
 class _SameProcess(Executor):
@@ -38,7 +38,7 @@ def _crossed(content: Any) -> Any:
 def no_workers() -> Iterator[None]:
     """Have what is submitted to worker processes done at once in this one, during the block."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker_processes, "_Pool", _SameProcess)
+        patch.setattr(parallel_work, "_Pool", _SameProcess)
         yield
 
 

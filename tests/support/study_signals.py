@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.studies.run_figures import (
+from steer_by_wire.closed_loop.studies.compiled_figures import (
     CG_STRIDE,
     FigureRules,
     Figures,

@@ -141,9 +141,9 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHILD = """
-from steer_by_wire.closed_loop import processes
-with processes.launched_broker() as address:
-    print(processes.__file__)
+from steer_by_wire.closed_loop import process_group
+with process_group.launched_broker() as address:
+    print(process_group.__file__)
 """
 """Starts a program of ours, which has to find its modules too."""
 
@@ -198,7 +198,7 @@ def test_what_is_installed_is_what_starts_and_what_it_starts(
         check=True,
     )
     assert result.stdout.strip() == str(
-        installed / "steer_by_wire" / "closed_loop" / "processes.py"
+        installed / "steer_by_wire" / "closed_loop" / "process_group.py"
     )
 
 

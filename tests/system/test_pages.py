@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.command import main
 from tests.support.running_program import ORDINARY
 from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of

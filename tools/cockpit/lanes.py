@@ -10,10 +10,10 @@ from contextlib import ExitStack
 from typing import Literal, NamedTuple
 
 from ...closed_loop.live_bus import open_channels
+from ...closed_loop.live_pair import LivePair
+from ...closed_loop.live_pair import Program as StartedProgram
 from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ...closed_loop.private_folder import private_folder
-from ...closed_loop.start_live_pair import LivePair
-from ...closed_loop.start_live_pair import Program as StartedProgram
 from ...closed_loop.virtual_bus import QUIET_BUS
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, pose

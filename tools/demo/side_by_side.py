@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ...closed_loop.live_bus import Channels
+from ...closed_loop.live_pair import LivePair
 from ...closed_loop.pair_result import PairFiles, PairResult
-from ...closed_loop.processes import ProcessError
-from ...closed_loop.start_live_pair import LivePair
+from ...closed_loop.parallel_work import worker_pool
+from ...closed_loop.process_group import ProcessError
 from ...closed_loop.virtual_pair import run_virtual_pair
-from ...closed_loop.worker_processes import worker_pool
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings

@@ -33,8 +33,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from steer_by_wire.closed_loop.parallel_work import worker_pool
 from steer_by_wire.closed_loop.reports.terminal import plain_console, progress_bars
-from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.controller.laws.predictor import FALLBACK
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.command_line import (

@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 from rich.console import Console
 
+from steer_by_wire.closed_loop.parallel_work import worker_pool
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
-from steer_by_wire.closed_loop.worker_processes import worker_pool
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text

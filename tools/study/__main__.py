@@ -25,10 +25,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.closed_loop.studies.compiled_figures import short_windows
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
 from steer_by_wire.closed_loop.studies.result_files import CHUNK_RUNS, Store
-from steer_by_wire.closed_loop.studies.run_figures import short_windows
 from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study

@@ -30,10 +30,10 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.studies.compiled_figures import COLUMNS, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.factors import replicate_seed
 from ...closed_loop.studies.result_reader import Rows, StudyRecord, case_of, read_overrides
-from ...closed_loop.studies.run_figures import COLUMNS, verdict_of
 from ...closed_loop.studies.scenario import Scenarios
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.node import NS_PER_S

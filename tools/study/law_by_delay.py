@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.studies.compiled_figures import SETTLED_S
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
-from ...closed_loop.studies.run_figures import SETTLED_S
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .against_pd import three_digits
 from .axes import StudyAxes, same_levels

@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...closed_loop.live_bus import Bus, open_channels
+from ...closed_loop.live_pair import LivePair
 from ...closed_loop.pair_result import PairFiles, Trace
-from ...closed_loop.processes import ProcessError
-from ...closed_loop.start_live_pair import LivePair
+from ...closed_loop.process_group import ProcessError
+from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.node_runs import (
     TICKS_MAX,
@@ -32,7 +33,6 @@ from ...closed_loop.studies.node_runs import (
     range_left,
 )
 from ...closed_loop.studies.result_files import Store
-from ...closed_loop.studies.run_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.run_verdict import RunEnd

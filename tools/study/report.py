@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...closed_loop.studies.base_settings import leaves
+from ...closed_loop.studies.compiled_figures import short_windows
 from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import (
     HOLDS,
@@ -21,7 +22,6 @@ from ...closed_loop.studies.result_reader import (
     read_rows,
     read_study,
 )
-from ...closed_loop.studies.run_figures import short_windows
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.output_file import write_text
@@ -29,11 +29,11 @@ from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
 from .break_points import SEEDS, break_point_section, break_points, draw_break_points
+from .delay_errors import delay_sections
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
 from .level_by_level import level_sections
 from .quantiles_over_seeds import seeds_section
-from .reported_delay import delay_sections
 from .worst_runs import draw_worst, worst_runs, worst_section
 
 PAGE = "report.html"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop import studies
+from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS, short_windows, verdicts
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.factors import corner_vehicle
-from steer_by_wire.closed_loop.studies.run_figures import COLUMNS, short_windows, verdicts
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, Verdict, VerdictRules

@@ -11,9 +11,9 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
+from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study

@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.closed_loop.simulate import simulate
+from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
-from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study

@@ -8,10 +8,10 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.studies import compiled_runs, scenario
+from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
-from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.factors import (
     Factor,
     Level,
@@ -17,7 +18,6 @@ from steer_by_wire.closed_loop.studies.factors import (
     range_values,
     replicate_seed,
 )
-from steer_by_wire.closed_loop.studies.run_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (

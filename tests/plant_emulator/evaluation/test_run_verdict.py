@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from steer_by_wire import simulate
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.studies.run_figures import (
+from steer_by_wire.closed_loop.studies.compiled_figures import (
     figures_of,
     latency_figures,
     rules_of,

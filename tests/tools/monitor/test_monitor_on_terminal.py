@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.processes import launched_broker
+from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.dbc.messages import Decoded, decode
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.tools.monitor.keys import LatencyChoice

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
+from ....closed_loop.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
 from ....closed_loop.reports.terminal import plain_console, progress_bars
-from ....closed_loop.worker_processes import worker_pool
 from ..vehicle_file import VehicleFile
 from ..worker import begin_worker, report_progress, shared_progress
 from .frontier import ALL, Row, compute, write_csv

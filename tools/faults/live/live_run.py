@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....closed_loop.live_bus import Bus, BusRecorder
+from ....closed_loop.live_pair import LivePair
 from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ....closed_loop.private_folder import private_folder
-from ....closed_loop.processes import Processes
-from ....closed_loop.start_live_pair import LivePair
+from ....closed_loop.process_group import Processes
 from ....controller.settings import controller_preset
 from ....plant_emulator.settings import PlantSettings
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop import processes
-from steer_by_wire.closed_loop.processes import Lifeline
+from steer_by_wire.closed_loop import process_group
+from steer_by_wire.closed_loop.process_group import Lifeline
 from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.running_program import PATIENCE_S, wait_until
 
@@ -36,13 +36,13 @@ PARENT = """
 import subprocess, sys, time
 from contextlib import closing
 from pathlib import Path
-from steer_by_wire.closed_loop import processes
-from steer_by_wire.closed_loop.processes import Lifeline, launched_broker
+from steer_by_wire.closed_loop import process_group
+from steer_by_wire.closed_loop.process_group import Lifeline, launched_broker
 from steer_by_wire.runtime.command_line import run_main
 
 def main():
     first, second, folder = sys.argv[1:]
-    processes.BROKER_AFTER_S = 0.3
+    process_group.BROKER_AFTER_S = 0.3
     with launched_broker() as address, closing(Lifeline()) as line:
         children = [
             line.start("child", [first], subprocess.PIPE),
@@ -183,13 +183,13 @@ except KeyboardInterrupt:
 def test_a_crew_that_is_given_up_ends_in_order_and_who_does_not_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(processes, "ABORT_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(process_group, "ABORT_TIMEOUT_S", 2.0)
     for name, code in (("stubborn", STUBBORN), ("polite", POLITE)):
         (tmp_path / f"{name}.py").write_text(code, encoding="utf-8")
     pids: dict[str, int] = {}
 
     def give_up() -> None:
-        with processes.Processes(tmp_path, tmp_path) as running:
+        with process_group.Processes(tmp_path, tmp_path) as running:
             running.start("first", "polite", [str(tmp_path / "first")])
             running.start("second", "stubborn", [])
             running.start("third", "polite", [str(tmp_path / "third")])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.studies.run_figures import (
+from steer_by_wire.closed_loop.studies.compiled_figures import (
     Figures,
     figures_of,
     latency_figures,

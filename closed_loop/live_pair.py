@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 
 from .live_bus import Bus, BusRecorder
 from .pair_result import CONTROLLER, PLANT, PairFiles, PairResult, Trace
-from .processes import ProcessError, Processes
+from .process_group import ProcessError, Processes
 
 PROGRAMS = (CONTROLLER, PLANT)
 """In the order in which they are started and ended: without a plant the controller would hold."""

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.worker_processes import worker_pool
+from steer_by_wire.closed_loop.parallel_work import worker_pool
 from tests.support.running_program import PATIENCE_S, wait_until
 
 PARENT = """
 import os, sys, time
-from steer_by_wire.closed_loop.worker_processes import worker_pool
+from steer_by_wire.closed_loop.parallel_work import worker_pool
 
 if __name__ == "__main__":
     with worker_pool(2) as pool:
