@@ -10,6 +10,7 @@ import pytest
 
 from steer_by_wire.dbc.codec.sequence import SequenceCheck, SequenceResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
+from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
@@ -275,7 +276,7 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     lines = (tmp_path / "now" / RESULTS).read_text().splitlines()
     earlier = tmp_path / "earlier"
     earlier.mkdir()
-    record = {**json.loads(lines[0]), "verdict": "missed"}
+    record = sealed({**unsealed(json.loads(lines[0])), "verdict": "missed"})
     (earlier / RESULTS).write_text("\n".join([json.dumps(record), *lines[1:]]))
     (tmp_path / "now" / RESULTS).write_text("\n".join([*lines[:-2], lines[-2][:40]]))
     capsys.readouterr()
