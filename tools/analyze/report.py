@@ -334,7 +334,8 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
             axes.set(ylabel=label, ylim=(low - margin, high + margin))
         for axes in every[-1]:
             axes.set_xlabel("time since the first frame [s]")
-        return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
+        fit = table.figures["vehicle"]["in_words"]
+        return Picture(png_of(figure), f"Smoothed: estimate and two standard deviations; {fit}")
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:

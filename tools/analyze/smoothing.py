@@ -11,8 +11,9 @@ The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's; the model
              δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],  α = exp(-P/T);
              b is where in between they changed
 
-A value and its standard deviation are what the model makes of the record: a wrong vehicle, or a
-network that changes faster than the random walk, is not in the deviation.
+A value and its standard deviation are what the model makes of the record: a wrong vehicle, which
+``vehicle_fit`` shows, or a network that changes faster than the random walk is not in the
+deviation.
 
 The result is smoothed.csv, with a row for every sample of LATERAL_ERROR and STEERING_STATUS, which
 share their counter, at the time at which it came, evenly spread:
@@ -48,6 +49,7 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...runtime.array_types import FloatArray
+from .vehicle_fit import yaw_rate_fit
 
 VEHICLE_STATES = (
     "side_slip_rad",
@@ -206,14 +208,16 @@ class SmoothedTable:
 
     ``time_s``      of each sample since the first frame, shape (n,)
     ``values``      of COLUMNS, shape (n, columns), and their standard ``deviations``
-    ``figures``     of each column the mean, and that of its standard deviation
+    ``figures``     of each column the mean, and that of its standard deviation; how the yaw rate
+                    compares with that of ``vehicle``, also in words
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
         self._path, self._vehicle = path, vehicle
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
-        self._speeds_m_s: list[float] = []
+        self._motions: list[tuple[float, float, float]] = []
+        """When they came [s], speed [m/s] and yaw rate [rad/s]."""
         self._commands: dict[int, tuple[float, SteeringCommand | SteeringPlan]] = {}
         """When each was sent [s], by its counter."""
         self._echoes: list[tuple[float, float]] = []
@@ -235,14 +239,15 @@ class SmoothedTable:
             command_rad = self._on_echo(message, received.counter, at_s)
             self._statuses.append(_Status(sample, at_s, message.wheel_angle_rad, command_rad))
         elif isinstance(message, VehicleState):
-            self._speeds_m_s.append(message.speed_m_s)
+            self._motions.append((at_s, message.speed_m_s, message.yaw_rate_rad_s))
         elif isinstance(message, SteeringCommand | SteeringPlan):
             self._commands[command_at(message, 0).command_counter] = (at_s, message)
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""
         samples = min(len(self._errors), len(self._statuses))
-        speed_m_s = float(np.mean(self._speeds_m_s)) if self._speeds_m_s else 0.0
+        motion_s, speeds_m_s, yaw_rates_rad_s = np.array(self._motions or [(0.0, 0.0, 0.0)]).T
+        speed_m_s = float(np.mean(speeds_m_s))
         if samples < _SAMPLES_MIN or not np.isfinite(self._errors[0].at_s) or speed_m_s <= 0.0:
             raise LogError(
                 "--smooth needs a log with times, a speed above 0 in VEHICLE_STATE, and at least"
@@ -264,9 +269,12 @@ class SmoothedTable:
         np.savetxt(self._path, rows, "%.9g", ",", header=header, comments="")
         self.time_s, self.values, self.deviations = time_s, values, deviations
         means = zip(COLUMNS, values.mean(axis=0), deviations.mean(axis=0), strict=True)
+        yaw_rate_rad_s = np.interp(time_s, motion_s, yaw_rates_rad_s)
+        fit = yaw_rate_fit(self._vehicle, speeds_m_s, period_s, wheel_rad, yaw_rate_rad_s)
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
+        self.figures["vehicle"] = {**fit._asdict(), "in_words": fit.in_words()}
 
     def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what was measured, the wheel and the command in effect at each sample."""
