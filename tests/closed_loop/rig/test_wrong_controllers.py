@@ -4,150 +4,19 @@ In virtual time, so that no busy machine decides: a good controller, and what is
 """
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from steer_by_wire.closed_loop.rig import Outcome, Rig
-from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.dbc.messages import (
-    CAN_IDS,
-    LateralError,
-    Rejection,
-    SteeringCommand,
-    decode,
-    encode,
-)
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import View
+from tests.support.wrong_controllers import RIGHT, WRONG, Change, Changed, late, steers
 
 PLANT = {"duration_s": 16.0}
-SETTINGS = controller_preset("practical_pd_ddob")
-FOREIGN_ID = 0x7A1
-Change = Callable[[int, SteeringCommand, int], Sequence[Frame]]
-"""Returns what is sent in place of a command: its number, message and E2E counter."""
-
-
-class Changed:
-    """A controller whose commands are changed before they are sent."""
-
-    def __init__(
-        self, start_ns: int, change: Change, settings: ControllerSettings = SETTINGS
-    ) -> None:
-        self._node, self._change = ControllerNode(settings, start_ns), change
-        self._number = -1
-        self.finished = False
-
-    @property
-    def deadline_ns(self) -> int:
-        return self._node.deadline_ns
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        return self._node.on_frame(frame, now_ns)
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        sent: list[Frame] = []
-        for frame in self._node.on_tick(now_ns):
-            if frame.can_id != CAN_IDS[SteeringCommand]:
-                sent.append(frame)
-                continue
-            decoded = decode(frame)
-            assert not isinstance(decoded, Rejection)
-            assert isinstance(decoded.message, SteeringCommand)
-            self._number += 1
-            sent += self._change(self._number, decoded.message, decoded.counter)
-        return sent
-
-    def on_unauthenticated(self) -> None:
-        self._node.on_unauthenticated()
-
-    def view(self, now_ns: int) -> View:
-        return self._node.view(now_ns)
-
-    def report(self) -> Mapping[str, Any]:
-        return self._node.report()
-
-
-def steers(function: Callable[[int, float], float]) -> Change:
-    """Return the change of the angle alone; ``function`` gets number and angle [rad]."""
-
-    def change(number: int, command: SteeringCommand, counter: int) -> Sequence[Frame]:
-        steer_rad = min(max(function(number, command.steer_rad), -1.0), 1.0)
-        return [encode(command._replace(steer_rad=steer_rad), counter)]
-
-    return change
-
-
-def sends(is_sent: Callable[[int], bool]) -> Change:
-    """Return the change that leaves out commands, and counts those that are sent."""
-    count = 0
-
-    def change(number: int, command: SteeringCommand, _counter: int) -> Sequence[Frame]:
-        nonlocal count
-        if not is_sent(number):
-            return []
-        count += 1
-        return [encode(command._replace(command_counter=count), count % 256)]
-
-    return change
-
-
-def repeats(_number: int, command: SteeringCommand, _counter: int) -> Sequence[Frame]:
-    return [encode(command._replace(command_counter=7), 7)]
-
-
-def damages(_number: int, command: SteeringCommand, counter: int) -> Sequence[Frame]:
-    frame = encode(command, counter)
-    return [frame._replace(data=bytes([frame.data[0] ^ 1, *frame.data[1:]]))]
-
-
-def doubles(number: int, command: SteeringCommand, _counter: int) -> Sequence[Frame]:
-    pair = (2 * number, 2 * number + 1)
-    return [encode(command._replace(command_counter=k), k % 256) for k in pair]
-
-
-def floods(_number: int, command: SteeringCommand, counter: int) -> Sequence[Frame]:
-    return [encode(command, counter), *[Frame(FOREIGN_ID, bytes(8))] * 3]
-
-
-def late(by: int) -> Change:
-    queue: list[float] = []
-
-    def delayed(_number: int, steer_rad: float) -> float:
-        queue.append(steer_rad)
-        return queue.pop(0) if len(queue) > by else 0.0
-
-    return steers(delayed)
-
-
-NEVER = "the plant was never driven: no valid STEERING_COMMAND arrived"
-WRONG: Mapping[str, tuple[Callable[[], Change], str]] = {
-    "silent": (lambda: sends(lambda _number: False), NEVER),
-    "damaged CRC": (lambda: damages, NEVER),
-    "silent from 3 s on": (lambda: sends(lambda n: n < 300), "the plant fell back: for "),
-    "silent for a second": (lambda: sends(lambda n: n % 500 < 400), "the plant fell back: for "),
-    "the same counter": (lambda: repeats, "the plant fell back: for "),
-    "wrong sign": (lambda: steers(lambda _n, rad: -rad), "verdict: "),
-    "always straight": (lambda: steers(lambda _n, _rad: 0.0), "verdict: "),
-    "constant": (lambda: steers(lambda _n, _rad: 0.1), "verdict: "),
-    "drifts": (lambda: steers(lambda n, rad: rad + 1e-3 * n), "verdict: "),
-    "thirty times the gain": (lambda: steers(lambda _n, rad: 30.0 * rad), "verdict: "),
-    "weak": (lambda: steers(lambda _n, rad: 0.02 * rad), "verdict: "),
-    "saturates early": (lambda: steers(lambda _n, rad: min(max(rad, -0.02), 0.02)), "verdict: "),
-    "late by 0.6 s": (lambda: late(60), "verdict: "),
-    "shakes the wheel": (
-        lambda: steers(lambda n, rad: rad + 0.15 * (1 if n // 10 % 2 else -1)),
-        "verdict: limit cycle: ",
-    ),
-    "one side only": (lambda: steers(lambda _n, rad: min(rad, 0.0)), "verdict: "),
-    "half its rate": (lambda: sends(lambda n: n % 2 == 0), "commands at 50 Hz instead of 100 Hz"),
-    "a tenth of its rate": (lambda: sends(lambda n: n % 10 == 0), "commands at 10 Hz instead of "),
-    "twice its rate": (lambda: doubles, "commands at 200 Hz instead of 100 Hz"),
-    "floods": (lambda: floods, "floods the bus: 4"),
-}
 
 
 def driven(folder: Path, change: Change) -> Outcome:
@@ -182,13 +51,7 @@ def test_each_demand_on_its_conduct_is_switched_off_by_name(
     driven(tmp_path, change()).assert_holds(**switches)
 
 
-@pytest.mark.parametrize(
-    "preset",
-    [
-        *("practical_pd", "practical_pid", "practical_pd_cdob", "practical_pd_ddob"),
-        *("practical_smith", "practical_predictor", "practical_packet", "paper_pd"),
-    ],
-)
+@pytest.mark.parametrize("preset", RIGHT)
 def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
     sensor_ms = 1.0 if preset == "paper_pd" else 10.0
     rig = Rig(tmp_path, overrides={**PLANT, "sensor_period_ms": sensor_ms})

@@ -1,0 +1,35 @@
+"""Wrong controllers as programs on a bus: each is red for its reason, and right ones are green.
+
+    steer-by-wire with-vcan python -m pytest -n 3 tests/soak/wrong_controllers_on_bus.py
+
+On a real vcan0; without with-vcan, on this machine's vcan0 or an emulated bus. Takes half a minute
+for each of 27 where the machine is not busy; on a busy one it shows what the load changes.
+"""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.rig import Rig
+from tests.support.wrong_controllers import RIGHT, WRONG
+
+PLANT = {"duration_s": 16.0}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_controller_is_red(name: str, tmp_path: Path) -> None:
+    program = [sys.executable, "-m", "tests.support.wrong_controllers", name]
+    outcome = Rig(tmp_path, overrides=PLANT).run(
+        [*program, "--preset", "practical_pd_ddob", "{bus}"]
+    )
+    with pytest.raises(AssertionError) as caught:
+        outcome.assert_holds()
+    assert str(caught.value).startswith(WRONG[name][1])
+
+
+@pytest.mark.parametrize("preset", RIGHT)
+def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
+    sensor_ms = 1.0 if preset == "paper_pd" else 10.0
+    rig = Rig(tmp_path, overrides={**PLANT, "sensor_period_ms": sensor_ms})
+    rig.run(preset, in_real_time=True).assert_holds(rms_m=0.1)
