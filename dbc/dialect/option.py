@@ -27,13 +27,13 @@ def add_dialect_argument(
     parser.add_argument("--dialect", type=Path, metavar="CAR.toml", help=what)
 
 
-def overheard(options: argparse.Namespace) -> "Overheard | None":
+def overheard(dialect: Path | None) -> "Overheard | None":
     """Return how one who only listens understands the bus; None for our own messages."""
-    if options.dialect is None:
+    if dialect is None:
         return None
     from .overheard import Overheard
 
-    return Overheard(options.dialect)
+    return Overheard(dialect)
 
 
 def run_node_in_dialect(

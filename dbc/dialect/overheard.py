@@ -21,6 +21,7 @@ class Overheard:
 
     ``refused``   frames that a node would refuse, by cause
     ``from_plant``  identifiers of the plant's frames, but for those that are kept
+    ``kept_ids``  identifiers of our messages that go on beside the car's
 
     Raises SettingsError.
     """
@@ -29,7 +30,7 @@ class Overheard:
         dialect = read_dialect(file)
         self._commands, self._measurements = FromController(dialect), FromPlant()
         self._known = {(one.can_id, one.flags): one for one in dialect.messages}
-        self._kept_ids = dialect.kept_ids
+        self.kept_ids = dialect.kept_ids
         self.from_plant = frozenset(one.can_id for one in dialect.sent_by(PLANT))
         self.refused = Counter[str]()
 
@@ -45,7 +46,7 @@ class Overheard:
     def _said(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         message = self._known.get((frame.can_id, frame.flags))
         if message is None:
-            is_other = frame.can_id in _OURS and frame.can_id not in self._kept_ids
+            is_other = frame.can_id in _OURS and frame.can_id not in self.kept_ids
             return () if is_other else (frame,)
         if not message.carries:
             return ()

@@ -205,7 +205,7 @@ def _analyse(
             exports += smoothed
             for export in exports:
                 stack.callback(export.close)
-            heard = overheard(options)
+            heard = overheard(options.dialect)
             figures, analysis = analyse_files(
                 paths, options.channel, exports, advance, rules, options.preview_m, heard
             )

@@ -23,6 +23,8 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.live_bus import BUSES
 from steer_by_wire.closed_loop.rest_bus_messages import traffic_of
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
+from steer_by_wire.dbc.messages import CAN_IDS, MESSAGE_TYPES
 from steer_by_wire.runtime.command_line import (
     command_parser,
     ending_signals,
@@ -50,6 +52,12 @@ from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
 from steer_by_wire.tools.cockpit.server import HOST, Server, serving
 
 NAME = "steer-by-wire cockpit"
+_COSTS = {
+    "LATENCY_CONFIG": "the page cannot change the latency",
+    "DISTURBANCE_CONFIG": "the page cannot disturb the vehicle",
+    "CONTROLLER_STATUS": "the controller's mode and law are not shown",
+    "PLANT_STATUS": "the plant's state and latency are not shown",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -88,6 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-browser", dest="browser", action="store_false", help="only print the address"
     )
+    add_dialect_argument(parser, "read the bus as that of a car, and let own programs speak so")
     add_bus_arguments(parser)
     add_traffic_arguments(parser)
     add_error_arguments(parser)
@@ -97,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     logging.getLogger("can").addHandler(logging.NullHandler())
     if options.recordings:
-        block = read_replay(options.recordings, options.log_channel)
+        block = read_replay(options.recordings, options.log_channel, overheard(options.dialect))
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             write_text(options.export, single_page(block, title))
@@ -110,14 +119,24 @@ def _run(options: argparse.Namespace) -> int:
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
         first = _scenario(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
-        desk = Desk(OwnLanes(options.bus, settings), None, "", may_control=True)
+        _say_what_is_missing(options.dialect)  # so is one in a dialect
+        lanes = OwnLanes(options.bus, settings, options.dialect)
+        desk = Desk(lanes, None, "", may_control=True)
         return asyncio.run(_serve(options, desk, None, first))
     if not settings.is_quiet:
         raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")
     opened = open_port(options)
-    lane = Lane(opened.port, time.monotonic_ns())
+    lane = Lane(opened.port, time.monotonic_ns(), heard=overheard(options.dialect))
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)
     return asyncio.run(_serve(options, desk, None))
+
+
+def _say_what_is_missing(dialect: Path | None) -> None:
+    """Say which messages of ours a dialect does not keep, and what that costs."""
+    heard = overheard(dialect)
+    for name, cost in _COSTS.items():
+        if heard is not None and CAN_IDS[MESSAGE_TYPES[name]] not in heard.kept_ids:
+            say(NAME, f"{dialect}: keep = [...] without {name}: {cost}")
 
 
 async def _serve(

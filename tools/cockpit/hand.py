@@ -14,7 +14,9 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from ...dbc.dialect.option import add_dialect_argument
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
@@ -79,14 +81,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until a signal; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
+    add_dialect_argument(parser)
     add_bus_arguments(parser)
     options = parser.parse_args(arguments)
     stop = StopRequest()
     opened = open_port(options, can_ids=())
     with shutting_down(opened.port), stop.on_signals():
-        node = HandNode(HandFile(options.file), time.monotonic_ns())
+        start_ns = time.monotonic_ns()
+        node: Any = HandNode(HandFile(options.file), start_ns)
+        if options.dialect is not None:
+            node = behind_gateway(node, options.dialect, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0
+
+
+def behind_gateway(node: Any, dialect: Path, start_ns: int) -> Any:
+    """Return the node as one end of a car's bus; nobody asks a hand for its report."""
+    # Only a dialect needs cantools, which takes a while to import.
+    from ...dbc.dialect.dialect import read_dialect
+    from ...dbc.dialect.gateway import Gateway
+    from ...dbc.dialect.settings import CONTROLLER
+
+    return Gateway(node, read_dialect(dialect), CONTROLLER, start_ns)
 
 
 if __name__ == "__main__":

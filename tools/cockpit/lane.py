@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path as FilePath
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...closed_loop.recordings.live_reading import LATE_NS, LiveReader
 from ...plant_emulator.path.path import Path
@@ -23,6 +23,9 @@ from ...runtime.recording.candump import CandumpLog
 from .ghost import Ghost
 from .sampler import Sampler
 from .signals import ROW_PERIOD_S, packed_row
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
 
 ROWS_KEPT = 1500
 """Rows that a page which comes late, or falls behind, can still get: half a minute."""
@@ -41,10 +44,11 @@ class Lane:
         start_ns: int,
         path: Path | None = None,
         ghost: Ghost | None = None,
+        heard: "Overheard | None" = None,
     ) -> None:
         self._port = port
         self._reader = LiveReader(port)
-        self._sampler = Sampler(start_ns, path, ghost)
+        self._sampler = Sampler(start_ns, path, ghost, heard)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0

@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path as FilePath
 from typing import Literal, NamedTuple
 
 from ...closed_loop.live_bus import open_channels
@@ -15,6 +16,7 @@ from ...closed_loop.live_pair import Program as StartedProgram
 from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ...closed_loop.private_folder import private_folder
 from ...closed_loop.virtual_bus import QUIET_BUS
+from ...dbc.dialect.option import overheard
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.settings import PlantSettings
@@ -24,7 +26,7 @@ from ...runtime.port.python_can import BusPort
 from .ghost import Ghost
 from .hand import HandFile
 from .lane import Lane
-from .scenario import Scenario, lane_settings
+from .scenario import LaneSettings, Scenario, lane_settings
 
 _POINT_M = 0.5
 _OPEN_END_M = 400.0
@@ -80,14 +82,17 @@ class OwnLanes:
 
     ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
     ``settings``  of an emulated bus
+    ``dialect``   file of the car whose messages are on the bus; None for our own
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
     ``hand``              where the visitor's angle goes; None where nobody can steer
     """
 
-    def __init__(self, wanted: str, settings: BusSettings = QUIET_BUS) -> None:
-        self._wanted, self._settings = wanted, settings
+    def __init__(
+        self, wanted: str, settings: BusSettings = QUIET_BUS, dialect: FilePath | None = None
+    ) -> None:
+        self._wanted, self._settings, self._dialect = wanted, settings, dialect
         self._stack = ExitStack()
         self._pairs: Sequence[LivePair] = ()
         self._paused: set[tuple[int, Program]] = set()
@@ -99,6 +104,8 @@ class OwnLanes:
     def start(self, scenario: Scenario) -> None:
         """Start a scenario anew; raises SettingsError, BusError or OSError."""
         settings = lane_settings(scenario)
+        dialect = [] if self._dialect is None else ["--dialect", str(self._dialect)]
+        self._refuse_laws(settings)
         self.stop()
         with ExitStack() as stack:
             folder = stack.enter_context(private_folder("cockpit"))
@@ -113,22 +120,35 @@ class OwnLanes:
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
                 ghost = None if lane.controller else Ghost(lane.plant.vehicle)
-                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path, ghost))
+                heard = overheard(self._dialect)
+                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path, ghost, heard))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
                 files.write_settings(lane.plant, lane.controller)
-                words = [str(hand), *bus.options]
+                words = [str(hand), *dialect, *bus.options]
                 steers = StartedProgram("steer_by_wire.tools.cockpit.hand", words)
                 pair = LivePair(
                     bus,
                     files,
                     controller=None if lane.controller else steers,
+                    options=dict.fromkeys(_PROGRAMS.values(), dialect),
                     is_recorded=False,
                 )
                 pairs.append(stack.enter_context(pair))
             self._stack = stack.pop_all()
         self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
         self._pairs, self.bus = pairs, channels.description
+
+    def _refuse_laws(self, settings: Sequence[LaneSettings]) -> None:
+        """Raise SettingsError if no signal of the car carries what a law reads."""
+        if self._dialect is None:
+            return
+        from ...dbc.dialect.dialect import read_dialect
+
+        dialect = read_dialect(self._dialect)
+        for lane in settings:
+            if lane.controller and (law := lane.controller.law_that_reads_the_vehicle):
+                dialect.refuse_law(law)
 
     def stop(self) -> None:
         """End all processes and the bus, and close the lanes."""

@@ -11,7 +11,7 @@ import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...closed_loop.recordings.lights import Light
 from ...closed_loop.recordings.log_file import LogError, open_log
@@ -21,6 +21,9 @@ from .lanes import lane_facts
 from .sampler import Sampler
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows
 
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
+
 ROWS_MAX = 100_000
 """Half an hour at the rate of a live page."""
 _FRAME_LISTS_MAX = 600
@@ -28,9 +31,14 @@ _FRAME_LIST_S = 0.5
 _LIGHT_CHANGES_MAX = 20_000
 
 
-def read_replay(files: Sequence[Path], channel: str | None = None) -> bytes:
-    """Return the block of a recording, which may be several files; raises LogError."""
-    replay = _Replay()
+def read_replay(
+    files: Sequence[Path], channel: str | None = None, heard: "Overheard | None" = None
+) -> bytes:
+    """Return the block of a recording, which may be several files; raises LogError.
+
+    ``heard``  understands the bus of a car; None for our own messages
+    """
+    replay = _Replay(heard)
     cut_off = ""
     for file in files:
         log = open_log(file)
@@ -62,8 +70,8 @@ class _Thinned:
 
 
 class _Replay:
-    def __init__(self) -> None:
-        self._sampler = Sampler(0)
+    def __init__(self, heard: "Overheard | None") -> None:
+        self._sampler = Sampler(0, heard=heard)
         self._start_ns: int | None = None
         self._now_ns = 0
         self._rows = _Thinned(ROW_PERIOD_S, ROWS_MAX)

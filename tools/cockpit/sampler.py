@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from ...closed_loop.recordings.bus_listener import command_at
 from ...closed_loop.recordings.lights import Known, Light, lights_of
@@ -26,6 +26,9 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost, Offset
 from .signals import NAMES
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
 
 _START = Pose(0.0, 0.0, 0.0)
 _SILENT_S = 0.5
@@ -106,10 +109,18 @@ class Sampler:
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
     ``ghost``     of the car without delay; None where no hand steers
+    ``heard``     understands the bus of a car; None for our own messages
     """
 
-    def __init__(self, start_ns: int, path: Path | None = None, ghost: Ghost | None = None) -> None:
+    def __init__(
+        self,
+        start_ns: int,
+        path: Path | None = None,
+        ghost: Ghost | None = None,
+        heard: "Overheard | None" = None,
+    ) -> None:
         self.start_ns = start_ns
+        self._heard = heard
         self._watch = BusWatch(start_ns)
         self._path, self._ghost = path, ghost
         self.on_plant_start()
@@ -139,6 +150,10 @@ class Sampler:
 
     def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> None:
         """Take a frame that arrived at ``now_ns``, or before it where that is no time."""
+        for ours in (frame,) if self._heard is None else self._heard.frames(frame, now_ns):
+            self._on_ours(ours, now_ns, has_time=has_time)
+
+    def _on_ours(self, frame: Frame, now_ns: int, *, has_time: bool) -> None:
         heard = self._watch.on_frame(frame, now_ns, has_time=has_time)
         if heard is None:
             self._foreign_or_refused(frame, now_ns)

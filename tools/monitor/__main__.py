@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    heard = overheard(options)
+    heard = overheard(options.dialect)
     opened = open_port(options)
     stop = StopRequest()
     with shutting_down(opened.port), stop.on_signals():

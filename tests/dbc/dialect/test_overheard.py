@@ -1,5 +1,8 @@
 """A listener on a car's bus hears our messages, of both ends, and no round trip."""
 
+import gzip
+import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ from hypothesis import strategies as st
 from steer_by_wire.closed_loop.recordings.bus_listener import BusListener
 from steer_by_wire.closed_loop.recordings.live_reading import LiveFrame
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
@@ -19,11 +23,14 @@ from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
-from steer_by_wire.dbc.messages import LateralError
+from steer_by_wire.dbc.messages import Decoded, LateralError, SteeringCommand, decode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.analyze.__main__ import main as analyze
+from steer_by_wire.tools.cockpit.hand import HandFile, HandNode, behind_gateway
+from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.monitor import __main__ as monitor
 
 CAR = Path(__file__).with_name("my_car.toml")
@@ -60,6 +67,32 @@ def test_what_the_car_says_is_heard_as_ours(log: Path) -> None:
     assert listener.counts("STEERING_STATUS").accepted > 190
     assert listener.counts("VEHICLE_STATE").accepted > 90
     assert overheard.text() == "frames refused: none"
+
+
+def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
+    wanted = analyse_files([log], overheard=Overheard(CAR)).figures["signals"]["lateral_error_m"]
+    block = gzip.decompress(read_replay([log], None, Overheard(CAR)))
+    assert struct.unpack("<2f", block[-8:]) == pytest.approx((wanted["rms"], abs(wanted["peak"])))
+    unknown = gzip.decompress(read_replay([log]))
+    assert math.isnan(*struct.unpack("<f", unknown[-4:]))
+
+
+def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
+    hand = HandFile(tmp_path / "hand")
+    node = behind_gateway(HandNode(hand, 0), CAR, 0)
+    overheard, steers_rad = Overheard(CAR), []
+    while node.deadline_ns < 50 * NS_PER_MS:
+        now_ns = node.deadline_ns
+        hand.write(0.1, now_ns)
+        heard = [one for frame in node.on_tick(now_ns) for one in overheard.frames(frame, now_ns)]
+        steers_rad += [message.steer_rad for one in heard if (message := command_in(one))]
+    assert steers_rad == pytest.approx([0.1] * 5, abs=1e-3)
+
+
+def command_in(frame: Frame) -> SteeringCommand | None:
+    decoded = decode(frame)
+    assert isinstance(decoded, Decoded)
+    return decoded.message if isinstance(decoded.message, SteeringCommand) else None
 
 
 def test_what_nobody_would_take_is_counted() -> None:
