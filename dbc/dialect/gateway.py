@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS, N, View, Wrapper
+from ...runtime.node import NEVER_NS, NS_PER_MS, N, View, Wrapper
 from ...runtime.node.periodic import PeriodicTimer
 from .. import messages as ours
 from .car_message import Refused
@@ -39,7 +39,7 @@ class Gateway(Wrapper[N]):
             (message, PeriodicTimer(start_ns, round(message.settings.cycle_ms * NS_PER_MS)))
             for message in dialect.sent_by(end)
         ]
-        self._due_ns = start_ns if self._sent else node.deadline_ns
+        self._due_ns = start_ns if self._sent else NEVER_NS
         carrying = (one for one in dialect.sent_by(peer) if one.carries)
         self._read = {(one.can_id, one.flags): one for one in carrying}
         self._translator = FromController(dialect) if end == PLANT else FromPlant()
