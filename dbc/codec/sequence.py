@@ -2,7 +2,9 @@
 
 The newest wins. The first frame is accepted. After that a frame is accepted if its counter is 1 to
 ``SequenceRule.step_max`` ahead of the newest accepted one (modulo 256): no sender's counter runs
-faster than time, but for the frames that a varying latency lets overtake others.
+faster than time, but for the frames that a varying latency lets overtake others. Time counts from
+when the newest one would have come, had it been as early as the earliest of the last HALF counters:
+after a bus was held up, frames that waited in a buffer come late, and the next as early as before.
 
 **Restart.** A sender that restarted, or was silent for long, may continue from any counter. After
 ``resync_run`` refused frames in a row whose counters step by exactly one, the next that steps by
@@ -30,6 +32,7 @@ gap is of the same stream, unless it comes so late that it would have been misse
 from collections import deque
 from enum import StrEnum
 from itertools import pairwise
+from statistics import median_low
 from typing import NamedTuple
 
 from .protection import COUNTERS
@@ -85,8 +88,8 @@ _SKIPPED = object()
 class SequenceRule(NamedTuple):
     """What a receiver believes of counters.
 
-    ``lead_ns``     how much earlier than by the time since the newest accepted frame one may come:
-                    the spread of the network's latency, 0 or more [ns]
+    ``lead_ns``     how much earlier than the time since the newest accepted frame explains one may
+                    come: the spread of the network's latency, 0 or more [ns]
     ``resync_run``  refused frames in a row that show another stream of counters, 1 or more
     ``resync_ns``   silence after which a restart of the sender is believed, 0 or more [ns]; 0 for a
                     receiver that does not act on the message
@@ -208,7 +211,9 @@ class SequenceCheck:
         frame = _Frame((counter - self.counter) % COUNTERS, now_ns, content)
         elapsed_ns = now_ns - self._arrivals_ns[self.counter]
         step_max = self._rule.step_max(self._period_ns, elapsed_ns)
-        if self._caution is not None and step_max == HALF - 1:
+        if self._caution is None and step_max < frame.forward < HALF:
+            step_max = self._rule.step_max(self._period_ns, elapsed_ns + self._held_up_ns())
+        elif self._caution is not None and step_max == HALF - 1:
             step_max = 0
         if not 1 <= frame.forward <= step_max:
             return self._refuse(counter, frame)
@@ -292,11 +297,30 @@ class SequenceCheck:
             is_contradiction = self._late_run >= self._rule.resync_run and is_gap_left
         else:
             is_contradiction = known is not None and known != frame.content
-        elapsed_ns = now_ns - self._arrivals_ns[self.counter] + self._rule.lead_ns
-        may_have_wrapped = elapsed_ns >= (frame.forward or COUNTERS) * self._period_ns
-        if is_contradiction and not may_have_wrapped and frame.content is not None:
+        if is_contradiction and frame.content is not None and not self._may_have_wrapped(frame):
             return self._doubt(now_ns)
         return SequenceResult.OUT_OF_ORDER if frame.forward else SequenceResult.REPEATED
+
+    def _may_have_wrapped(self, frame: _Frame) -> bool:
+        """Whether time explains that the counters have come round to an old one again."""
+        elapsed_ns = frame.arrived_ns - self._arrivals_ns[self.counter] + self._held_up_ns()
+        explained_ns = elapsed_ns + self._rule.lead_ns
+        return explained_ns >= (frame.forward or COUNTERS) * self._period_ns
+
+    def _held_up_ns(self) -> int:
+        """Return how much later the frame in use came than the earliest of the last counters.
+
+        Half of the gaps between them show how slow a sender is; if that is slower than
+        ``period_ns``, its frames are not late for that.
+        """
+        newest_ns = self._arrivals_ns[self.counter]
+        came = [
+            ((self.counter - one) % COUNTERS, newest_ns - self._arrivals_ns[one])
+            for one in self._newest_until(newest_ns)
+        ]
+        gaps_ns = [(ago - since) // (b - a) for (a, since), (b, ago) in pairwise(came)]
+        period_ns = max(self._period_ns, median_low(gaps_ns or [0]))
+        return max((ago_ns - behind * period_ns for behind, ago_ns in came), default=0)
 
     def _restarted(self, counter: int, frame: _Frame) -> SequenceResult | None:
         """Count a refused frame; start anew if it shows that the sender has restarted."""

@@ -112,18 +112,17 @@ def test_a_process_that_was_held_up_however_long_costs_no_frame(
     assert (plant["rejected"], controller["rejected"]) == ({}, {})
 
 
-def test_a_bus_that_was_held_up_costs_no_frame_while_the_senders_buffers_have_room() -> None:
-    plant, controller = reports_of("bus", 1000, 100)
-    assert (plant["rejected"], controller["rejected"]) == ({}, {})
+@pytest.mark.parametrize(
+    ("preset", "stall_ms"), [("practical_pd", 100), ("practical_pd", 300), ("paper_pd", 50)]
+)
+def test_a_bus_that_was_held_up_costs_what_did_not_fit_its_buffers_and_no_frame_after(
+    preset: str, stall_ms: int
+) -> None:
+    """What waited in a buffer comes late; the next frame, as early as before, is true all the same.
 
-
-@pytest.mark.parametrize(("preset", "stall_ms"), [("practical_pd", 300), ("paper_pd", 50)])
-def test_a_bus_that_was_held_up_for_longer_costs_one_hold(preset: str, stall_ms: int) -> None:
-    """Frames that waited in a buffer make the next one too early.
-
-    So a pair at 1 kHz refuses some two hundred frames after each stall of 50 ms.
+    ``paper_pd`` runs at 1 kHz, so that 50 ms cost it more frames than the lead explains.
     """
     plant, controller = reports_of("bus", 1000, stall_ms, preset=preset)
-    assert controller["rejected"] == {}
+    assert (plant["rejected"], controller["rejected"]) == ({}, {})
     assert plant["safety"]["fallbacks"] == 0
-    assert plant["safety"]["longest_silence_s"] < 1e-3 * stall_ms + 0.14
+    assert plant["safety"]["longest_silence_s"] < 1e-3 * stall_ms + 0.02

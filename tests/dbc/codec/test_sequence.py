@@ -136,6 +136,36 @@ def test_a_rule_that_cannot_work_is_refused(values: tuple[int, int, int]) -> Non
         SequenceCheck(SequenceRule(*values), PERIOD_NS_MIN)
 
 
+# Held-up frames
+
+
+def after_stalls(stalls: int, ahead: int) -> SequenceResult:
+    """Let half the frames of each stall come at its end; judge one so far ahead of the next."""
+    check, number = SequenceCheck(COMMANDS, PERIOD_NS), 0
+    for stall in range(stalls + 1):
+        for kept in range(20):
+            place = number + (40 if stall else kept)
+            check.check(number + kept, place * PERIOD_NS, number + kept)
+        number += 40 if stall else 20
+    return check.check(number + ahead, number * PERIOD_NS, number + ahead)
+
+
+@pytest.mark.parametrize("stalls", [1, 2])
+def test_after_late_frames_one_may_come_as_early_as_before_and_no_earlier(stalls: int) -> None:
+    assert after_stalls(stalls, 0) is after_stalls(stalls, 5) is ACCEPTED
+    assert after_stalls(stalls, 6) is SequenceResult.TOO_FAR
+
+
+@pytest.mark.parametrize(("step", "result"), [(10, ACCEPTED), (11, SequenceResult.TOO_FAR)])
+def test_a_slow_sender_is_not_taken_for_one_that_was_held_up(
+    step: int, result: SequenceResult
+) -> None:
+    check = SequenceCheck(COMMANDS, PERIOD_NS)
+    for number in range(40):
+        check.check(number, 5 * number * PERIOD_NS, number)
+    assert check.check(39 + step, 5 * 40 * PERIOD_NS, step) is result
+
+
 # Two senders
 
 SOON = 100_000
