@@ -144,7 +144,7 @@ class BusModel:
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
         queue, arbitration = self._queue, arbitration_field(frame)
         entry = queue.push(arbitration, duration_ticks, sender, frame, now_ticks)
-        if self._next_start_ticks < now_ticks:
+        if self._on_wire is None and self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
         if entry is not None:
             is_next = self._on_wire is None and queue.competing[0] is entry
@@ -221,15 +221,14 @@ class BusModel:
                 elif self._end_attempt(on_wire, end_ticks, errors):
                     on_wire = None
                     continue
-            _, _, duration_ticks, sender, frame, _, _ = on_wire
+            _, _, _, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
             if traffic is None:
                 self._completed.append(Delivery(end_ns, sender, frame))
             else:
                 self._complete(end_ns, sender, frame)
             self._frames += 1
-            self._busy_ticks += duration_ticks + self._intermission_ticks
-            self._next_start_ticks = end_ticks + self._intermission_ticks
+            self._occupy_until(end_ticks)
             on_wire = None
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
@@ -306,8 +305,7 @@ class BusModel:
                 if disturbed.only_at is not None:
                     self.missed.add((end_ns, disturbed.only_at))
             self._frames += not disturbed.is_repeated
-            self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
-            self._next_start_ticks = end_ticks + self._intermission_ticks
+            self._occupy_until(end_ticks)
             if disturbed.is_repeated:
                 self._queue.put_back(sent)
         if self.access.goes_off(sender, end_ticks):
@@ -315,6 +313,12 @@ class BusModel:
                 self._take_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))
         return disturbed is not None
+
+    def _occupy_until(self, end_ticks: int) -> None:
+        """Count the time of what has been on the wire, and its intermission."""
+        free_ticks = end_ticks + self._intermission_ticks
+        self._busy_ticks += free_ticks - self._next_start_ticks
+        self._next_start_ticks = free_ticks
 
     def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
         """Return a received frame to whom it concerns."""

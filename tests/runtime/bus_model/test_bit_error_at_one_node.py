@@ -163,6 +163,7 @@ def test_an_error_passive_sender_says_so_in_its_frames_for_can_fd() -> None:
         bus.submit(frame, 0, 0)
         ((end_ns, _, delivered),) = bus.advance(bus.next_event_ns)
         assert delivered == frame
+        assert bus.load.busy_ns == end_ns + 3 * 2000
         ends_ns.append(end_ns)
     assert ends_ns[1] - ends_ns[0] == 500
 

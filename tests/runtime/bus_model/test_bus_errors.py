@@ -117,6 +117,9 @@ def test_a_more_urgent_frame_goes_before_the_repetition() -> None:
     bus.submit(FRAME, 0, 0)
     bus.submit(urgent, 1, 10 * BIT_NS)
     assert [frame for _, frame in until_idle(bus)] == [urgent, FRAME]
+    # The load has the error frame in whole, though a frame was submitted within it.
+    bits = 22 + sum(frame_bits(urgent)) + sum(frame_bits(FRAME)) + 3 * 3
+    assert bus.load.busy_ns == bits * BIT_NS
 
 
 def test_a_fifo_keeps_its_order_through_a_repetition() -> None:
