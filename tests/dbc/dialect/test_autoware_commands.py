@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 
@@ -20,10 +20,12 @@ def test_the_frames_of_autowares_own_test_are_read_as_its_test_says() -> None:
     # actuation_module/test/can_output_test.cpp: 0.125 rad, -0.5 rad/s, valid, sequence 42
     lateral, status = read_dialect(DIALECT).messages
     assert lateral.can_id == 0x100
-    assert lateral.read(bytes.fromhex("48E80100 E05EF8FF")) == {"steer_rad": pytest.approx(0.125)}
+    assert lateral.read(bytes.fromhex("48E80100 E05EF8FF")) == {
+        Quantity.STEER: pytest.approx(0.125)
+    }
     assert status.can_id == 0x102
-    assert status.read(bytes.fromhex("020B 2A00 39300000")) == {"engaged": 1.0}
-    assert status.frame({"engaged": 1.0}).data.hex() == "0108000000000000"
+    assert status.read(bytes.fromhex("020B 2A00 39300000")) == {Quantity.ENGAGED: 1.0}
+    assert status.frame({Quantity.ENGAGED: 1.0}).data.hex() == "0108000000000000"
 
 
 def test_our_controller_holds_the_path_by_these_commands() -> None:
