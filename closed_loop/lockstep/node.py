@@ -6,8 +6,12 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
+from ...dbc.dialect import settings as dialect_settings
+from ...dbc.dialect.dialect import Dialect
+from ...dbc.dialect.gateway import Gateway
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_S, View
+from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
+from ..pair_result import CONTROLLER, PLANT
 from ..process_group import ProcessError
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
@@ -93,3 +97,15 @@ def controller_node(
         return
     with LockstepProgram(controller) as program:
         yield LockstepNode(program, 0)
+
+
+def gateways_of(
+    dialect: Dialect | None, plant: ReportingNode, controller: ControllerNode | LockstepNode
+) -> dict[str, Gateway[ReportingNode]]:
+    """Return the gateways of a run in a dialect, by program; a program speaks it of itself."""
+    if dialect is None:
+        return {}
+    gateways = {PLANT: Gateway(plant, dialect, dialect_settings.PLANT, 0)}
+    if isinstance(controller, ControllerNode):
+        gateways[CONTROLLER] = Gateway(controller, dialect, dialect_settings.CONTROLLER, 0)
+    return gateways

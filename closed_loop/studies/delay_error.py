@@ -10,7 +10,7 @@ The truth is known only to whoever sees both ends of the network:
 """
 
 from math import nan
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.overheard import Overheard
 
 
 class DelayErrors(NamedTuple):
@@ -42,10 +45,18 @@ class DelayErrors(NamedTuple):
 class DelayListener:
     """Receives all frames of a run that starts at 0.
 
+    ``heard``  understands the bus of a car, which names no command; None for our own messages
+
     ``sent_rad``  the commands
     """
 
-    def __init__(self, plant: PlantSettings, controller: ControllerSettings) -> None:
+    def __init__(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        heard: "Overheard | None" = None,
+    ) -> None:
+        self._heard = heard
         self._sample_ns = plant.sensor_period_ns
         self._state_samples = samples_per_vehicle_state(plant.sensor_period_ns)
         self._half_period_ns = 0.5 * controller.period_ns
@@ -65,6 +76,10 @@ class DelayListener:
 
     def on_wire(self, time_ns: int, _sender: int, frame: Frame) -> None:
         """Take a frame."""
+        for ours in (frame,) if self._heard is None else self._heard.frames(frame, time_ns):
+            self._on_ours(time_ns, ours)
+
+    def _on_ours(self, time_ns: int, frame: Frame) -> None:
         decoded = messages.decode(frame)
         if not isinstance(decoded, messages.Decoded):
             return

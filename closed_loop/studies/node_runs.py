@@ -7,11 +7,14 @@ may be a program in lockstep: its commands are known from the bus.
 
 from contextlib import suppress
 from itertools import repeat
+from pathlib import Path as FilePath
 from typing import NamedTuple
 
 import numpy as np
 
 from ...controller.node.node import ControllerNode
+from ...dbc.dialect.dialect import read_dialect
+from ...dbc.dialect.option import overheard
 from ...dbc.messages import LateralError, limits
 from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
@@ -22,8 +25,8 @@ from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time import Wire
-from ..lockstep.node import LockstepNode, controller_node
-from ..pair_result import Trace
+from ..lockstep.node import LockstepNode, controller_node, gateways_of
+from ..pair_result import CONTROLLER, PLANT, Trace
 from ..virtual_bus import shared_bus, with_clocks
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
 from .compiled_figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
@@ -110,8 +113,12 @@ def _ran(pair: Pair, bus: BusSettings) -> Ran:
 
 def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
     plant, edge = make_virtual_plant(pair.plant)
-    listener = DelayListener(pair.plant, pair.controller)
+    dialect = read_dialect(FilePath(pair.dialect)) if pair.dialect else None
+    heard = overheard(FilePath(pair.dialect)) if pair.dialect else None
+    listener = DelayListener(pair.plant, pair.controller, heard)
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        nodes = with_clocks(edge, controller, bus)
+        gateways = gateways_of(dialect, edge, controller)
+        ends = gateways.get(PLANT, edge), gateways.get(CONTROLLER, controller)
+        nodes = with_clocks(*ends, bus)
         run_virtual_nodes(*nodes, wire, None, lambda: False, listener.on_wire)
     return Ran(plant, controller, listener)

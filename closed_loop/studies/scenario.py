@@ -8,12 +8,14 @@ mean_s; where it is 0 the model becomes constant.
 import json
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
 from ...controller.laws.assembly import design_law
 from ...controller.settings import ControllerSettings
+from ...dbc.dialect.dialect import read_dialect
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
@@ -38,6 +40,8 @@ class Pair(Settings):
     bus: BusSettings | None = None
     command: tuple[str, ...] = ()
     """Words of the program that is the controller; it keeps to the settings."""
+    dialect: str = ""
+    """File of the car whose messages are on the bus."""
 
 
 class Case(NamedTuple):
@@ -116,7 +120,8 @@ class Scenarios:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
         study = self.study
         given = study.plant, study.controllers[name], study.bus
-        tables = _pair_tables(*given, study.commands.get(name, ()), case.overrides)
+        command = study.commands.get(name, ())
+        tables = _pair_tables(*given, command, study.dialect, case.overrides)
         try:
             return Pair.model_validate_json(json.dumps(tables), strict=True)
         except ValidationError as error:
@@ -156,8 +161,11 @@ class Scenarios:
                         self._check_design(controller, name)
 
     def _check_design(self, controller: ControllerSettings, name: str) -> None:
+        law = "" if name in self.study.commands else controller.law_that_reads_the_vehicle
         try:
             design_law(controller)
+            if self.study.dialect and law:
+                read_dialect(Path(self.study.dialect)).refuse_law(law)
         except SettingsError as error:
             raise SettingsError(
                 *(f"{self.study.file}: controller {name}: {line}" for line in error.mistakes)
@@ -213,7 +221,8 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     """
     overrides, name = json.loads(row["overrides"]), row["controller"]
     given = identity["plant"], identity["controllers"][name], identity.get("bus")
-    tables = _pair_tables(*given, identity.get("commands", {}).get(name, ()), overrides)
+    command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
+    tables = _pair_tables(*given, command, dialect, overrides)
     return Pair.model_validate_json(json.dumps(tables), strict=True)
 
 
@@ -222,6 +231,7 @@ def _pair_tables(
     controller: Tables,
     bus: Tables | None,
     command: Sequence[str],
+    dialect: str,
     overrides: Tables,
 ) -> dict[str, Any]:
     given = {"plant": plant, "controller": controller, "bus": bus}
@@ -230,7 +240,7 @@ def _pair_tables(
         for name, table in given.items()
         if table is not None
     }
-    return {**tables, "command": list(command)}
+    return {**tables, "command": list(command), "dialect": dialect}
 
 
 def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,8 +17,10 @@ from typing import Any, NamedTuple
 
 from ...controller.laws import LAWS
 from ...controller.laws.plugin import place_of
+from ...dbc.dialect.dialect import read_dialect
+from ...dbc.dialect.settings import DialectSettings
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
-from ...runtime.settings import SettingsError
+from ...runtime.settings import SettingsError, load_settings
 from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
 from .compiled_figures import COLUMNS
 from .factors import Design, Factor, make_design, make_factors
@@ -46,6 +48,7 @@ class Study(NamedTuple):
     ``controllers``  tables of each controller, by its name in the study file
     ``fastmath``     whether runs may differ slightly from what the nodes compute
     ``bus``          tables of the bus on which the nodes run; None for compiled runs
+    ``dialect``      file of the car whose messages are on it; empty for our own
     """
 
     file: str
@@ -55,6 +58,7 @@ class Study(NamedTuple):
     design: Design
     fastmath: bool = False
     bus: Tables | None = None
+    dialect: str = ""
 
     @property
     def cases(self) -> int:
@@ -83,6 +87,7 @@ class Study(NamedTuple):
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
         databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
+        databases += [{"file": str(file)} for file in _dialect_files(self.dialect)]
         programs = [{"file": word} for words in self.commands.values() for word in words]
         tables = [self.plant, *self.plant_of.values(), *self.controllers.values()]
         files = _digests([*tables, *_values(self.design), *databases, *programs])
@@ -106,7 +111,8 @@ class Study(NamedTuple):
             | ({"files": files} if files else {})
             | ({"plant_of": self.plant_of} if self.plant_of else {})
             | ({"commands": self.commands} if self.commands else {})
-            | ({} if self.bus is None else {"bus": self.bus}),
+            | ({} if self.bus is None else {"bus": self.bus})
+            | ({"dialect": self.dialect} if self.dialect else {}),
             indent=1,
         )
 
@@ -136,10 +142,12 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         },
         design=make_design(factors, settings.sampling),
         bus=bus_tables(settings.base, file) if has_bus else None,
+        dialect=str(folder / settings.base.dialect) if settings.base.dialect else "",
     )
     _refuse_faults(study)
     _refuse_own_verdict(study)
     _refuse_unread(study)
+    _refuse_dialect(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
@@ -164,6 +172,22 @@ def _refuse_own_verdict(study: Study) -> None:
         raise SettingsError(
             f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
         )
+
+
+def _refuse_dialect(study: Study) -> None:
+    """Refuse a car's messages in a study that is compiled, and mistakes in their file."""
+    if study.dialect and study.bus is None:
+        raise SettingsError(f"{study.file}: base.dialect: needs a bus: add [base.bus]")
+    if study.dialect:
+        read_dialect(Path(study.dialect))
+
+
+def _dialect_files(dialect: str) -> tuple[Path, ...]:
+    """Return the file of a dialect and its database; none without a dialect."""
+    if not dialect:
+        return ()
+    file = Path(dialect)
+    return file, file.parent / load_settings(DialectSettings, file=file).dbc
 
 
 def _refuse_unread(study: Study) -> None:

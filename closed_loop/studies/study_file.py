@@ -194,6 +194,8 @@ class BaseSettings(Settings):
     """Tables on top of every controller."""
     bus: dict[str, Any] | None = None
     """A bus with traffic, errors and clocks (``bus_model.settings``), on which the nodes run."""
+    dialect: Path | None = None
+    """The messages of a car on that bus (``dbc.dialect``); relative to the study file."""
 
     @model_validator(mode="after")
     def _are_different(self) -> Self:

@@ -35,6 +35,7 @@ def _computer(payload: str) -> Computer:
     design = make_design(study_factors(settings, study["file"]), settings.sampling)
     tables = study["plant"], study["controllers"]
     made = Study(study["file"], settings, *tables, design, study["fastmath"], study["bus"])
+    made = made._replace(dialect=study["dialect"])
     return Computer(Scenarios(made))
 
 
@@ -48,6 +49,7 @@ def payload_of(study: Study) -> str:
             "controllers": study.controllers,
             "fastmath": study.fastmath,
             "bus": study.bus,
+            "dialect": study.dialect,
         }
     )
 

@@ -9,22 +9,20 @@ from pathlib import Path
 
 import can
 
-from ...closed_loop.lockstep.node import LockstepNode, controller_node
+from ...closed_loop.lockstep.node import controller_node, gateways_of
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
 from ...closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
-from ...dbc.dialect import settings as dialect_settings
 from ...dbc.dialect.dialect import Dialect
-from ...dbc.dialect.gateway import Gateway
 from ...plant_emulator.faults.stage import FaultyNode, with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import motion_params
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
-from ...runtime.node import NS_PER_S, ReportingNode
+from ...runtime.node import NS_PER_S
 from ...runtime.node.real_time import LoopFigures, RealTimeExecutor
 from ...runtime.port.python_can import BusError, BusPort
 from ...runtime.program.host import RealTimeRequest, StealClock, real_time
@@ -59,7 +57,7 @@ def run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         try:
-            gateways = _gateways(dialect, plant, node)
+            gateways = gateways_of(dialect, plant, node)
             edges = gateways.get(PLANT, plant), gateways.get(CONTROLLER, node)
             nodes = with_clocks(*edges, settings)
             run_virtual_nodes(*nodes, bus, candump_log, stop)
@@ -70,18 +68,6 @@ def run_in_virtual_time(
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
     shared = bus if isinstance(bus, SharedBus) else None
     return Run(plant, node, where, elapsed_s, ended_by, {}, shared, gateways)
-
-
-def _gateways(
-    dialect: Dialect | None, plant: ReportingNode, controller: ControllerNode | LockstepNode
-) -> dict[str, Gateway[ReportingNode]]:
-    """Return the gateways of a run in a dialect, by program."""
-    if dialect is None:
-        return {}
-    gateways = {PLANT: Gateway(plant, dialect, dialect_settings.PLANT, 0)}
-    if isinstance(controller, ControllerNode):
-        gateways[CONTROLLER] = Gateway(controller, dialect, dialect_settings.CONTROLLER, 0)
-    return gateways
 
 
 def run_in_real_time(

@@ -104,6 +104,7 @@ def commands(pair: Pair, files: PairFiles) -> list[str]:
     )
     program = f"--controller-command {shlex.quote(shlex.join(pair.command))}"
     run = f"steer-by-wire run {plant} {program if pair.command else f'--controller {controller}'}"
+    run += f" --dialect {shlex.quote(pair.dialect)}" if pair.dialect else ""
     if bus.exists():
         return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
     return [

@@ -275,3 +275,44 @@ def test_a_controller_that_stops_for_implausible_signals_has_failed_and_not_its_
     pair = Pair(plant=plant, controller=controller)
     end = run_on_nodes(pair, BusSettings(), VerdictRules(), row)
     assert end is RunEnd.CONTROLLER_FAILED
+
+
+CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
+
+
+def in_dialect(folder: Path, controller: str, dialect: Path, bus: str = "[base.bus]") -> Path:
+    file = folder / "study.toml"
+    text = STUDY.replace("practical_pd", controller)
+    text = text.replace("[base.plant]", f'dialect = "{dialect}"\n{bus}\n[base.plant]', 1)
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_a_study_on_a_cars_bus_is_the_run_in_its_dialect(tmp_path: Path) -> None:
+    file = in_dialect(tmp_path, "practical_pd", CAR)
+    table = run_study(file)
+    study = load_study(file)
+    words = ["--preset", "paper_nominal", "--preset", "practical_pd", "--dialect", str(CAR)]
+    words += ["--set", "plant.duration_s=0.5", "--set", "plant.latency.downlink.mean_s=0.02"]
+    assert run([*words, "--json", str(tmp_path / "run.json")]) == ExitStatus.OK
+    wanted = json.loads((tmp_path / "run.json").read_text())["plant_emulator"]["node"]
+    assert table["rms_m"][0] == pytest.approx(wanted["lateral_error_rms_m"], rel=1e-9)
+    assert table["commands_acted"][0] == wanted["downlink"]["released"]
+    assert str(CAR.with_suffix(".dbc")) in json.loads(study.identity)["files"]
+    assert Scenarios(study).pair(0).dialect == str(CAR)
+
+
+def test_a_study_that_no_car_can_run_is_refused(tmp_path: Path) -> None:
+    without_motion = tmp_path / "car.toml"
+    text, database = CAR.read_text(encoding="utf-8"), CAR.with_suffix(".dbc")
+    begin, end = text.index("[messages.MOTION]"), text.index("[messages.LANE]")
+    text = (text[:begin] + text[end:]).replace("my_car.dbc", str(database))
+    without_motion.write_text(text, encoding="utf-8")
+    for says, controller, dialect, bus in (
+        ("base.dialect: needs a bus", "practical_pd", CAR, ""),
+        ("none.toml", "practical_pd", tmp_path / "none.toml", "[base.bus]"),
+        ("law predictor reads more", "practical_predictor", without_motion, "[base.bus]"),
+    ):
+        file = in_dialect(tmp_path, controller, dialect, bus)
+        with pytest.raises(SettingsError, match=says):
+            Scenarios(load_study(file)).check()
