@@ -4,6 +4,7 @@ import heapq
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -352,18 +353,19 @@ def analyse_files(
     channels: dict[str, None] = {}
     for path in paths:
         log = open_log(path)
-        for number, (time_ns, its_channel, frame) in enumerate(log):
-            if number % PROGRESS_FRAMES == 0:
-                advance(str(path), log.fraction_read)
-            channels[its_channel] = None
-            if channel not in (None, its_channel):
-                continue
-            ours = [frame] if overheard is None else overheard.frames(frame, time_ns or 0)
-            for one in ours:
-                taken = analysis.take(time_ns, one)
-                if taken is not None:
-                    for export in exports:
-                        export.write(time_ns, *taken)
+        with closing(iter(log)) as logged:  # also where a signal ends it
+            for number, (time_ns, its_channel, frame) in enumerate(logged):
+                if number % PROGRESS_FRAMES == 0:
+                    advance(str(path), log.fraction_read)
+                channels[its_channel] = None
+                if channel not in (None, its_channel):
+                    continue
+                ours = [frame] if overheard is None else overheard.frames(frame, time_ns or 0)
+                for one in ours:
+                    taken = analysis.take(time_ns, one)
+                    if taken is not None:
+                        for export in exports:
+                            export.write(time_ns, *taken)
         unreadable += log.unreadable
         first_unreadable = first_unreadable or log.first_unreadable
         if log.cut_off:

@@ -15,7 +15,7 @@ line end. That line is dropped: half a payload would read as a whole frame of a 
 import gzip
 import re
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from datetime import datetime
 from importlib.util import find_spec
 from itertools import pairwise
@@ -270,7 +270,7 @@ class _TextLog:
     def fraction_read(self) -> float | None:
         return self._lines.fraction_read
 
-    def __iter__(self) -> Iterator[Logged]:
+    def __iter__(self) -> Generator[Logged, None, None]:
         count = 0
         try:
             for count, logged in enumerate(self._frames, start=1):  # noqa: B007 read below
@@ -362,7 +362,7 @@ class _BinaryLog:
             return None
         return 1.0 if self._reader.file.closed else self._reader.file.tell() / self._size
 
-    def __iter__(self) -> Iterator[Logged]:
+    def __iter__(self) -> Generator[Logged, None, None]:
         count = 0
         try:
             for message in self._reader:

@@ -2,6 +2,7 @@
 
 import gzip
 import re
+import sys
 from pathlib import Path
 from random import Random
 
@@ -10,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, open_log
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, TextLines, open_log
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
@@ -323,3 +325,18 @@ def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
     assert read == ([0x110, identifier] if is_one else [0x110])
     is_skipped = suffix == ".asc" and identifier < 0  # by python-can, as no frame at all
     assert log_file.unreadable == (not is_one and not is_skipped)
+
+
+def test_a_second_ctrl_c_while_the_first_closes_the_log_is_not_lost_in_a_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    file, lost, close = tmp_path / "one.log", list[object](), TextLines.close
+    file.write_text("(1.0) vcan0 110#00\n", encoding="ascii")
+    monkeypatch.setattr(TextLines, "close", lambda lines: interrupt(close(lines)))
+    monkeypatch.setattr(sys, "unraisablehook", lost.append)
+    with pytest.raises(KeyboardInterrupt):
+        analyse_files([file], advance=interrupt)
+    assert lost == []
