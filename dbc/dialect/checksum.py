@@ -1,4 +1,4 @@
-"""Rules for checksums: a sum, a CRC, or a function of another package.
+"""Rules for checksums: a sum, a CRC, AUTOSAR E2E, or a function of another package.
 
 A rule computes from the identifier and the payload, in which the checksum's own bits are 0.
 ``mask`` has these bits set.
@@ -62,6 +62,34 @@ class CrcRule(Settings):
         return int(crc.calc(covered))
 
 
+class E2eRule(Settings):
+    """The CRC of an AUTOSAR E2E profile, by the package autosar-e2e; its counter is a signal too.
+
+    The header begins at the CRC's first byte, and a CRC of two bytes is little-endian.
+    """
+
+    rule: Literal["e2e_p01", "e2e_p05", "e2e_p11"]
+    signal: str
+    data_id: int = Field(ge=0, le=0xFFFF)
+    _protect: Callable[..., None] = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _is_installed(self) -> Self:
+        try:
+            profile = import_module(f"e2e.{self.rule.removeprefix('e2e_')}")
+        except ImportError as error:
+            raise ValueError(f"{self.rule} needs pip install autosar-e2e") from error
+        self._protect = getattr(profile, f"{self.rule}_protect")
+        return self
+
+    def compute(self, can_id: int, data: bytes, mask: bytes) -> int:  # noqa: ARG002 as all rules
+        """Return the checksum."""
+        protected = bytearray(data)
+        own = [index for index, one in enumerate(mask) if one]
+        self._protect(protected, self.data_id, offset=own[0], increment_counter=False)
+        return int.from_bytes(bytes(protected[index] for index in own), "little")
+
+
 class PluginRule(Settings):
     """A function ``(can_id, data) -> int`` of another package."""
 
@@ -73,7 +101,9 @@ class PluginRule(Settings):
     def _is_there(self) -> Self:
         module, colon, name = self.rule.partition(":")
         if not colon:
-            raise ValueError(f"there is no rule {self.rule!r} (allowed: sum, crc, {PLACE})")
+            raise ValueError(
+                f"there is no rule {self.rule!r} (allowed: {', '.join(_NAMED)}, {PLACE})"
+            )
         try:
             self._function = getattr(import_module(module), name)
         except Exception as error:
@@ -91,12 +121,14 @@ def _bits(mask: bytes) -> int:
 
 def _tag(value: Any) -> str:
     rule = value.get("rule") if isinstance(value, dict) else getattr(value, "rule", None)
-    return rule if rule in ("sum", "crc") else "other"
+    return _NAMED.get(rule, "other") if isinstance(rule, str) else "other"
 
 
+_NAMED = {"sum": "sum", "crc": "crc", **dict.fromkeys(("e2e_p01", "e2e_p05", "e2e_p11"), "e2e")}
 Rule = Annotated[
     Annotated[SumRule, Tag("sum")]
     | Annotated[CrcRule, Tag("crc")]
+    | Annotated[E2eRule, Tag("e2e")]
     | Annotated[PluginRule, Tag("other")],
     Discriminator(_tag),
 ]

@@ -122,5 +122,5 @@ def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]
     checksum = next((one.name for one in rest if _CHECKSUM.search(one.name)), None)
     if checksum is not None:
         rule = f'{{ signal = "{checksum}", rule = "sum" }}'
-        lines.append(f"# checksum = {rule}  # guess: sum, crc or package.module:FUNCTION")
+        lines.append(f"# checksum = {rule}  # guess: sum, crc, e2e_p05 or package.module:FUNCTION")
     return lines

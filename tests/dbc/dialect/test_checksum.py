@@ -1,11 +1,14 @@
 """Checksums by rule: the published examples of each kind, and any damage is seen."""
 
+from typing import Literal
+
 import pytest
 from crccheck.crc import Crc8Autosar  # type: ignore[import-untyped]
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.dialect.checksum import CrcRule, PluginRule, SumRule
+from steer_by_wire.dbc.dialect.checksum import CrcRule, E2eRule, PluginRule, SumRule
+from steer_by_wire.dbc.messages import DATA_IDS, Mode, SteeringCommand, encode
 
 LAST_BYTE = bytes(7) + b"\xff"
 payloads = st.binary(min_size=7, max_size=7).map(lambda data: data + b"\0")
@@ -45,3 +48,30 @@ def test_a_function_of_another_package() -> None:
 def test_a_rule_that_is_not_there_is_refused(place: str) -> None:
     with pytest.raises(ValueError, match=place.rpartition(":")[2]):
         PluginRule(rule=place, signal="C")
+
+
+@pytest.mark.parametrize(
+    ("profile", "data_id", "wanted"),
+    [  # all bytes 0: the examples of AUTOSAR's protocol specification of E2E
+        ("e2e_p01", 0x123, "cc"),
+        ("e2e_p05", 0x1234, "1cca"),
+        ("e2e_p11", 0x123, "cc"),
+    ],
+)
+def test_an_e2e_profile_has_the_crc_that_the_standard_prints(
+    profile: Literal["e2e_p01", "e2e_p05", "e2e_p11"], data_id: int, wanted: str
+) -> None:
+    crc = bytes.fromhex(wanted)
+    mask = b"\xff" * len(crc) + bytes(8 - len(crc))
+    rule = E2eRule(rule=profile, signal="C", data_id=data_id)
+    assert rule.compute(0, bytes(8), mask) == int.from_bytes(crc, "little")
+
+
+@given(st.floats(-0.6, 0.6), st.integers(0, 255))
+def test_our_own_command_is_a_cars_message_of_profile_5(steer_rad: float, counter: int) -> None:
+    command = SteeringCommand(steer_rad, counter, Mode.ACTIVE)
+    data = encode(command, counter).data
+    rule = E2eRule(rule="e2e_p05", signal="CRC", data_id=DATA_IDS[SteeringCommand])
+    assert rule.compute(0x100, bytes(2) + data[2:], b"\xff\xff" + bytes(6)) == int.from_bytes(
+        data[:2], "little"
+    )

@@ -55,7 +55,7 @@ MISTAKES = {
         'rule = "sum", identifier = true, length = true',
         'rule = "xor"',
         "messages.STEER_REQUEST.checksum: there is no rule 'xor' (allowed: sum, crc,"
-        " package.module:ATTRIBUTE)",
+        " e2e_p01, e2e_p05, e2e_p11, package.module:ATTRIBUTE)",
     ),
     "a module that there is not": (
         'rule = "sum", identifier = true, length = true',
