@@ -13,6 +13,8 @@ import pytest
 
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.command import main
+from steer_by_wire.controller.analysis import check_in_json
+from steer_by_wire.tools.dialect import __main__ as dialect_program
 from tests.support.running_program import ORDINARY
 from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
 from tests.support.unrendered import unrendered as unrendered
@@ -29,6 +31,8 @@ GIVEN = {
     },
 }
 """Files of the reader's that pages name."""
+SHORT_S = 3.0
+"""Duration of what only has to run: tests of each program let it run for a minute."""
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +63,11 @@ def test_what_a_page_shows_runs(
 ) -> None:
     python, printed = doctest.DocTestRunner(), ""
     names: dict[str, object] = {}
-    for block in blocks_of(PAGES[page]):
+    blocks = [*blocks_of(PAGES[page])]
+    monkeypatch.setattr(dialect_program, "MOTION_S", SHORT_S)
+    if not any("jitter" in block.text for block in blocks):  # most of the time of a check
+        monkeypatch.setattr(check_in_json, "JITTER_MEANS_MS", ())
+    for block, following in zip(blocks, [*blocks, None][1:], strict=True):
         if block.file:
             Path(block.file).parent.mkdir(parents=True, exist_ok=True)
             Path(block.file).write_text(block.text, encoding="utf-8")
@@ -70,8 +78,9 @@ def test_what_a_page_shows_runs(
             assert python.summarize(verbose=False).failed == 0
         elif block.language == "sh":
             commands = list(commands_of(block.text))
+            is_shown = following is not None and following.language == "text"
             for command in commands:
-                run(command, broker, monkeypatch)
+                run(command, broker, monkeypatch, is_shown=is_shown)
             printed = capsys.readouterr().out
             if any(it.why_not or it.words[:1] in LIVE for it in commands):
                 printed = ""
@@ -79,7 +88,7 @@ def test_what_a_page_shows_runs(
             assert [line for line in block.text.splitlines() if line not in printed] == []
 
 
-def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch, *, is_shown: bool) -> None:
     """Run a command, or have its program parse it."""
     for name, value in command.settings.items():
         monkeypatch.setenv(name, value)
@@ -94,7 +103,9 @@ def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch) -> None:
         status = main([*command.words, *ORDINARY, "--duration", "0.05", *bus])
         assert status in (0, 6)
     elif command.words:
-        assert main(command.words) == 0, command.line
+        is_judged = is_shown or {"--duration", "--fail-if"} & {*command.words}
+        brief = () if is_judged or command.words[0] != "run" else ("--duration", f"{SHORT_S}")
+        assert main([*command.words, *brief]) == 0, command.line
 
 
 def parse(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
