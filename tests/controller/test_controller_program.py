@@ -16,7 +16,7 @@ from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
-from tests.support.one_mean import one_mean as one_mean
+from tests.support.no_jitter import no_jitter as no_jitter
 
 Capture = pytest.CaptureFixture[str]
 MINIMAL = """
@@ -94,7 +94,6 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
 # --check
 
 
-@pytest.mark.usefixtures("one_mean")
 @pytest.mark.parametrize("name", preset_names(PRESETS))
 def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -103,6 +102,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     # looks back is analysed over a common multiple with the sensors' 10 ms instead, at few delays.
     monkeypatch.setattr(check_in_json, "DELAY_NS_MAX", 20_000_000)
     monkeypatch.setattr(check_in_json, "SHOWN_DELAYS_MS", (0,))
+    monkeypatch.setattr(check_in_json, "JITTER_MEANS_MS", (80,))
     looks_back = preset(name).law in ("predictor", "packet", "delayed_set_point")
     rates = ("rate_hz=100",) if looks_back else ("rate_hz=64", "link.sensor_period_ms=15.625")
     settings = preset(name, *rates)
@@ -166,7 +166,7 @@ def test_check_says_that_the_published_cdob_drifts(capsys: Capture) -> None:
     assert "#   stable at     no delay" in out
 
 
-@pytest.mark.usefixtures("one_mean")
+@pytest.mark.usefixtures("no_jitter")
 def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
     gap = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
     gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")

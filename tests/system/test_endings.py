@@ -16,7 +16,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main as analyze_main
 from steer_by_wire.tools.run.__main__ import main as run_main
-from tests.support.one_mean import one_mean as one_mean
+from tests.support.no_jitter import no_jitter as no_jitter
 from tests.support.running_program import ORDINARY, UNSUPERVISED
 from tests.support.unrendered import unrendered as unrendered
 
@@ -114,7 +114,7 @@ def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys:
     assert verdict.startswith("safe state: controller: ")
 
 
-@pytest.mark.usefixtures("one_mean")
+@pytest.mark.usefixtures("no_jitter")
 @pytest.mark.parametrize(
     ("setting", "verdict", "status"),
     [

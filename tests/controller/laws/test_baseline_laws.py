@@ -19,7 +19,7 @@ from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
 from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes
 from tests.support.compiled_runs import plant_settings as rig
-from tests.support.one_mean import one_mean as one_mean
+from tests.support.no_jitter import no_jitter as no_jitter
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',)
@@ -117,7 +117,7 @@ def test_a_law_that_reads_the_yaw_rate_is_not_taken_for_a_linear_one() -> None:
         law_system(design_law(preset("practical_pd", SET_POINT)))
 
 
-@pytest.mark.usefixtures("one_mean")
+@pytest.mark.usefixtures("no_jitter")
 def test_the_check_says_what_can_be_said_of_each() -> None:
     assert "stable at     0.00 to " in check_text(preset("practical_smith"))
     fed = preset("practical_pd", (*FEED_FORWARD, "rate_hz=50"))

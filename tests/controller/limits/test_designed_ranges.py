@@ -37,7 +37,7 @@ from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from tests.support.controller_link import Link
-from tests.support.one_mean import one_mean as one_mean
+from tests.support.no_jitter import no_jitter as no_jitter
 
 WALKING = ValiditySettings(
     speed_m_s=(1.0, 2.0), virtual_mass_kg=(1600.0, 5000.0), delay_ms_max=250.0
@@ -174,7 +174,7 @@ def test_far_too_fast_the_lower_demand_keeps_what_the_full_one_loses(name: str) 
     assert full_m > 5.0 * less_m
 
 
-@pytest.mark.usefixtures("one_mean")
+@pytest.mark.usefixtures("no_jitter")
 def test_the_check_finds_the_corner_that_the_nominal_vehicle_hides() -> None:
     settings = preset("practical_pd_ddob", "validity.speed_m_s=[1, 3.5]")
     figures = check_figures(settings, lambda _what: None)
@@ -191,7 +191,7 @@ def test_the_check_finds_the_corner_that_the_nominal_vehicle_hides() -> None:
     assert all(one["stable_delays"]["margin_s"] is None for one in as_shipped["corners"])
 
 
-@pytest.mark.usefixtures("one_mean")
+@pytest.mark.usefixtures("no_jitter")
 def test_declared_delays_without_a_box_are_those_of_the_nominal_vehicle() -> None:
     """The verdict counts all delays from 0 to the declared one, and none beyond the search."""
 
