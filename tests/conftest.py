@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
 
 from tests.support.forked_programs import forked_programs
 from tests.support.frozen_heap import FrozenHeap
@@ -39,9 +38,12 @@ if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 # One commit, one answer: the same examples in every run, and none too slow for a busy machine.
 # For new ones: --hypothesis-profile=explore
-settings.register_profile("same_examples", derandomize=True, deadline=None, max_examples=50)
-settings.register_profile("explore", derandomize=False, deadline=None)
-settings.load_profile("same_examples")
+if not os.environ.get(INSIDE):  # no test for vcan0 draws any, and User Mode Linux imports slowly
+    from hypothesis import settings
+
+    settings.register_profile("same_examples", derandomize=True, deadline=None, max_examples=50)
+    settings.register_profile("explore", derandomize=False, deadline=None)
+    settings.load_profile("same_examples")
 
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
 _SIGNALS = "halts or kills a process with signals, or makes pipes"

@@ -144,6 +144,7 @@ class Outside:
             shell = f'exec "$@" {REPORTS_DESCRIPTOR}>&1 >&2'
             command = [str(WITH_VCAN), "--timeout", str(TIMEOUT_S), *options, "sh", "-c", shell]
             pytest_command = [sys.executable, "-B", "-m", "pytest", "-p", "no:cacheprovider"]
+            pytest_command += ["-p", "no:_hypothesis_pytestplugin"]  # imports for a second there
             with subprocess.Popen(
                 [*command, "sh", *pytest_command, f"@{arguments}"],
                 cwd=ROOT,

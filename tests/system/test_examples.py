@@ -14,9 +14,6 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from sphinx_gallery.py_source_parser import (  # type: ignore[import-untyped]
-    split_code_and_text_blocks,
-)
 
 import steer_by_wire
 from steer_by_wire import simulate
@@ -141,6 +138,10 @@ def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]
 def test_an_example_works_as_a_notebook_in_an_empty_folder(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from sphinx_gallery.py_source_parser import (  # type: ignore[import-untyped]
+        split_code_and_text_blocks,  # with it Sphinx, which no test for vcan0 needs
+    )
+
     monkeypatch.setattr(sys, "path", [path for path in sys.path if Path(path) != EXAMPLES])
     notebook = ModuleType("__main__")
     monkeypatch.setitem(sys.modules, "__main__", notebook)
@@ -272,12 +273,12 @@ def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
 )
 def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path) -> None:
     tests: Any = import_module("test_controller")
-    rig = Rig(tmp_path, overrides={"duration_s": 5.0, "latency.downlink.mean_s": 0.02})
+    rig = Rig(tmp_path, overrides={"duration_s": 2.0, "latency.downlink.mean_s": 0.02})
     host = rig.run([tests.build(tmp_path, "on_lockstep")], lockstep=True)
     m7 = rig.run([*QEMU_M7, tests.build(tmp_path, "on_m7.elf")], lockstep=True)
     assert host.ending == m7.ending == ""
     assert m7.files.candump_log.read_bytes() == host.files.candump_log.read_bytes()
-    assert m7.report["accepted"] > 400
+    assert m7.report["accepted"] > 150
 
 
 @needs_a_c_compiler

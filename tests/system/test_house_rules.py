@@ -21,11 +21,25 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     "command",
-    [("ruff", "format", "--check", "."), ("ruff", "check", "."), ("codespell_lib",), ("mypy",)],
+    [("ruff", "format", "--check", "."), ("ruff", "check", "."), ("codespell_lib",)],
     ids=" ".join,
 )
 def test_the_tree_passes(command: tuple[str, ...]) -> None:
     result = run(sys.executable, "-m", *command)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+MYPY = """
+import gc
+from mypy.__main__ import console_entry
+gc.disable()  # what it makes, it keeps: a seventh less
+gc.enable = lambda: None
+console_entry()
+"""
+
+
+def test_the_types_are_right() -> None:
+    result = run(sys.executable, "-c", MYPY)
     assert result.returncode == 0, result.stdout + result.stderr
 
 
