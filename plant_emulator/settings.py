@@ -1,10 +1,11 @@
 """``PlantSettings``: all settings of the plant emulator, in one table for each subject."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..dbc.codec.sequence import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
@@ -20,7 +21,8 @@ from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, FaultSettings
 from .network.settings import BothLatencySettings, find_latency_model
-from .path.settings import EllipseSettings, PathSettings, find_path_model
+from .path.corridor import CORRIDOR_M
+from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings
 from .steering.settings import SafetySettings, resync_ns_of
 from .vehicle.settings import (
@@ -77,6 +79,21 @@ class PlantSettings(Settings):
     """Overruns of the sensors; with more, the plant counts as too slow and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
     """Injected into the frames to and from the plant (``plant_emulator.faults.stage``)."""
+
+    @model_validator(mode="after")
+    def _passes_the_corridor(self) -> Self:
+        """Refuse a run whose verdict would be on a part of its corridor, or on swings within it."""
+        if isinstance(self.path, CorridorSettings):
+            end_m = self.path.start_m + CORRIDOR_M + self.path.rear_m
+            end_s = (end_m + self.vehicle.preview_distance_m) / self.vehicle.speed_m_s
+            # The windows of the verdict take up to half of a run.
+            if self.duration_s < 2.0 * end_s:
+                raise ValueError(
+                    f"duration_s must be {math.ceil(20.0 * end_s) / 10.0:g} or more: half for the"
+                    " corridor of ISO 3888-1, half for the windows of the verdict behind it, not"
+                    f" {self.duration_s:g}"
+                )
+        return self
 
     @property
     def duration_ns(self) -> int:

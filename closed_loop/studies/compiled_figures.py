@@ -9,7 +9,8 @@
 Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
 the settling time of y in its band, the share of control periods in which a command was at its
 limits, and the latency of the commands in effect. From SETTLED_S on: RMS of y and of w. Of the
-followed point: its peak, in the whole run and from ``settled_s`` of the verdict on.
+followed point: its peak, in the whole run and from ``settled_s`` of the verdict on. Of the body:
+its distance beyond an edge of its corridor.
 
 At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
 follows.
@@ -36,6 +37,8 @@ from ...plant_emulator.evaluation.run_verdict import (
     Verdict,
     VerdictRules,
 )
+from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
+from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
@@ -93,6 +96,8 @@ class Figures(NamedTuple):
     followed_peak_m: float
     """Of the followed point, as the next."""
     settled_peak_m: float
+    outside_m: float
+    """Of the body beyond an edge of its corridor; NaN where the path has none."""
     sensor_noise_m: float
     """Its standard deviation on the lateral error."""
     estimate_share: float
@@ -113,7 +118,7 @@ _END = _place("mean_m")
 """Where ``WindowFigures`` begin."""
 _EFFORT, _CG, _LATENCY = _place("steer_rms_rad"), _place("cg_rms_m"), _place("latency_mean_s")
 _SETTLED, _PEAKS = _place("settled_rms_m"), _place("followed_peak_m")
-_NOISE = _place("sensor_noise_m")
+_OUTSIDE, _NOISE = _place("outside_m"), _place("sensor_noise_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -152,6 +157,7 @@ def take_figures(
     sent_rad: RealArray,
     latency: LatencyFigures,
     row: RealArray,
+    outside_m: float = math.nan,
 ) -> None:
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
@@ -161,6 +167,7 @@ def take_figures(
     """
     row[:] = math.nan
     row[_LATENCY : _LATENCY + len(latency)] = latency
+    row[_OUTSIDE] = outside_m
     if len(time_s):
         row[_CG] = _rms(cg_deviation_m)
         row[_CG + 1] = np.max(np.abs(cg_deviation_m))
@@ -197,12 +204,13 @@ def figures_of(
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
     latency_s: RealArray,
+    outside_m: float = math.nan,
 ) -> Figures:
     """Return the figures of one run."""
     row = np.empty(len(Figures._fields))
     latency = latency_figures(latency_s)
     moved = time_s, lateral_error_m, followed_m, wheel_rad
-    take_figures(rules, *moved, cg_deviation_m, sent_rad, latency, row)
+    take_figures(rules, *moved, cg_deviation_m, sent_rad, latency, row, outside_m)
     return Figures(*row.tolist())
 
 
@@ -309,6 +317,23 @@ def rules_of(
         behind_preview_m(point, plant.vehicle),
         plant.sensor_noise.lateral_error_m,
     )
+
+
+def farthest_outside_m(
+    plant: PlantSettings, at_m: FloatArray, heading_rad: FloatArray, error_m: FloatArray
+) -> float:
+    """Return how far the body was beyond an edge of its corridor; NaN without one.
+
+    ``at_m``, ``heading_rad``, ``error_m``  of the preview point, one a sample: arc length, heading
+                                            and lateral error
+    """
+    corridor, preview_m = corridor_of(plant.path), plant.vehicle.preview_distance_m
+    if corridor is None:
+        return math.nan
+    columns = at_m.tolist(), heading_rad.tolist(), error_m.tolist()
+    path = build_path(plant.path)
+    found = (outside_at(corridor, path, *row, preview_m) for row in zip(*columns, strict=True))
+    return max(found, default=BETWEEN).outside_m
 
 
 def short_windows(rules: VerdictRules, duration_s: float) -> str:

@@ -31,6 +31,7 @@ from .compiled_figures import (
     FigureRules,
     Figures,
     LatencyFigures,
+    farthest_outside_m,
     latency_figures,
     rules_of,
     take_figures,
@@ -54,18 +55,24 @@ def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: BatchR
     """Return the verdict on a compiled run, by the thresholds of its plant."""
     figures = np.empty(len(Figures._fields))
     rules = rules_of(plant.verdict, plant, controller)
-    _take_figures(rules, run, latency_figures(run.downlink_latency_s), figures)
+    _take_figures(plant, rules, run, latency_figures(run.downlink_latency_s), figures)
     return verdict_of(plant.verdict, end_of(_ENDS[run.outcome], figures[_DURATION]), figures)
 
 
 def _take_figures(
-    rules: FigureRules, run: BatchRun, latency: LatencyFigures, row: FloatArray
+    plant: PlantSettings,
+    rules: FigureRules,
+    run: BatchRun,
+    latency: LatencyFigures,
+    row: FloatArray,
 ) -> None:
     behind_m = rules.behind_preview_m
     cg_m = run.deviation_m(run.motion.preview_distance_m, CG_STRIDE)
     followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
     moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
-    take_figures(rules, *moved, cg_m, run.sent_rad, latency, row)
+    at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
+    outside_m = farthest_outside_m(plant, *at)
+    take_figures(rules, *moved, cg_m, run.sent_rad, latency, row, outside_m)
 
 
 class Losses(NamedTuple):
@@ -220,7 +227,7 @@ class Computer:
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        _take_figures(rules, run, known, row[: -len(COUNTS)])
+        _take_figures(plant, rules, run, known, row[: -len(COUNTS)])
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)

@@ -20,6 +20,7 @@ from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
 from ...plant_emulator.path.path import Path
+from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
@@ -29,7 +30,15 @@ from ..lockstep.node import LockstepNode, controller_node, gateways_of
 from ..pair_result import CONTROLLER, PLANT, Trace
 from ..virtual_bus import shared_bus, with_clocks
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
-from .compiled_figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of, rules_of
+from .compiled_figures import (
+    CG_STRIDE,
+    COUNTS,
+    FigureRules,
+    Figures,
+    farthest_outside_m,
+    figures_of,
+    rules_of,
+)
 from .delay_error import DelayListener
 from .scenario import Pair
 
@@ -61,7 +70,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
         sent_rad = np.array(listener.sent_rad)
     run_rules = rules_of(rules, pair.plant, pair.controller)
     followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
-    figures = figures_of_trace(run_rules, trace, followed_m, samples, sent_rad)
+    figures = figures_of_trace(run_rules, pair.plant, trace, followed_m, samples, sent_rad)
     row[: len(figures)] = figures._replace(**listener.errors._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
@@ -89,9 +98,15 @@ def followed_error_m(path: Path, trace: Trace, behind_m: float) -> FloatArray:
 
 
 def figures_of_trace(
-    rules: FigureRules, trace: Trace, followed_m: FloatArray, samples: int, sent_rad: FloatArray
+    rules: FigureRules,
+    plant: PlantSettings,
+    trace: Trace,
+    followed_m: FloatArray,
+    samples: int,
+    sent_rad: FloatArray,
 ) -> Figures:
     """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
+    at = trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m
     return figures_of(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
@@ -101,6 +116,7 @@ def figures_of_trace(
         trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,
         trace.downlink_latency_s[:samples],
+        farthest_outside_m(plant, *(column[:samples] for column in at)),
     )
 
 

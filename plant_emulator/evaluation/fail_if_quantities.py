@@ -18,6 +18,12 @@ def _driven(key: str) -> Quantity:
     return Quantity(read)
 
 
+def _outside(report: Report) -> float | None:
+    """Return how far the body was beyond an edge of its corridor; None without one."""
+    corridor = report["node"]["corridor"]
+    return None if corridor is None else float(corridor["outside_m"])
+
+
 def _verdict(report: Report) -> str | None:
     """Return the verdict; None for a log that is not judged."""
     verdict = report["node"]["verdict"]
@@ -32,6 +38,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "cg_rms_m": _driven("cg_deviation_rms_m"),
         "cg_peak_m": _driven("cg_deviation_peak_m"),
         "settled_peak_m": _driven("settled_peak_m"),
+        "outside_m": Quantity(_outside),
         "final_m": _driven("lateral_error_final_m"),
         "settling_s": _driven("settling_s"),
         "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),

@@ -20,6 +20,8 @@ def motion_report(
     ``settling_s``        time from which the error stays in its band; None if it ends outside
     ``verdict``           on the run so far, of its ``followed_point``, by ``followed_peak_m``,
                           ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
+    ``corridor``          where the body was farthest beyond an edge (``path.corridor.Outside``);
+                          None without a corridor, and before it
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
                           wheel, and ``limited_share_by`` limit
     """
@@ -46,6 +48,9 @@ def motion_report(
         "followed_peak_m": peaks_m.followed_m,
         "settled_s": rules.settled_s,
         "settled_peak_m": None if math.isnan(peaks_m.settled_m) else peaks_m.settled_m,
+        "corridor": figures.outside._asdict()
+        if figures.outside and figures.outside.section
+        else None,
         "limited_share": sum(figures.limited.values()) / max(samples, 1),
         "limited_share_by": {
             limit: count / samples for limit, count in figures.limited.most_common()

@@ -128,6 +128,19 @@ def _left(node: Report) -> str:
     return f"{_point(node)} up to {peak} off after {settled_s:g} s, though back at the end"
 
 
+def _in_corridor(node: Report) -> str:
+    where = node["corridor"]
+    return f"{where['at_m']:.1f} m (section {where['section']})"
+
+
+def _within(node: Report) -> str:
+    """Return how near the body came to an edge of its corridor; empty without one."""
+    if node["corridor"] is None:
+        return ""
+    free = _millimetres(-node["corridor"]["outside_m"])
+    return f"; the body within the corridor by {free} or more, least at {_in_corridor(node)}"
+
+
 _POINTS = {
     "preview": "preview point",
     "centre_of_gravity": "centre of gravity",
@@ -140,6 +153,10 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
             f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
         ),
         Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
+        Verdict.LEFT_CORRIDOR: lambda node: (
+            f"the body left the corridor at {_in_corridor(node)} by"
+            f" {_millimetres(node['corridor']['outside_m'])}"
+        ),
         Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
         Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
         Verdict.DRIFTS: _drifts,
@@ -150,6 +167,6 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.OFF_PATH: _off,
         Verdict.LEFT_PATH: _left,
         Verdict.WHEEL_SHAKES: _shakes,
-        Verdict.HOLDS: _at_the_end,
+        Verdict.HOLDS: lambda node: f"{_at_the_end(node)}{_within(node)}",
     }
 )

@@ -11,6 +11,7 @@ from ...dbc.messages import SteeringCommand
 from ...runtime.node import NS_PER_S
 from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
+from ..path.corridor import BETWEEN, Corridor, Outside, outside_at
 from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
@@ -63,6 +64,7 @@ class RunningFigures:
 
     ``newest_m``    of the followed point's error, as ``peaks_m``
     ``settled_at``  number of the sample from which the error has stayed in its band
+    ``outside``     where the body was farthest beyond an edge of its corridor; None without one
     ``limited``     samples at which a limit decided about the wheel, by its name
     """
 
@@ -70,6 +72,7 @@ class RunningFigures:
         self, band_m: float = math.inf, newest: int = 0, settled_after: float = math.inf
     ) -> None:
         self.settled_after = settled_after
+        self.outside: Outside | None = None
         self.samples = 0
         self.lateral_error_peak_m = 0.0
         self.lateral_error_final_m = 0.0
@@ -131,7 +134,11 @@ class RunningFigures:
     def peaks_m(self) -> Peaks:
         """Largest errors of the followed point."""
         has_settled = self.samples > self.settled_after
-        return Peaks(self._followed_peak_m, self._settled_peak_m if has_settled else math.nan)
+        return Peaks(
+            self._followed_peak_m,
+            self._settled_peak_m if has_settled else math.nan,
+            math.nan if self.outside is None else self.outside.outside_m,
+        )
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -155,6 +162,7 @@ class RunRecord:
     ``rules``        of the verdict
     ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
+    ``corridor``     in which the body has to stay
     """
 
     def __init__(
@@ -165,11 +173,14 @@ class RunRecord:
         rules: VerdictRules,
         period_s: float,
         samples_max: int,
+        corridor: Corridor | None = None,
     ) -> None:
         self.rules, self.period_s = rules, period_s
         newest = samples_judged(rules, duration_s, period_s)
         settled_after = math.ceil(rules.settled_s / period_s)
         self._figures = RunningFigures(rules.settling_band_m, newest, settled_after)
+        self._corridor = corridor
+        self._figures.outside = None if corridor is None else BETWEEN
         self._samples: list[PlantSample] = []
         self._samples_max = samples_max
         self._motion = motion
@@ -217,6 +228,10 @@ class RunRecord:
                 followed_m = cg_m
             else:
                 followed_m = cg_deviation_m(path, at_m, heading_rad, error_m, behind_m)
+            if self._corridor is not None:
+                where = at_m, heading_rad, error_m, preview_m
+                outside = outside_at(self._corridor, path, *where)
+                self._figures.outside = max(self._figures.outside or BETWEEN, outside)
             figures.append((error_m, cg_m, followed_m, wheel_rad, limit))
             if len(figures) > room:
                 continue

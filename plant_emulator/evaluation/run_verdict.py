@@ -5,6 +5,7 @@ The first that applies:
     no start      nothing ever arrived: no measurement, or no command
     too short     the run lasted less than SHORTEST_RUN_S: nothing can be said of it
     left range    the error exceeded the range of LATERAL_ERROR (±83.88 m)
+    left corridor the vehicle's body was beyond an edge of the corridor (``path.corridor``)
     unstable      the law gave no finite command; or an oscillation grows: its amplitude in the last
                   window is ``growth`` times that in the window before, or more
     limit cycle   an oscillation lasts: its amplitude is at least ``sustained`` times that before
@@ -14,7 +15,8 @@ The first that applies:
     decays        not on the path in the last window, but the largest error there is less than
                   ``sustained`` times that in the window before: it comes back, too late
     off path      not on the path in the last window
-    left path     the error exceeded ``off_path_m`` after ``settled_s``, even if it has come back
+    left path     the error exceeded ``off_path_m`` after ``settled_s``, even if it has come back;
+                  where the path has no corridor
     wheel shakes  the amplitude of the wheel's fast motion in the last window is ``wheel_swing_rad``
                   or more: without a rhythm, as noise moves it, or dying away
     holds         none of these: within ``off_path_m`` from ``settled_s`` to the end
@@ -80,6 +82,7 @@ class Verdict(StrEnum):
     NO_START = "no start"
     TOO_SHORT = "too short"
     LEFT_RANGE = "left range"
+    LEFT_CORRIDOR = "left corridor"
     UNSTABLE = "unstable"
     LIMIT_CYCLE = "limit cycle"
     DRIFTS = "drifts"
@@ -141,10 +144,12 @@ class Peaks(NamedTuple):
     """Largest magnitudes of the followed point's error [m].
 
     ``settled_m``  from ``settled_s`` on; NaN for a shorter run
+    ``outside_m``  of the body, beyond an edge of its corridor; NaN where the path has none
     """
 
     followed_m: float
     settled_m: float
+    outside_m: float = math.nan
 
 
 def verdicts(
@@ -158,7 +163,7 @@ def verdicts(
 
     ``ends``     shape (runs,), places in ``RUN_ENDS``
     ``noise_m``  shape (runs,), standard deviation of the sensor's noise on the lateral error
-    ``peaks_m``  shape (runs, 2), in the order of ``Peaks``
+    ``peaks_m``  shape (runs, 3), in the order of ``Peaks``
     ``windows``  shape (runs, figures), in the order of ``WindowFigures``
     """
 
@@ -191,11 +196,13 @@ def verdicts(
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
     is_farther = np.abs(mean_m) > np.maximum(rules.off_path_m, np.abs(column("mean_before_m")))
     drifts = is_farther & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
+    outside_m = peaks_m[:, 2]
     is_off = swings | ~(peak_m <= rules.off_path_m)
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),
         Verdict.TOO_SHORT: ended(RunEnd.TOO_SHORT),
         Verdict.LEFT_RANGE: ended(RunEnd.LEFT_RANGE),
+        Verdict.LEFT_CORRIDOR: outside_m > 0.0,
         Verdict.UNSTABLE: ended(RunEnd.CONTROLLER_FAILED)
         | ((oscillates | begins) & grows)
         | (wheel_begins & wheel_grows),
@@ -205,7 +212,7 @@ def verdicts(
         Verdict.LEFT_ROAD: peaks_m[:, 0] > rules.road_m,
         Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
         Verdict.OFF_PATH: is_off,
-        Verdict.LEFT_PATH: peaks_m[:, 1] > rules.off_path_m,
+        Verdict.LEFT_PATH: np.isnan(outside_m) & (peaks_m[:, 1] > rules.off_path_m),
         Verdict.WHEEL_SHAKES: wheel_rad >= rules.wheel_swing_rad,
     }
     names = list(conditions)

@@ -44,6 +44,7 @@ from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
+from ..path.corridor import corridor_of
 from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings
@@ -132,6 +133,7 @@ class PlantNode:
             settings.verdict,
             settings.sensor_period_ns / NS_PER_S,
             samples_max,
+            corridor_of(settings.path),
         )
         self.finished = False
 

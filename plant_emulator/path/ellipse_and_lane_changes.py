@@ -1,11 +1,12 @@
-"""The shapes of a path: straight, circle, ellipse, single and double lane change.
+"""The shapes of a path: straight, circle, ellipse, lane changes.
 
 ellipse: SAE 2018-01-1086, Fig. 14, to the left, from the end of the major axis, where it bends
 most. Its curvature is interpolated (`plant_emulator.path.curve_to_path`).
 
 lane changes: clothoids with the curvatures 0, κ, 0, −κ, 0 at equal distances, so that the heading
 returns to its old value. The double one has the proportions of ISO 3888-1: 30 m to the other lane,
-25 m along it, 25 m back.
+25 m along it, 25 m back. The path through the corridor of ISO 3888-1 changes lanes more gently: it
+begins before the cones of a section end, and ends beyond the first ones of the next.
 """
 
 import math
@@ -16,11 +17,13 @@ from itertools import pairwise
 import numpy as np
 
 from ...runtime.array_types import FloatArray
+from .corridor import body_outside, cones_and_body
 from .curve_to_path import CurvePoints, path_along
-from .path import Path, Pose, along_clothoid
+from .path import Path, Pose, along_clothoid, pose
 from .portable_trigonometry import cos_and_sin
 from .settings import (
     CircleSettings,
+    CorridorSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
     PathSettings,
@@ -34,8 +37,10 @@ from .settings import (
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
 
-_ELLIPSES_KEPT = 8
-"""Ellipses cached for the next run: each takes about 30 ms to compute."""
+_KEPT = 8
+"""Ellipses and corridors cached for the next run: each takes about 30 ms to compute."""
+_STEP_M, _HALVINGS = 0.5, 8
+"""Of the search for the path through a corridor: between two places, and of the interval."""
 
 _EAST = Pose(0.0, 0.0, 0.0)
 
@@ -59,6 +64,8 @@ def build_path(settings: PathSettings) -> Path:
             return single_lane_change(settings.start_m, settings.offset_m, settings.length_m)
         case DoubleLaneChangeSettings():
             return double_lane_change(settings.start_m, settings.offset_m, settings.length_m)
+        case CorridorSettings():
+            return through_corridor(settings)
         case WaypointSettings():
             # Only this kind needs scipy, whose import takes longer than the rest of the start.
             from .waypoints import waypoint_path
@@ -81,7 +88,7 @@ def circle(radius_m: float) -> Path:
     )
 
 
-@lru_cache(maxsize=_ELLIPSES_KEPT)
+@lru_cache(maxsize=_KEPT)
 def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
     """Return an ellipse about the origin that starts at (semi-major axis, 0), to the left."""
     a, b = semi_major_axis_m, semi_minor_axis_m
@@ -108,6 +115,40 @@ def double_lane_change(start_m: float, offset_m: float, length_m: float) -> Path
     side_lane_m = ISO_3888_1_SIDE_LANE * length_m
     back_m = way_out[-1][0] + side_lane_m
     return path_of_curvature(way_out + _lane_change(back_m, -offset_m, side_lane_m))
+
+
+@lru_cache(maxsize=_KEPT)
+def through_corridor(settings: CorridorSettings) -> Path:
+    """Return the path with the longest lane changes that leave half of the free space.
+
+    A body that follows it with its centre of gravity keeps half of what the narrowest section
+    leaves beside it from every edge.
+    """
+    corridor = cones_and_body(settings)
+    first, third, fifth, _ = corridor.sections
+    free_m = 0.5 * (first.left_m - first.right_m) - corridor.side_m
+    middle_m = [0.5 * (section.left_m + section.right_m) for section in (first, third, fifth)]
+
+    def eased(by_m: float) -> Path:
+        """Return the path whose lane changes are longer by this at either end."""
+        out_m = third.from_m - first.to_m + 2.0 * by_m
+        way_out = _lane_change(first.to_m - by_m, middle_m[1] - middle_m[0], out_m)
+        back_at_m = way_out[-1][0] + third.to_m - third.from_m - 2.0 * by_m
+        back_m = fifth.from_m - third.to_m + 2.0 * by_m
+        return path_of_curvature(
+            way_out + _lane_change(back_at_m, middle_m[2] - middle_m[1], back_m)
+        )
+
+    def keeps_free(path: Path) -> bool:
+        places = np.arange(first.from_m - corridor.front_m, path.length_m + 1.0, _STEP_M).tolist()
+        worst = max(body_outside(corridor, pose(path, at_m)) for at_m in places)
+        return worst.outside_m <= -0.5 * free_m
+
+    low_m, high_m = 0.0, 0.5 * (third.to_m - third.from_m)
+    for _ in range(_HALVINGS):
+        by_m = 0.5 * (low_m + high_m)
+        low_m, high_m = (by_m, high_m) if keeps_free(eased(by_m)) else (low_m, by_m)
+    return eased(low_m)
 
 
 def _lane_change(start_m: float, offset_m: float, length_m: float) -> list[BreakPoint]:

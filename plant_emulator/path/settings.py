@@ -108,6 +108,25 @@ class DoubleLaneChangeSettings(_LaneChangeSettings):
     kind: Literal["double_lane_change"] = "double_lane_change"
 
 
+class CorridorSettings(Settings):
+    """`[path]`: the corridor of ISO 3888-1, in which the vehicle's body has to stay.
+
+    The path within leads from lane to lane as gently as half of the free space allows.
+    """
+
+    kind: Literal["iso_3888_1"] = "iso_3888_1"
+    start_m: float = Field(50.0, ge=15.0, le=100_000.0)
+    """Straight road before the first cone."""
+    offset_m: float = Field(3.5, ge=1.0, le=4.0)
+    """Between the right edges of sections 1 and 3, to the left."""
+    width_m: float = Field(1.85, ge=1.0, le=3.0)
+    """Of the vehicle without its mirrors, for which the cones are placed."""
+    front_m: float = Field(2.25, ge=0.1, le=10.0)
+    """From the centre of gravity to the front of the body."""
+    rear_m: float = Field(2.6, ge=0.1, le=10.0)
+    """From the centre of gravity to the rear of the body."""
+
+
 class WaypointSettings(Settings):
     """`[path]`: a smooth curve through the points of a file."""
 
@@ -133,6 +152,7 @@ PathSettings = Annotated[
     | EllipseSettings
     | SingleLaneChangeSettings
     | DoubleLaneChangeSettings
+    | CorridorSettings
     | WaypointSettings
     | PluginPathSettings,
     Field(discriminator="kind"),

@@ -234,7 +234,8 @@ def _run(options: argparse.Namespace) -> int:
 
 def linear_laws(spec: Specification) -> list[str]:
     """Return the laws that are designed by the linear analysis."""
-    return [law for law in spec.laws if law in KEYS]
+    heading = {"pid": "pid_heading"} if spec.pid_heading_gain else {}
+    return [heading.get(law, law) for law in spec.laws if law in KEYS]
 
 
 def _design_predictor(

@@ -23,7 +23,7 @@ from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, curvature
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .law_parameters import Candidate, controller_law, controller_settings, designs
+from .law_parameters import Candidate, controller_settings, designs
 from .loop_figures import (
     FrequencyGrid,
     StabilityGrid,
@@ -301,7 +301,7 @@ def _frequency(study: Study, design: LawDesign) -> list[Demand]:
 
 def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
     tracking, limits = track(study.tracking, design), study.spec.limits
-    largest_m = study.spec.rms_m_max_of(controller_law(law))
+    largest_m = study.spec.rms_m_max_of(law)
     rms_m_max = np.inf if largest_m is None else largest_m
     return [
         Demand("RMS error", float(tracking.rms_m.max()), rms_m_max),

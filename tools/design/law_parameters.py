@@ -31,7 +31,7 @@ from ...controller.limits.designed_ranges import ValiditySettings
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .specification import Specification
+from .specification import Specification, controller_law
 from .vehicle_file import VehicleFile
 
 _MANTISSAS = (
@@ -164,11 +164,6 @@ def controller_settings(
         validity=validity(vehicle, spec.delay.ms_max),
         **tables,
     )
-
-
-def controller_law(law: str) -> str:
-    """Return what a law with these parameters is called in the controller's settings."""
-    return law.removesuffix("_heading")
 
 
 def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:

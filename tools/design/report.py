@@ -37,6 +37,7 @@ from .vehicle_file import VehicleFile
 _TITLES = {
     "pd": "PD",
     "pid": "PID",
+    "pid_heading": "PID with a gain on the heading error",
     "pd_dob": "PD with disturbance observer",
     "pd_cdob": "PD with communication disturbance observer",
     "pd_ddob": "PD with double disturbance observer",
@@ -49,7 +50,7 @@ _NOISE_M = 0.02
 _LABEL_WIDTH = 18
 _ACTIVE = 0.02
 """A demand is active if the law is within this share of its limit."""
-_UNITS = {"k_p": "rad/m", "k_d": "rad s/m"}
+_UNITS = {"k_p": "rad/m", "k_d": "rad s/m", "k_i": "rad/(m s)", "k_heading": "rad/rad"}
 _POINTS = 800
 _OMEGA_RAD_S_MIN = 0.05
 _DELAYS_DRAWN = 60

@@ -190,6 +190,11 @@ class SearchTable(Settings):
     points_per_parameter: Annotated[int, Field(ge=2, le=100)] = 4  # of a generation
 
 
+def controller_law(law: str) -> str:
+    """Return what a law that is designed is called in the controller's settings."""
+    return law.removesuffix("_heading")
+
+
 class Specification(Settings):
     """All of SPEC.toml."""
 
@@ -199,6 +204,8 @@ class Specification(Settings):
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
     minimise: Literal["rms", "peak_sensitivity", "noise_gain"] = "rms"
     """The largest over all corners and delays of the range, and over all paths."""
+    pid_heading_gain: bool = False
+    """Whether the law pid gets a gain on the heading error too; its preset is NAME_pid_heading."""
     dob_q_kind: Literal["order_2", "type_2"] = "type_2"
     peak_sensitivity_max: Annotated[float, Field(gt=1.0, le=100.0)]
     noise_gain_rad_m_max: PositiveFloat
@@ -242,7 +249,7 @@ class Specification(Settings):
 
     def rms_m_max_of(self, law: str) -> float | None:
         """Return the largest RMS of a law [m]."""
-        value: float | None = getattr(self.rms_m_max, law)
+        value: float | None = getattr(self.rms_m_max, controller_law(law))
         return value
 
     @model_validator(mode="after")

@@ -28,13 +28,19 @@ from .axes import StudyAxes, cells
 HATCHES = {
     "unstable, left the range, or no start": "xxx",
     "limit cycle, or the wheel shakes": "///",
-    "drifts, left the road or the path, or off it": "...",
+    "drifts, left the corridor, the road or the path, or off it": "...",
     "decays, but too slowly": "\\\\\\",
 }
 _FAMILIES = (
     (Verdict.NO_START, Verdict.TOO_SHORT, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
     (Verdict.LIMIT_CYCLE, Verdict.WHEEL_SHAKES),
-    (Verdict.DRIFTS, Verdict.LEFT_ROAD, Verdict.OFF_PATH, Verdict.LEFT_PATH),
+    (
+        Verdict.DRIFTS,
+        Verdict.LEFT_CORRIDOR,
+        Verdict.LEFT_ROAD,
+        Verdict.OFF_PATH,
+        Verdict.LEFT_PATH,
+    ),
     (Verdict.DECAYS,),
 )
 _COLUMNS = 2

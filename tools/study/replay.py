@@ -149,7 +149,7 @@ def _figures(
     judged_by = computer.scenarios.study.settings.verdict
     rules = rules_of(judged_by, pair.plant, pair.controller)
     followed_m = followed_error_m(build_path(pair.plant.path), trace, rules.behind_preview_m)
-    figures = figures_of_trace(rules, trace, followed_m, samples, sent_rad)
+    figures = figures_of_trace(rules, pair.plant, trace, followed_m, samples, sent_rad)
     return {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
 
 

@@ -15,6 +15,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import (
     place,
     write_trace,
 )
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Peaks
 from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 
@@ -67,7 +68,7 @@ def test_figures_by_hand() -> None:
     figures.take([(1.0, 2.0, 3.0, 0.1, ""), (-7.0, -14.0, -9.0, -0.3, "")])
     assert math.isnan(figures.peaks_m.settled_m)
     figures.take([(5.0, 10.0, -6.0, 0.2, "")])
-    assert figures.peaks_m == (9.0, 6.0)
+    assert figures.peaks_m._replace(outside_m=0.0) == Peaks(9.0, 6.0, 0.0)
     assert figures.samples == 3
     assert figures.lateral_error_rms_m == pytest.approx(5.0)
     assert figures.lateral_error_peak_m == 7.0

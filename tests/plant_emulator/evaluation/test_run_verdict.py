@@ -32,6 +32,7 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import (
     samples_judged,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.path.corridor import Outside
 from steer_by_wire.plant_emulator.settings import PlantSettings
 
 RANGE_M = limits(LateralError)["lateral_error_m"].maximum
@@ -59,6 +60,9 @@ def peaks_of(error_m: Any) -> Peaks:
     return Peaks(float(np.max(off_m, initial=0.0)), float(settled_m))
 
 
+CONES = Outside(0.123, 3, 47.34)
+
+
 def sine(amplitude_m: float, growth_1_s: float = 0.0) -> Any:
     return amplitude_m * np.exp(growth_1_s * TIME_S) * np.sin(2.0 * TIME_S)
 
@@ -79,7 +83,10 @@ CASES: Mapping[Verdict, Any] = {
 SHAKEN_RAD = 0.3 * np.random.default_rng(1).standard_normal(6001)
 
 
-@pytest.mark.parametrize("verdict", [one for one in Verdict if one is not Verdict.DECAYS])
+@pytest.mark.parametrize(
+    "verdict",
+    [one for one in Verdict if one not in (Verdict.DECAYS, Verdict.LEFT_CORRIDOR)],
+)
 def test_each_verdict_has_its_reason_in_the_line(verdict: Verdict) -> None:
     shakes = verdict is Verdict.WHEEL_SHAKES
     error_m = CASES[Verdict.HOLDS if shakes else verdict]
@@ -92,12 +99,31 @@ def test_each_verdict_has_its_reason_in_the_line(verdict: Verdict) -> None:
         "followed_peak_m": peaks_m.followed_m,
         "settled_s": 5.0,
         "settled_peak_m": peaks_m.settled_m,
+        "corridor": None,
         "limited_share_by": {},
     }
     text = verdict_text(report)
     assert text.startswith(f"{verdict}: ")
     assert "nan" not in text
     assert "\n" not in text
+
+
+def test_a_body_outside_its_corridor_is_told_where_and_by_how_much() -> None:
+    error_m = np.full(6001, 0.1)
+    moved = error_m.tolist(), (0.0 * error_m).tolist()
+
+    def said(outside: Outside, peak_m: float = 0.1) -> str:
+        peaks_m = Peaks(peak_m, peak_m, outside.outside_m)
+        found = judge(VerdictRules(), *moved, RunEnd.COMPLETE, 0.0, peaks_m, 0.01, len(error_m))
+        asked = {"followed_point": "preview", "followed_peak_m": peak_m, "limited_share_by": {}}
+        return verdict_text({**found.report(), **asked, "corridor": outside._asdict()})
+
+    left = "left corridor: the body left the corridor at 47.3 m (section 3) by 123.0 mm"
+    assert said(CONES) == left
+    # The corridor decides, not the distance from the path within it.
+    within = said(CONES._replace(outside_m=-0.123), 0.4)
+    assert within.startswith("holds: preview point at most 100.0 mm off in the last 15 s, ")
+    assert within.endswith("within the corridor by 123.0 mm or more, least at 47.3 m (section 3)")
 
 
 def test_thresholds_are_settings() -> None:

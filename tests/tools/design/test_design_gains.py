@@ -13,22 +13,25 @@ import pytest
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.laws.assembly import design_law, required
+from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
 from steer_by_wire.tools.design import predictor_design
-from steer_by_wire.tools.design.__main__ import ProgressLines
+from steer_by_wire.tools.design.__main__ import ProgressLines, linear_laws
 from steer_by_wire.tools.design.demands import (
     Demand,
     Judgement,
     judge_candidate,
+    judge_law,
     make_study,
 )
 from steer_by_wire.tools.design.law_design import (
     Design,
     NoDesignError,
+    Reason,
     design,
     failed,
     split_boxes,
@@ -40,7 +43,7 @@ from steer_by_wire.tools.design.law_parameters import (
     why_no_gains,
 )
 from steer_by_wire.tools.design.parameter_search import Progress, neighbours
-from steer_by_wire.tools.design.report import preset_text
+from steer_by_wire.tools.design.report import preset_text, reason_lines
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.stop_and_resume import (
     SearchStoppedError,
@@ -354,6 +357,23 @@ def test_ctrl_c_ends_a_predictor_with_its_best_and_the_same_command_goes_on(
     assert "predictor  (8 sets of parameters judged)" in capsys.readouterr().out
     assert judged == 8
     assert not (tmp_path / "small_predictor.search").exists()
+
+
+def test_a_specification_asks_for_the_heading_gain_of_a_pid(tmp_path: Path) -> None:
+    spec = small_spec(
+        tmp_path, 'laws=["pd", "pid"]', "pid_heading_gain=true", "d_stability.settling_1_s=0.1"
+    )
+    assert linear_laws(spec) == ["pd", "pid_heading"]
+    values = {"k_p": 0.2, "k_d": 1.32, "derivative_filter": 1.84, "k_i": 7.2, "k_heading": 0.8}
+    study = make_study(spec, shipped_vehicle(), fine=False)
+    judged = judge_law(study, "pid_heading", values)
+    assert judged.violation == 0.0
+    settings = controller_settings(spec, shipped_vehicle(), "pid_heading", values)
+    assert settings.law == "pid"
+    assert settings.table_of(PidSettings).heading_gain_rad_rad == 0.8
+    lines = reason_lines(Reason("k_heading", 0.8, judged, judged), judged.objective)
+    assert next(iter(lines)) == "  pid.heading_gain_rad_rad = 0.8 rad/rad"
+    assert linear_laws(small_spec(tmp_path, 'laws=["pid"]')) == ["pid"]
 
 
 @pytest.mark.usefixtures("same_process")

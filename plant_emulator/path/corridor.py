@@ -1,0 +1,122 @@
+"""The corridor of ISO 3888-1, a double lane change between cones, and whether a body stays in it.
+
+    section      1             2    3             4    5             6
+    length [m]   15            30   25            25   15            15
+    width [m]    1.1 b + 0.25  -    1.2 b + 0.25  -    1.3 b + 0.25  1.3 b + 0.25
+
+    b   width of the vehicle
+
+ISO 3888-1:2018. Sections 2 and 4 have no cones, and no edge that could be
+left. The lane offset of 3.5 m is taken from the right edge of section 1, with which those of
+sections 5 and 6 are in line, to that of section 3.
+
+The body is a rectangle. It is outside where a side of it is beyond an edge between the first and
+the last cone of a section: at a corner, or at a cone that it leaves beside it.
+"""
+
+import math
+from typing import NamedTuple
+
+from .path import Path, Pose, vehicle_pose
+from .settings import CorridorSettings, PathSettings
+
+_LENGTHS_M = (15.0, 30.0, 25.0, 25.0, 15.0, 15.0)
+_WIDTHS = {1: 1.1, 3: 1.2, 5: 1.3, 6: 1.3}
+"""Of the sections with cones, over the width of the vehicle."""
+_WIDER_M = 0.25
+CORRIDOR_M = sum(_LENGTHS_M)
+_LONGER_M = 5.0
+"""The path through the corridor is longer than the road by less."""
+
+
+class Section(NamedTuple):
+    """A section with cones; along the road from the path's start, and across it to the left."""
+
+    number: int
+    from_m: float
+    to_m: float
+    right_m: float
+    left_m: float
+
+
+class Corridor(NamedTuple):
+    """The sections with cones, and the body: from its centre of gravity to front, rear and side."""
+
+    sections: tuple[Section, ...]
+    front_m: float
+    rear_m: float
+    side_m: float
+
+
+class Outside(NamedTuple):
+    """Where a body was farthest beyond an edge, in order of that distance.
+
+    ``outside_m``  beyond the edge; negative within, and minus infinity between the sections
+    ``at_m``       along the road from the first cone
+    """
+
+    outside_m: float
+    section: int = 0
+    at_m: float = 0.0
+
+
+BETWEEN = Outside(-math.inf)
+
+
+def corridor_of(settings: PathSettings) -> Corridor | None:
+    """Return the corridor of a path, if it has one."""
+    return cones_and_body(settings) if isinstance(settings, CorridorSettings) else None
+
+
+def cones_and_body(settings: CorridorSettings) -> Corridor:
+    """Return the corridor for a vehicle's width."""
+    right_m = -0.5 * _width_m(settings, 1)
+    sections, from_m = [], settings.start_m
+    for number, length_m in enumerate(_LENGTHS_M, start=1):
+        if number in _WIDTHS:
+            edge_m = right_m + (settings.offset_m if number == 3 else 0.0)
+            edges = edge_m, edge_m + _width_m(settings, number)
+            sections.append(Section(number, from_m, from_m + length_m, *edges))
+        from_m += length_m
+    body = settings.front_m, settings.rear_m, 0.5 * settings.width_m
+    return Corridor(tuple(sections), *body)
+
+
+def _width_m(settings: CorridorSettings, number: int) -> float:
+    return _WIDTHS[number] * settings.width_m + _WIDER_M
+
+
+def body_outside(corridor: Corridor, body: Pose) -> Outside:
+    """Return how far a body with this pose of its centre of gravity is beyond an edge."""
+    cos, sin = math.cos(body.heading_rad), math.sin(body.heading_rad)
+    worst = BETWEEN
+    for side_m in (corridor.side_m, -corridor.side_m):
+        x_m, y_m = body.x_m - side_m * sin, body.y_m + side_m * cos
+        ends = x_m - corridor.rear_m * cos, x_m + corridor.front_m * cos
+        for section in corridor.sections:
+            if max(ends) < section.from_m or min(ends) > section.to_m:
+                continue
+            for end_m in ends:
+                at_m = min(max(end_m, section.from_m), section.to_m)
+                across_m = y_m + (at_m - x_m) * math.tan(body.heading_rad)
+                outside_m = max(across_m - section.left_m, section.right_m - across_m)
+                entered_m = at_m - corridor.sections[0].from_m
+                worst = max(worst, Outside(outside_m, section.number, entered_m))
+    return worst
+
+
+def outside_at(
+    corridor: Corridor,
+    path: Path,
+    arc_length_m: float,
+    heading_error_rad: float,
+    lateral_error_m: float,
+    preview_m: float,
+) -> Outside:
+    """Return the same for a sample of the preview point."""
+    before_m = arc_length_m + corridor.front_m - corridor.sections[0].from_m
+    beyond_m = arc_length_m - preview_m - corridor.rear_m - corridor.sections[-1].to_m
+    if before_m < 0.0 or beyond_m > _LONGER_M:
+        return BETWEEN
+    where = arc_length_m, heading_error_rad, lateral_error_m, preview_m
+    return body_outside(corridor, vehicle_pose(path, *where))
