@@ -9,7 +9,8 @@ from html import escape
 from typing import NamedTuple
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
+:root { --page: #fff; --shade: #0005; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: var(--page);
        max-width: 76rem; margin: 2rem auto; padding: 0 1.5rem; }
 h1 { line-height: 1.2; } h2 { margin: 0 0 .3rem; font-size: 1.25rem; }
 table { border-collapse: collapse; margin: .8rem 0; font-size: .9rem; }
@@ -30,14 +31,21 @@ a { color: #0b5394; }
 .poor { background: #fbe4e0; border-color: #b3402a; }
 .more { background: #e5eefa; border-color: #2a5db0; }
 .caption { color: #444; font-size: .92rem; max-width: 62rem; }
-.table { overflow-x: auto; }
+.table { overflow-x: auto;  /* a shadow at the edge behind which there is more */
+  background: linear-gradient(to right, var(--page) 40%, transparent) 0 / 2.5rem 100% local,
+    linear-gradient(to left, var(--page) 40%, transparent) 100% / 2.5rem 100% local,
+    linear-gradient(to right, var(--shade), transparent) 0 / .9rem 100%,
+    linear-gradient(to left, var(--shade), transparent) 100% / .9rem 100%;
+  background-repeat: no-repeat; }
 .verdict { font-size: 1.1rem; }
 nav { columns: 16rem; font-size: .92rem; }
 @media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; }
   .good, .fair, .poor, .more { white-space: normal; display: inline-block; }
-  .picture { overflow-x: auto; } .picture img { max-width: none; width: 42rem; } }
+  .picture { overflow-x: auto; } .picture img { max-width: none; width: 42rem; }
+  .picture::after { content: "scroll \\2192"; position: sticky; left: 0; opacity: .7; } }
 @media (prefers-color-scheme: dark) {
-  body { color: #e4e4e4; background: #16181a; }
+  :root { --page: #16181a; --shade: #fff5; }
+  body { color: #e4e4e4; }
   a { color: #8ab8e8; } summary, .caption { color: #b4b4b4; }
   th, td, section { border-color: #444; }
   img { filter: brightness(.88); border-radius: .4rem; }

@@ -20,8 +20,7 @@ from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
 from ...runtime.port.python_can import BusError
 from ...runtime.recording.candump import CandumpLog
-from .ghost import Ghost
-from .sampler import Sampler
+from .sampler import Ghosts, Sampler
 from .signals import ROW_PERIOD_S, packed_row
 
 if TYPE_CHECKING:
@@ -43,12 +42,12 @@ class Lane:
         port: ClosablePort,
         start_ns: int,
         path: Path | None = None,
-        ghost: Ghost | None = None,
+        ghosts: Ghosts | None = None,
         heard: "Overheard | None" = None,
     ) -> None:
         self._port = port
         self._reader = LiveReader(port)
-        self._sampler = Sampler(start_ns, path, ghost, heard)
+        self._sampler = Sampler(start_ns, path, ghosts, heard)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0

@@ -22,9 +22,11 @@ from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
+from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost, Offset
+from .helped import HelpedCar
 from .signals import NAMES
 
 if TYPE_CHECKING:
@@ -103,12 +105,24 @@ class Newest(NamedTuple, Generic[M]):
     frame: Frame
 
 
+class Ghosts(NamedTuple):
+    """The cars that are drawn beside the visitor's."""
+
+    undelayed: Ghost
+    helped: HelpedCar
+
+
+def ghosts_of(plant: PlantSettings) -> Ghosts:
+    """Return both for a visitor's car."""
+    return Ghosts(Ghost(plant.vehicle), HelpedCar(plant))
+
+
 class Sampler:
     """Takes every frame of one lane, in order.
 
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
-    ``ghost``     of the car without delay; None where no hand steers
+    ``ghosts``    None where no hand steers
     ``heard``     understands the bus of a car; None for our own messages
     """
 
@@ -116,14 +130,14 @@ class Sampler:
         self,
         start_ns: int,
         path: Path | None = None,
-        ghost: Ghost | None = None,
+        ghosts: Ghosts | None = None,
         heard: "Overheard | None" = None,
     ) -> None:
         self.start_ns = start_ns
         self._heard = heard
         self._watch = BusWatch(start_ns)
-        self._path, self._ghost = path, ghost
-        self.on_plant_start()
+        self._path, self._ghosts = path, ghosts
+        self._place = Place(path)
         self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
         self._foreign: dict[int, Frame] = {}
         self._command: Newest[messages.SteeringCommand] | None = None
@@ -137,6 +151,8 @@ class Sampler:
     def on_plant_start(self) -> None:
         """Take note that the plant was started: it begins at the start of its path."""
         self._place = Place(self._path)
+        if self._ghosts is not None:
+            self._ghosts.helped.restart()
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""
@@ -159,6 +175,10 @@ class Sampler:
             self._foreign_or_refused(frame, now_ns)
             return
         message = heard.message
+        if self._ghosts and isinstance(
+            message, messages.LatencyConfig | messages.DisturbanceConfig
+        ):
+            self._ghosts.helped.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message, frame)
@@ -174,6 +194,8 @@ class Sampler:
             self._command = Newest(now_ns, command_at(message, heard.sample), frame)
             self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
+            if self._ghosts is not None:
+                self._ghosts.helped.begin(now_ns)
         elif isinstance(message, messages.SteeringStatus):
             if message.status is not messages.SteeringStatusCode.NO_COMMAND:
                 sent = self._sent.get(message.applied_counter)
@@ -193,7 +215,7 @@ class Sampler:
         delay = self._known(messages.DelayStatus, now_ns)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
-        ghost = self._ghost_at(command)
+        ghost, helped = self._ghosts_at(command, now_ns)
         values = {
             "lateral_error_m": error and error.lateral_error_m,
             "cg_deviation_m": error and self._watch.cg_deviation_m,
@@ -212,16 +234,22 @@ class Sampler:
             "foot_y_m": foot.y_m,
             "path_heading_rad": foot.heading_rad,
             "ghost_m": error and ghost and error.lateral_error_m + ghost.lateral_m,
-            "ghost_heading_rad": ghost and ghost.heading_rad,
+            "ghost_heading_rad": error and ghost and error.heading_error_rad + ghost.heading_rad,
+            "helped_m": helped and helped.lateral_m,
+            "helped_heading_rad": helped and helped.heading_rad,
             "rms_m": self.score().get("rms_m"),
             "peak_m": self._peak_m if self._samples else None,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
 
-    def _ghost_at(self, command: messages.SteeringCommand | None) -> Offset | None:
-        if self._ghost is None:
-            return None
-        return self._ghost.step(command.steer_rad if command else math.nan, self._in_effect_rad)
+    def _ghosts_at(
+        self, command: messages.SteeringCommand | None, now_ns: int
+    ) -> tuple[Offset | None, Offset | None]:
+        if self._ghosts is None:
+            return None, None
+        steer_rad = command.steer_rad if command else math.nan
+        undelayed = self._ghosts.undelayed.step(steer_rad, self._in_effect_rad)
+        return undelayed, self._ghosts.helped.at(now_ns)
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""

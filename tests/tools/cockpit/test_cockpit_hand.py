@@ -1,14 +1,25 @@
-"""The visitor's hand on the bus, and the ghost of the car without delay."""
+"""The visitor's hand on the bus, and the two ghosts beside the car."""
 
 import math
 from pathlib import Path
 
 import pytest
 
-from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import (
+    Direction,
+    DisturbanceConfig,
+    LatencyConfig,
+    LatencyModel,
+    Mode,
+    SteeringCommand,
+    encode,
+)
 from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.cockpit.ghost import Ghost
 from steer_by_wire.tools.cockpit.hand import PERIOD_NS, RELEASED_NS, HandFile, HandNode
+from steer_by_wire.tools.cockpit.helped import HelpedCar
+from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
 
 START_NS = 7 * PERIOD_NS + 3
@@ -59,3 +70,19 @@ def test_the_ghost_turns_by_what_the_delay_withholds_and_forgets_it() -> None:
         yaw_gain_1_s * steer_rad * delay_s * math.exp(-1.12 / 5), 0.05
     )
     assert heading_after(5.0, 0.0) == pytest.approx(turned_rad / math.e, 0.05)
+
+
+def test_the_predictors_ghost_starts_with_the_visitor_and_meets_the_same_delay_and_gust() -> None:
+    (round_,) = (one for one in scenarios() if one.title == "Drive it: no delay")
+    (lane,) = lane_settings(round_)
+    quick, slow = HelpedCar(lane.plant), HelpedCar(lane.plant)
+    assert math.isnan(quick.at(9 * NS_PER_S).lateral_m)
+    for car in (quick, slow):
+        car.begin(9 * NS_PER_S)
+        car.begin(10 * NS_PER_S)  # by the second command
+    late = LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 0.4, 0.0, 0.0)
+    slow.configure(encode(late, 0), 10 * NS_PER_S)
+    for car in (quick, slow):
+        assert abs(car.at(11 * NS_PER_S).lateral_m) < 1e-3  # on the straight of the beginning
+        car.configure(encode(DisturbanceConfig(1500.0, 0.0, 0.0, 0.0), 0), 11 * NS_PER_S)
+    assert 0.005 < quick.at(12 * NS_PER_S).lateral_m < slow.at(12 * NS_PER_S).lateral_m < 0.2

@@ -55,6 +55,7 @@ export class Drive {
     const isShown = this.lane >= 0 || Boolean(this.scenario?.is_round);
     byId("drive").hidden = !isShown;
     this.app.isDriven = isShown;
+    document.body.classList.toggle("driven", isShown);
     this.startS = null;
     this.hand.letGo();
     if (!isShown) {

@@ -2,7 +2,8 @@
 
 import { colour } from "cockpit/theme.js";
 import { byId, fixed, pressed, setText } from "cockpit/words.js";
-import { drawOutline, drawSteer, drawVehicle } from "cockpit/vehicle.js";
+import { drawGhosts, nameGhosts } from "cockpit/ghosts.js";
+import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
 const PATH_DASH_M = [0.8, 0.6];
@@ -90,7 +91,7 @@ export class Scene {
     drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
     drawTrail(pen, rows, at, nowS - TRAIL_S, factor);
     ink(pen, colour(`lane-${lane}`), 2 / camera.scale);
-    drawGhost(pen, facts, rows, at, factor, state);
+    drawGhosts(pen, facts, rows, at, factor, state);
     drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
     drawDeviation(pen, camera, state);
     pen.restore();
@@ -99,7 +100,7 @@ export class Scene {
     const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane
     const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
     pen.fillText(`deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
-    if (Number.isFinite(rows.columns.ghost_m[at])) pen.fillText("pale: the car without delay", 12, 36);
+    nameGhosts(pen, rows, at);
   }
 
   // Magnified, a car that was far off would leave the picture with its road.
@@ -177,18 +178,6 @@ function drawTrail(pen, rows, at, fromS, factor) {
     const off = factor * error[index];
     pen.lineTo(x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index]));
   }
-}
-
-// The car without delay: the same car, shifted and turned, as a pale outline.
-function drawGhost(pen, facts, rows, at, factor, state) {
-  const error = rows.columns.ghost_m[at];
-  if (!Number.isFinite(error)) return;
-  const off = factor * error, heading = state.heading + rows.columns.ghost_heading_rad[at];
-  const x = state.footX - off * Math.sin(state.pathHeading), y = state.footY + off * Math.cos(state.pathHeading);
-  pen.save();
-  pen.globalAlpha = 0.45;
-  drawOutline(pen, facts, { heading, x: x - facts.preview_m * Math.cos(heading), y: y - facts.preview_m * Math.sin(heading) });
-  pen.restore();
 }
 
 function wholeCamera(place, facts, rows) {

@@ -33,11 +33,11 @@ export function drawVehicle(pen, facts, state, size) {
 }
 
 // The body alone, for a car that is not there.
-export function drawOutline(pen, facts, state) {
+export function drawOutline(pen, facts, style, state) {
   pen.translate(state.x, state.y);
   pen.rotate(state.heading);
   traceBody(pen, facts.front_axle_m, -facts.rear_axle_m);
-  pen.fillStyle = colour("wanted");
+  pen.fillStyle = style;
   pen.fill();
 }
 
