@@ -1,17 +1,45 @@
-"""Takes the pictures of docs/cockpit.md: python -m tests.support.cockpit_pictures
+"""Takes the pictures of the cockpit: python -m tests.support.cockpit_pictures [moving]
 
-On an idle machine: the charts of round trip and lateness show what else it had to do.
+``moving`` takes the moving one alone, of two runs in virtual time. The others are of live runs: on
+an idle machine, since the charts of round trip and lateness show what else it had to do.
 """
 
+import base64
+import io
 import sys
+import tempfile
 from pathlib import Path
 
+from matplotlib import get_data_path
+from PIL import Image, ImageDraw, ImageFont
+
+from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.runtime.settings import with_values
+from steer_by_wire.tools.cockpit.page import single_page
+from steer_by_wire.tools.cockpit.replay import read_replay
 from tests.support.browser import Browser, chromium, open_browser
 from tests.support.cockpit_bench import cockpit
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
 _FOUR = "Four laws at 160 ms"
+_SPAN_S = 15
+_SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
+    rows.columns.lateness_s
+        .subarray(rows.indexAt(cockpit.nowS - {_SPAN_S}), rows.length)
+        .every((late) => Math.abs(late) < 0.02))"""
+"""Whether every lane was driven in time in all that the charts show; no number is not in time."""
+_PATIENCE_S = 600.0
+
+_LAWS = {
+    "highway_pd_ddob": "PD with both observers, designed for less than 200 ms",
+    "highway_predictor": "predictor, which measures the delay",
+}
+_RISE_S, _LATE_MS = 4.0, (30, 400)
+_FRAMES = [2.0 + 0.2 * number for number in range(55)]
+_SIZE = (640, 170)
 
 
 def main() -> None:
@@ -21,21 +49,87 @@ def main() -> None:
         sys.exit("needs Chromium")
     with open_browser(program) as browser:
         browser.call("Emulation.setEmulatedMedia", features=DARK)
-        browser.resize(1280, 720)
-        with cockpit("--bus", "emulated") as (address, _):
-            shown(browser, address, 1)
-            browser.read("document.getElementById('gust').click()")
-            browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
-            browser.screenshot(FOLDER / "cockpit.png")
-        with cockpit("--bus", "emulated", "--scenario", _FOUR) as (address, _):
-            shown(browser, address, 4)
-            browser.screenshot(FOLDER / "cockpit_four.png")
+        take_moving(browser)
+        if sys.argv[1:] != ["moving"]:
+            take_live(browser)
+
+
+def take_live(browser: Browser) -> None:
+    """Take one lane behind a gust, and four."""
+    browser.resize(1280, 720)
+    with cockpit("--bus", "emulated") as (address, _):
+        shown(browser, address, 1)
+        browser.read("document.getElementById('gust').click()")
+        browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
+        browser.screenshot(FOLDER / "cockpit.png")
+    with cockpit("--bus", "emulated", "--scenario", _FOUR) as (address, _):
+        shown(browser, address, 4)
+        browser.screenshot(FOLDER / "cockpit_four.png")
 
 
 def shown(browser: Browser, address: str, lanes: int) -> None:
-    """Open the page, and wait until its charts are full."""
+    """Open the page, and wait until its charts are full of lanes that have settled."""
     browser.open(address)
-    browser.wait_for(f"window.cockpit?.lanes.length === {lanes} && cockpit.nowS > 18")
+    browser.wait_for(f"window.cockpit?.lanes.length === {lanes}")
+    browser.wait_for(_SETTLED, _PATIENCE_S)
+
+
+def take_moving(browser: Browser) -> None:
+    """Take two laws on one network, below each other, while its latency rises."""
+    strips = [strip(browser, law, text) for law, text in _LAWS.items()]
+    pictures = []
+    for pair in zip(*strips, strict=True):
+        both = Image.new("RGB", (_SIZE[0], 2 * _SIZE[1] + 4))
+        for number, picture in enumerate(pair):
+            both.paste(picture, (0, number * (_SIZE[1] + 4)))
+        pictures.append(both)
+    pictures[0].save(
+        FOLDER / "cockpit_moving.webp",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=[200] * (len(pictures) - 1) + [1500],
+        loop=0,
+        quality=30,
+        method=3,
+    )
+
+
+def strip(browser: Browser, law: str, text: str) -> list[Image.Image]:
+    """Return the scene of one law at each of the times."""
+    font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", 14)
+    with tempfile.TemporaryDirectory() as folder:
+        log, page = Path(folder) / "run.log", Path(folder) / "run.html"
+        run_virtual_pair(moving_plant(), controller_preset(law), candump_log=log)
+        page.write_text(single_page(read_replay([log]), law), encoding="utf-8")
+        browser.resize(_SIZE[0], 480)
+        browser.open(page.as_uri())
+        browser.wait_for("window.cockpit?.drawn > 0")
+        browser.read("cockpit.player.toggle(); document.getElementById('deviation').click()")
+        style = f"position: fixed; width: {_SIZE[0]}px; height: {_SIZE[1]}px"
+        browser.read(f"document.getElementById('scene').style = {style!r}")
+        pictures = []
+        for time_s in _FRAMES:
+            before = browser.read("cockpit.drawn")
+            browser.read(f"cockpit.player.seek({time_s})")
+            browser.wait_for(f"cockpit.drawn > {before}")
+            data = browser.read("document.getElementById('scene').toDataURL()").partition(",")[2]
+            picture = Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
+            late_ms = _LATE_MS[time_s >= _RISE_S]
+            pen = ImageDraw.Draw(picture)
+            pen.text((12, 24), text, "#e8eef3", font)
+            pen.text((_SIZE[0] - 12, 6), f"commands {late_ms} ms late", "#f0b429", font, "ra")
+            pictures.append(picture)
+    return pictures
+
+
+def moving_plant() -> PlantSettings:
+    """Return the double lane change, with a latency that rises."""
+    schedule = [
+        {"time_s": at_s, "mean_s": 1e-3 * late_ms}
+        for at_s, late_ms in zip((0.0, _RISE_S), _LATE_MS, strict=True)
+    ]
+    values = {"duration_s": 14.0, "latency.downlink.schedule": schedule}
+    return with_values(plant_preset("highway_nominal"), values, "moving")
 
 
 if __name__ == "__main__":
