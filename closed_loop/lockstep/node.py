@@ -52,12 +52,14 @@ class LockstepNode:
 
     def _wake(self, reason: int, now_ns: int) -> Sequence[Frame]:
         waiting, self._waiting = self._waiting, []
+        before_ns = self.deadline_ns
         self._counts["wakes"] += 1
         try:
             flags, self.deadline_ns, frames = self._program.exchange(
                 Record(reason, now_ns, waiting)
             )
-            if self.deadline_ns <= now_ns - (reason != DEADLINE):
+            is_as_it_was = reason == FRAMES and self.deadline_ns == before_ns
+            if self.deadline_ns <= now_ns - (reason != DEADLINE) and not is_as_it_was:
                 raise ProcessError(
                     f"{self._program.name}: its next deadline, {self.deadline_ns} ns, is not"
                     f" after now, {now_ns} ns"

@@ -59,16 +59,26 @@ class PidState(NamedTuple):
     steer_rad: float
 
 
-def pid_step(p: PidParams, x: PidState, observed: LawInput) -> tuple[PidState, LawOutput]:
-    """Advance one control period."""
+def pid_error_step(p: PidParams, x: PidState, observed: LawInput) -> tuple[PidState, LawOutput]:
+    """Advance one control period by the lateral error alone."""
     error_m = observed.lateral_error_m
     withheld_rad = observed.sent_steer_rad - x.steer_rad
     integral_rad = x.integral_rad - p.integral_step_rad_m * error_m + p.tracking_step * withheld_rad
     x_pd, demand_rad = pd_step(p.pd, x.pd, error_m)
     steer_rad = demand_rad + integral_rad
-    if p.heading_gain != 0.0:
-        steer_rad -= p.heading_gain * newest_heading_rad(observed)
     return PidState(x_pd, integral_rad, steer_rad), LawOutput(steer_rad, 0.0, 0.0, error_m)
+
+
+def pid_step(p: PidParams, x: PidState, observed: LawInput) -> tuple[PidState, LawOutput]:
+    """Advance one control period."""
+    x_next, output = pid_error_step(p, x, observed)
+    if p.heading_gain == 0.0:
+        return x_next, output
+    steer_rad = output.steer_rad - p.heading_gain * newest_heading_rad(observed)
+    return (
+        PidState(x_next.pd, x_next.integral_rad, steer_rad),
+        LawOutput(steer_rad, 0.0, 0.0, observed.lateral_error_m),
+    )
 
 
 def pid_at_rest(p: PidParams, lateral_error_m: float) -> PidState:

@@ -83,6 +83,11 @@ _IN_WORDS: Mapping[Validity, str] = {
 }
 
 
+def tolerated_m_s(low_m_s: float, high_m_s: float) -> tuple[float, float]:
+    """Return a range of speeds with the signal's resolution at either end."""
+    return low_m_s - _TOLERANCE_M_S, high_m_s + _TOLERANCE_M_S
+
+
 def validity_of(
     table: ValiditySettings | None,
     speed_m_s: float | None,
@@ -97,14 +102,14 @@ def validity_of(
     """
     if table is None:
         return Validity.UNKNOWN
-    low_m_s, high_m_s = table.speed_m_s or (0.0, math.inf)
-    if speed_m_s is not None and speed_m_s > high_m_s + _TOLERANCE_M_S:
+    least_m_s, most_m_s = tolerated_m_s(*(table.speed_m_s or (0.0, math.inf)))
+    if speed_m_s is not None and speed_m_s > most_m_s:
         return Validity.SPEED_HIGH
     if delay_s is not None and delay_s > 1e-3 * table.delay_ms_max:
         return Validity.DELAY_LONG
     if not fits_model:
         return Validity.MODEL_MISFIT
-    is_low = speed_m_s is not None and speed_m_s < low_m_s - _TOLERANCE_M_S
+    is_low = speed_m_s is not None and speed_m_s < least_m_s
     return Validity.SPEED_LOW if is_low else Validity.VALID
 
 
@@ -121,7 +126,7 @@ def share_of_demand(table: ValiditySettings | None, speed_m_s: float) -> float:
         return 1.0
     high_m_s = table.speed_m_s[1]
     ratio = high_m_s / max(speed_m_s, high_m_s)
-    return 1.0 if speed_m_s <= high_m_s + _TOLERANCE_M_S else ratio * ratio
+    return 1.0 if speed_m_s <= tolerated_m_s(*table.speed_m_s)[1] else ratio * ratio
 
 
 def in_words(validity: Validity) -> str:

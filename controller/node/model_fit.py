@@ -55,6 +55,15 @@ def understeer_gradient_s2_m(vehicle: NominalVehicle) -> float:
     return m / (l_f + l_r) * (l_r / c_f - l_f / c_r)
 
 
+def gradients_s2_m(vehicle: NominalVehicle, box: ValiditySettings) -> tuple[float, float]:
+    """Return the least and the largest K of a box around a nominal vehicle."""
+    gradients = [understeer_gradient_s2_m(corner) for corner in box.corners(vehicle)]
+    least, largest = min(gradients), max(gradients)
+    if largest - least < _NARROWEST_S2_M:
+        return least - 0.5 * _NARROWEST_S2_M, largest + 0.5 * _NARROWEST_S2_M
+    return least, largest
+
+
 def model_fit(settings: ControllerSettings) -> "ModelFit | None":
     """Return what judges the fit; None where the settings state no vehicle or no box."""
     vehicle, box = nominal_vehicle(settings), settings.validity
@@ -71,11 +80,7 @@ class ModelFit:
     """
 
     def __init__(self, vehicle: NominalVehicle, box: ValiditySettings) -> None:
-        gradients = [understeer_gradient_s2_m(corner) for corner in box.corners(vehicle)]
-        self._least, self._largest = min(gradients), max(gradients)
-        if self._largest - self._least < _NARROWEST_S2_M:
-            self._least -= 0.5 * _NARROWEST_S2_M
-            self._largest += 0.5 * _NARROWEST_S2_M
+        self._least, self._largest = gradients_s2_m(vehicle, box)
         self._vehicle = vehicle
         self._nominal = understeer_gradient_s2_m(vehicle)
         self._length_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
@@ -153,9 +158,9 @@ class ModelFit:
         return max(-(a_11 + a_22) / (a_11 * a_22 - a_12 * a_21) - zero, 1e-3)
 
     def _judge(self, lasted_s: float) -> None:
-        share, deviation = self._x[0], sqrt(self._x[2])
-        outside = max(share - 1.0, -share)
-        is_outside = outside > MARGIN + DEVIATIONS * deviation
+        share, variance = self._x[0], self._x[2]
+        over = max(share - 1.0, -share) - MARGIN
+        is_outside = over > 0.0 and over * over > DEVIATIONS * DEVIATIONS * variance
         self._lasted_s = self._lasted_s + lasted_s if is_outside == self.fits else 0.0
         if self._lasted_s >= DEBOUNCE_S:
             self.fits, self._lasted_s = not self.fits, 0.0

@@ -1,11 +1,11 @@
 /* A controller in C from the DBC alone: it answers every LATERAL_ERROR with a STEERING_COMMAND, the
- * steer of decide.c, or of a law of the paper (decide_by_law.c).
+ * steer of decide.c.
  *
  *   make -f examples/foreign_controller_c/Makefile on_vcan on_lockstep on_m7.elf
  *
  *   ./on_vcan vcan0                                              on a CAN interface
  *   steer-by-wire run --controller-command ./on_lockstep         in virtual time
- *   steer-by-wire run --controller-command 'qemu-system-arm ...' the same, on a Cortex-M7 (m7.c)
+ *   steer-by-wire run --controller-command 'qemu-system-arm ...' the same, on a Cortex-M7
  *
  * steer_by_wire.c and .h, which cantools writes, know where each signal is. What they do not know:
  * the CRC of AUTOSAR E2E profile 5, and the Data IDs it covers, an attribute of the DBC.

@@ -2,7 +2,8 @@
 
 Each tick: a start where one is drawn, the law, the fade after a start, the limits; as in
 ``controller.node.law_runner``. Every number that a tick gives is compared, NaN with any NaN. The C
-is a program on the host, or of a Cortex-M7 under QEMU, with the ends of the C example.
+is a program on the host, or of a Cortex-M7 under QEMU, with the
+ends of the lockstep protocol.
 """
 
 import shutil
@@ -22,7 +23,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.tools.generate_c.law_source import law_source, params_of
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE, PROTOCOL = ROOT / "examples/foreign_controller_c", ROOT / "closed_loop/lockstep"
+PROTOCOL = ROOT / "closed_loop/lockstep"
 Floats = npt.NDArray[np.float64]
 STRICT = (
     *("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
@@ -72,7 +73,7 @@ TICKS_A_RECORD, COLUMNS = 27, 6
 EXTREMES = (0.0, -0.0, 5e-324, -1e-310, 1e155, -1e300, float("inf"), float("nan"))
 M7_FLAGS = (
     *("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
-    *("-ffreestanding", "-nostdlib", "-T", str(EXAMPLE / "m7.ld")),
+    *("-ffreestanding", "-nostdlib", "-T", str(PROTOCOL / "m7.ld")),
 )
 QEMU = (
     *("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-serial", "none", "-monitor", "none"),
@@ -150,7 +151,7 @@ def written(settings: ControllerSettings, folder: Path) -> Path:
 def built(folder: Path, target: Target) -> Path:
     """Compile the C of a folder; return the program. Raises CalledProcessError."""
     program = folder / f"on_{target.compiler}{target.options[0]}"
-    end = EXAMPLE / ("m7.c" if target.runner else "host.c")
+    end = PROTOCOL / ("m7.c" if target.runner else "host.c")
     source = ["steering_law.c", "drive.c", str(end), *(["-lgcc"] if target.runner else [])]
     build = [target.compiler, *STRICT, *target.options, "-o", str(program), *source]
     subprocess.run(build, cwd=folder, check=True)

@@ -1,4 +1,4 @@
-"""Writes a law of the paper as C99, from the functions that run in Python.
+"""Writes a controller as C99: a law from the functions that run in Python, and the node around it.
 
 steer-by-wire generate-c --preset practical_pd_ddob --out law
 """
@@ -13,10 +13,13 @@ from steer_by_wire.runtime.command_line import add_out_argument, command_parser,
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
+from steer_by_wire.runtime.program.report import refuse_another_run
 
-from .law_source import law_source
+from .law_source import law_source, title_of
+from .node_source import node_source
 
 NAME = "steer-by-wire generate-c"
+GENERATED = ("steering_law.c", "steering_law.h", "node_settings.c", "node_settings.h")
 DEFAULT_PRESET = "practical_pd_ddob"
 
 
@@ -35,11 +38,15 @@ def _write(options: argparse.Namespace) -> int:
     settings = load_program_settings(ControllerSettings, PRESETS, options)
     preset = [f"preset {options.preset}"] if options.preset else []
     origin = [*preset, *([options.settings.name] if options.settings else [])]
-    files = law_source(settings, " and ".join(origin))
+    title = title_of(settings, " and ".join(origin))
+    files = law_source(settings, title) | node_source(settings, title)
+    refuse_another_run(options.out, {name: files[name] for name in GENERATED})
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)
+    for name in GENERATED:
         print(options.out / name)
+    print(f"and {len(files) - len(GENERATED)} files around these: make -C {options.out}")
     return ExitStatus.OK
 
 

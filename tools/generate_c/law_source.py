@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from steer_by_wire.controller.law_interface import LawOutput
+from steer_by_wire.controller.laws.pid import PidSettings, pid_error_step, pid_step
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
 from steer_by_wire.controller.limits.steer_limits import SteerLimits, limit_step
 from steer_by_wire.controller.settings import ControllerSettings
@@ -29,11 +30,11 @@ from .records import (
     struct,
 )
 
-LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "pid")
 NAME = "steering_law"
 _PUBLIC: tuple[Callable[..., float], ...] = (limit_step, difference_step, ramp_step)
-_NOT_OF_THE_LAW = ("estimator", "link", "delay_estimation", "overruns")
-"""Tables that these laws do not read."""
+_NOT_IN_C = ("estimator", "delay_estimation")
+"""Tables that neither these laws nor the node around them read."""
 _HEADER = """\
 /* {title}
  *
@@ -105,15 +106,21 @@ struct law_output law_step(struct law *law, double lateral_error_m, double sent_
 """
 
 
-def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
-    """Return the texts of the two files by their names.
+def title_of(settings: ControllerSettings, origin: str) -> str:
+    """Return the first line of a generated file.
 
-    ``origin``  where the settings come from, for the comment on top
+    ``origin``  where the settings come from
+    """
+    return f"Law {settings.law} at {settings.rate_hz:g} Hz, generated from {origin}: do not edit."
+
+
+def law_source(settings: ControllerSettings, title: str) -> dict[str, str]:
+    """Return the texts of the law's two files by their names, each with its first line.
 
     Raises UserError for a law that does not become C.
     """
-    law, params = settings.law_record, params_of(settings)
-    sources = reached([law.at_rest, law.step, *_PUBLIC])
+    law, params, law_step = settings.law_record, params_of(settings), step_of(settings)
+    sources = reached([law.at_rest, law_step, *_PUBLIC])
     records = records_of(sources)
     functions: dict[Callable[..., Any], Function] = {
         source.function: Function(source, records) for source in sources
@@ -122,11 +129,10 @@ def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
         translated.definition("" if function in _PUBLIC else "static ")
         for function, translated in functions.items()
     ]
-    step, at_rest = functions[law.step], functions[law.at_rest]
+    step, at_rest = functions[law_step], functions[law.at_rest]
     of_params, of_state, _ = (kind for _, kind in step.parameters)
     of_output, of_limits = records.kind_of(LawOutput), records.kind_of(SteerLimits)
     shown = parts_of(of_state) | parts_of(of_output) | parts_of(of_limits)
-    title = f"Law {settings.law} at {settings.rate_hz:g} Hz, generated from {origin}: do not edit."
     header = _HEADER.format(
         title=title,
         limits=declared(of_limits),
@@ -138,7 +144,7 @@ def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
     source = _SOURCE.format(
         title=title,
         limits=declared(of_limits),
-        settings=_within_comment(dump_toml(settings, _NOT_OF_THE_LAW)),
+        settings=_within_comment(dump_toml(settings, _NOT_IN_C)),
         structs=_structs(it for it in records.made if it not in shown),
         params=declared(of_params),
         values=initializer(of_params, params),
@@ -152,6 +158,12 @@ def law_source(settings: ControllerSettings, origin: str) -> dict[str, str]:
     return {f"{NAME}.c": source, f"{NAME}.h": header}
 
 
+def step_of(settings: ControllerSettings) -> Any:
+    """Return the function that becomes the law's step: it reads no more than the lateral error."""
+    step = settings.law_record.step
+    return pid_error_step if step is pid_step else step
+
+
 def params_of(settings: ControllerSettings) -> Any:
     """Return the law's params; raises SettingsError for a law that stays in Python."""
     if settings.law not in LAWS:
@@ -159,6 +171,8 @@ def params_of(settings: ControllerSettings) -> Any:
     for key, is_there in {
         "[feed_forward]": settings.feed_forward is not None,
         f"followed_point = {settings.followed_point!r}": settings.followed_point != "preview",
+        "pid.heading_gain_rad_rad": settings.law == "pid"
+        and settings.table_of(PidSettings).heading_gain_rad_rad is not None,
         "pd.derivative = 'kalman'": settings.pd is not None and settings.pd.derivative == "kalman",
     }.items():
         if is_there:

@@ -96,7 +96,8 @@ class Records:
         """
         if hint in _NUMBERS:
             return _NUMBERS[hint]
-        key = hint if hint in self._aliases else (hint, name)
+        has_own_name = hint in self._aliases or isinstance(hint, type)
+        key = hint if has_own_name else (hint, name)
         if key not in self._by_type:
             self._by_type[key] = self._record(hint, name)
         return self._by_type[key]

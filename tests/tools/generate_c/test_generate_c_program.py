@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.generate_c.__main__ import main
+from steer_by_wire.tools.generate_c.__main__ import GENERATED, main
 
 
-def test_it_writes_two_files_and_says_where(
+def test_it_writes_a_folder_and_says_what_is_generated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "new" / "law"
     assert main(["--preset", "practical_pd_dob", "--out", str(folder)]) == 0
-    assert capsys.readouterr().out.split() == [
-        str(folder / it) for it in ("steering_law.c", "steering_law.h")
-    ]
+    *names, rest = capsys.readouterr().out.splitlines()
+    assert names == [str(folder / it) for it in GENERATED]
+    assert rest == f"and {len([*folder.iterdir()]) - 4} files around these: make -C {folder}"
     source = (folder / "steering_law.c").read_text(encoding="utf-8")
     assert "Law pd_dob at 100 Hz, generated from preset practical_pd_dob: do not edit." in source
     assert max(map(len, source.splitlines())) <= 100
@@ -33,13 +33,17 @@ def test_preset_and_file_are_named(tmp_path: Path) -> None:
     ("words", "why"),
     [
         ("--preset practical_predictor",
-         "law = 'predictor' does not become C: pd, pd_dob, pd_cdob, pd_ddob do"),
+         "law = 'predictor' does not become C: pd, pd_dob, pd_cdob, pd_ddob, pid do"),
         ("--preset practical_pd --set feed_forward.gain=1",
          "[feed_forward] does not become C: leave it out"),
         ("--preset practical_pd --set followed_point=rear_axle",
          "followed_point = 'rear_axle' does not become C: leave it out"),
         ("--preset practical_pd_dob --set pd.derivative=kalman",
          "pd.derivative = 'kalman' does not become C: leave it out"),
+        ("--preset practical_pid --set pid.heading_gain_rad_rad=1",
+         "pid.heading_gain_rad_rad does not become C: leave it out"),
+        ("--preset practical_pd --set supervision.stops_if_implausible=true",
+         "supervision.stops_if_implausible does not become C: leave it out"),
     ],
 )  # fmt: skip
 def test_what_stays_in_python_is_refused_in_one_line(
@@ -56,3 +60,12 @@ def test_a_folder_that_cannot_be_made_is_one_line(
     (tmp_path / "law").write_text("a file")
     assert main(["--preset", "practical_pd", "--out", str(tmp_path / "law")]) == 4
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--out", str(tmp_path), "--preset"]
+    assert [main([*words, "practical_pd"]) for _ in range(2)] == [0, 0]
+    kept = (tmp_path / "steering_law.c").read_bytes()
+    assert main([*words, "practical_pid"]) == 2
+    assert "has another run, whose steering_law.c differs" in capsys.readouterr().err
+    assert (tmp_path / "steering_law.c").read_bytes() == kept

@@ -3,7 +3,7 @@
  *   qemu-system-arm -M mps2-an500 -nographic -serial none -monitor none
  *       -semihosting-config enable=on,target=native -icount shift=0,sleep=off -kernel on_m7.elf
  *
- * Start-up, semihosting calls, and the three functions of the C library that the others need.
+ * Start-up, semihosting calls, and the functions of the C library that the others need.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -40,6 +40,16 @@ void *memset(void *to, int value, size_t size)
     while (size--)
         *written++ = (uint8_t)value;
     return to;
+}
+
+int memcmp(const void *one, const void *other, size_t size)
+{
+    const uint8_t *left = one, *right = other;
+
+    for (; size > 0; size--, left++, right++)
+        if (*left != *right)
+            return *left < *right ? -1 : 1;
+    return 0;
 }
 
 static uintptr_t semihosting(uintptr_t operation, const void *arguments)

@@ -1,0 +1,244 @@
+"""Drives the node in Python and in C with the same frames and ticks, and compares their frames."""
+
+import random
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+
+from steer_by_wire.closed_loop.lockstep.node import LockstepNode
+from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    COMMAND_COUNTERS,
+    DelayStatus,
+    EchoState,
+    EstimateState,
+    LateralError,
+    Mode,
+    PathAhead,
+    Sender,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    encode_not_available,
+)
+from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
+from steer_by_wire.runtime.node import NEVER_NS, View
+from steer_by_wire.tools.generate_c.law_source import law_source
+from steer_by_wire.tools.generate_c.node_source import node_source
+
+from .law_in_c import STRICT, Target
+
+NODE = (
+    "steering_law.c", "node_settings.c", "messages.c", "sequence.c", "reception.c", "overruns.c",
+    "model_fit.c", "node.c", "on_lockstep.c",
+)  # fmt: skip
+
+
+def settings_of(preset: str, *overrides: str) -> ControllerSettings:
+    """Return a preset's settings without what the node in C has not."""
+    return controller_preset(preset, ("delay_estimation.enabled=false", *overrides))
+
+
+def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Sequence[str]:
+    """Write and compile a node; returns the words that run it."""
+    folder.mkdir(exist_ok=True)
+    for name, text in (law_source(settings, "a test") | node_source(settings, "a test")).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    program = folder / f"on_{target.compiler}{target.options[0]}"
+    end = ["m7.c", "-lgcc"] if target.runner else ["host.c"]
+    build = [target.compiler, *STRICT, *target.options, "-o", str(program), *NODE, *end]
+    subprocess.run(build, cwd=folder, check=True)
+    return [*target.runner, str(program)]
+
+
+class TwinNode:
+    """Both nodes as one, of which Python's decides; a frame that differs is an AssertionError."""
+
+    def __init__(self, settings: ControllerSettings, program: LockstepProgram, start_ns: int = 0):
+        self.node = ControllerNode(settings, start_ns)
+        self._in_c = LockstepNode(program, start_ns)
+        self.frames = self.commands = 0
+
+    @property
+    def deadline_ns(self) -> int:
+        return self.node.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        return self.node.finished
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        assert not self._in_c.on_frame(frame, now_ns)
+        return self.node.on_frame(frame, now_ns)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        sent, in_c = self.node.on_tick(now_ns), self._in_c.on_tick(now_ns)
+        assert self._in_c.failure == "", self._in_c.failure
+        assert list(in_c) == list(sent), f"at {now_ns} ns"
+        wanted_ns = NEVER_NS if self.node.finished else self.node.deadline_ns
+        assert self._in_c.deadline_ns == wanted_ns
+        self.frames += len(sent)
+        self.commands += sum(frame.can_id == CAN_IDS[SteeringCommand] for frame in sent)
+        return sent
+
+    def on_unauthenticated(self) -> None:
+        self.node.on_unauthenticated()
+
+    def view(self, now_ns: int) -> View:
+        return self.node.view(now_ns)
+
+    def report(self) -> Mapping[str, Any]:
+        return self.node.report()
+
+
+PERIOD_NS = 10_000_000
+ON_TIME, SILENT, LOSSY, DAMAGED, RESTARTED, FORGED, DOUBLED, LATE, OWN, FORMATS, OVERRUN = range(11)
+"""What happens to the plant's frames, or to the node's ticks, for some periods."""
+Segment = tuple[int, int, int]
+"""Which of these, for how many periods, and a number that says how."""
+
+
+class Traffic:
+    """A plant's frames, period by period, with faults drawn by ``seed``, and the node's ticks."""
+
+    def __init__(self, node: TwinNode, start_ns: int, seed: int) -> None:
+        self._node, self._now_ns, self._random = node, start_ns, random.Random(seed)
+        self._messages = (LateralError, SteeringStatus, VehicleState, PathAhead)
+        self._senders = {kind: Sender(kind) for kind in self._messages}
+        self._others = {kind: Sender(kind) for kind in self._messages}
+        self._error_m, self._speed_m_s, self._wheel_rad, self._periods = 0.1, 1.4, 0.0, 0
+        self._status = SteeringStatusCode.APPLYING
+        self._kept: list[Frame] = []
+        node.on_tick(start_ns)
+
+    def run(self, segment: Segment) -> None:
+        """Let a segment pass."""
+        kind, periods, number = segment
+        self._error_m += 0.001 * (number - 128)
+        if number % 5 == 0:
+            self._speed_m_s = self._random.choice((0.0, 0.05, 1.2, 1.4, 1.944, 1.95, 2.5, 20.0))
+        if number % 7 == 0:
+            self._status = self._random.choice([*SteeringStatusCode])
+        if kind == RESTARTED:
+            for sender in self._senders.values():
+                sender.counter = number
+        for period in range(periods):
+            frames = self._sent()
+            if kind == OVERRUN and period < periods - 1:
+                self._deliver(frames, self._now_ns + PERIOD_NS)
+                continue
+            self._deliver(self._struck(kind, number, frames), self._now_ns + PERIOD_NS)
+            while self._node.deadline_ns <= self._now_ns and not self._node.finished:
+                self._node.on_tick(self._now_ns)
+
+    def _sent(self) -> list[Frame]:
+        """Return the frames of a sample."""
+        self._periods += 1
+        self._error_m = max(-80.0, min(80.0, self._error_m + self._random.gauss(0.0, 0.002)))
+        self._wheel_rad = max(-1.0, min(1.0, self._wheel_rad + self._random.gauss(0.0, 0.01)))
+        applied = max(0, self._node.commands - 1 - self._random.randrange(4)) % COMMAND_COUNTERS
+        status = self._wheel_rad, applied, self._status
+        frames = [
+            self._senders[LateralError].frame((self._error_m, 0.01)),
+            self._senders[SteeringStatus].frame(status),
+        ]
+        if self._periods % 2:
+            yaw_rad_s = max(-2.0, min(2.0, self._speed_m_s * self._wheel_rad / 2.8))
+            frames.append(self._senders[VehicleState].frame((self._speed_m_s, yaw_rad_s, 0.01)))
+        if self._periods % 4 == 0:
+            frames.append(self._senders[PathAhead].frame((self._periods % 256, 0.5, *[0.01] * 26)))
+        return frames
+
+    def _struck(self, kind: int, number: int, frames: list[Frame]) -> list[Frame]:
+        """Return what arrives of them, and what else does."""
+        drawn = self._random
+        if kind == SILENT:
+            return [frame for index, frame in enumerate(frames) if not number >> index & 1]
+        if kind == LOSSY:
+            return [frame for frame in frames if drawn.random() > number / 400.0]
+        if kind == DAMAGED:
+            return [self._damaged(frame) if drawn.random() < 0.5 else frame for frame in frames]
+        if kind == FORGED and number % 4:
+            other = self._others[LateralError]
+            other.counter = (self._senders[LateralError].counter + number % 4 - 2) % 256
+            return [*frames, other.frame((drawn.choice((self._error_m, 0.7)), 0.0))]
+        if kind == FORGED:
+            return [*frames, *(self._others[one].frame(self._value(one)) for one in self._others)]
+        if kind == DOUBLED:
+            return [frame for frame in frames for _ in range(1 + (drawn.random() < 0.4))]
+        if kind == LATE:
+            self._kept += frames
+            drawn.shuffle(self._kept)
+            back, self._kept = self._kept[number % 12 :], self._kept[: number % 12]
+            return back
+        if kind == OWN and drawn.random() < 0.2:
+            own = drawn.choice(
+                (
+                    Sender(SteeringCommand).frame((0.1, number, Mode.ACTIVE)),
+                    Sender(DelayStatus).frame((0.1, 0.1, EchoState.KNOWN, EstimateState.OFF, 0.0)),
+                )
+            )
+            return [*frames, own if number % 3 else self._damaged(own)]
+        if kind == FORMATS:
+            return [self._reshaped(frame, number) for frame in frames]
+        return frames
+
+    def _value(self, kind: type) -> tuple[Any, ...]:
+        return {
+            LateralError: (0.5, 0.0),
+            SteeringStatus: (0.1, 5, self._status),
+            VehicleState: (self._speed_m_s, 0.0, 0.0),
+            PathAhead: (1, 0.5, *[0.0] * 26),
+        }[kind]
+
+    def _damaged(self, frame: Frame) -> Frame:
+        data = bytearray(frame.data)
+        data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
+        return frame._replace(data=bytes(data))
+
+    def _reshaped(self, frame: Frame, number: int) -> Frame:
+        """Return a frame in another format, of another length, or without a value."""
+        match number % 5:
+            case 0:
+                return frame._replace(flags=EXTENDED)
+            case 1:
+                return frame._replace(flags=FD, data=frame.data[:8] + bytes(12))
+            case 2:
+                return frame._replace(data=frame.data[:5], flags=0)
+            case 3 if frame.can_id == CAN_IDS[LateralError]:
+                counter = self._senders[LateralError].counter - 1
+                return encode_not_available(LateralError(0.0, 0.0), counter % 256)
+        return frame._replace(can_id=frame.can_id ^ 0x30)
+
+    def _deliver(self, frames: Sequence[Frame], end_ns: int) -> None:
+        """Deliver frames evenly until ``end_ns``, which then is now."""
+        begin_ns = self._now_ns
+        for index, frame in enumerate(frames):
+            self._node.on_frame(frame, begin_ns + (index + 1) * PERIOD_NS // (len(frames) + 1))
+        self._now_ns = end_ns
+
+
+def segments() -> st.SearchStrategy[list[Segment]]:
+    """Draw what happens to a node, from its start on."""
+    kinds = st.sampled_from((ON_TIME, *range(11)))
+    one = st.tuples(kinds, st.integers(1, 60), st.integers(0, 255))
+    return st.lists(one, min_size=3, max_size=25)
+
+
+def twins_agree(
+    settings: ControllerSettings, program: LockstepProgram, passing: Sequence[Segment], seed: int
+) -> TwinNode:
+    """Let segments pass; returns the node. An AssertionError names the first other frame."""
+    node = TwinNode(settings, program, start_ns=seed * 1000)
+    traffic = Traffic(node, seed * 1000, seed)
+    for segment in passing:
+        if not node.finished:
+            traffic.run(segment)
+    return node
