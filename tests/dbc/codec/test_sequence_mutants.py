@@ -1,0 +1,254 @@
+"""A test notices every mutant of the rule of counters: what becomes of short streams of frames.
+
+A stream is written as groups: ``12* 10a1 5b3`` is, twelve times, after 10 ms the next frame of the
+true sender, and 5 ms later a forged one, three counters ahead of that.
+
+    10, 10-, 10+  ms after the frame before; 1 ns less, 1 ns more
+    a1, n1        a true frame, one counter after the last; n without content
+    b3, b-3       a forged one, three ahead of the last true one, three behind it
+    r-3           the true one of three before again
+
+What becomes of it: the results in order, by their letter in LETTERS; the number and letter of the
+frame in use, and its age; counters lost, restarts; the age of what was noticed of a second sender.
+"""
+
+import re
+from collections.abc import Iterator
+from itertools import groupby
+from types import ModuleType
+from typing import NamedTuple
+
+import pytest
+
+from steer_by_wire.dbc.codec import sequence
+from steer_by_wire.runtime.node import NS_PER_MS
+from tests.support.mutation import survivors
+
+LETTERS = {
+    "accepted": "A",
+    "confirmed": "C",
+    "taken_back": "T",
+    "waiting": "W",
+    "contradicted": "X",
+    "repeated": "R",
+    "out_of_order": "O",
+    "too_far": "F",
+}
+
+
+class Receiver(NamedTuple):
+    """What a receiver believes, and the period that it is told [ms]."""
+
+    lead: int
+    resync_run: int
+    resync: int
+    period: int = 10
+
+
+RECEIVERS = {
+    "acts": Receiver(30, 3, 100),
+    "watches": Receiver(30, 3, 0),
+    "no lead": Receiver(0, 1, 100),
+    "long lead": Receiver(300, 5, 145),
+    "fastest": Receiver(0, 3, 0, 0),
+}
+
+STREAMS = [
+    ("fastest", 0, "1* 10a1 3-b4", "A F; 0a 3, lost 0, 0, -"),
+    ("fastest", 0, "1* 10a1 3b4", "2A; 4b 0, lost 3, 0, -"),
+    ("no lead", 0, "1* 0a1 0b60", "A F; 0a 0, lost 0, 0, -"),
+    ("no lead", 0, "1* 10n1 10-n2", "A F; None 10, lost 0, 0, -"),
+    ("watches", 255, "1* 10a1 | 1* 15b0 10000b-2", "A X O; 255a 10015, lost 0, 0, -"),
+    ("no lead", 255, "1* 10a1 | 1* 10000-b3 300b1", "2A T; 258b 0, lost 2, 0, -"),
+    ("acts", 100, "2* 10a1 | 1* 10-b2", "3A; 103b 0, lost 1, 0, -"),
+    ("acts", 100, "1* 10a1 100b-100 10b-99 10b-98", "A 3O; 100a 120, lost 0, 0, -"),
+    ("acts", 255, "1* 1000b-1 10a2 50r-3 | 1* 10000-r127", "2A X F; 256a 10050, lost 2, 0, 0"),
+    ("long lead", 1, "1* 10a1 | 1* 15+b0 | 1* 100+b6 | 1* 100b3", "A X W X; 1a 215, lost 0, 0, 0"),
+    ("no lead", 0, "1* 1000r100 | 1* 100-b6 10a1 0a1", "A 2O A; 1a 0, lost 0, 1, -"),
+    ("acts", 100, "1* 0a1 70b-100 10b-99 10b-98 10b-97", "A 3O A; 3b 0, lost 0, 1, -"),
+    ("acts", 100, "1* 0a1 70b-100 10b-99 10b-98 10-b-97", "A 4O; 100a 100, lost 0, 0, -"),
+    ("watches", 0, "1* 10a1 | 1* 100-b3 | 3* 10a1", "2A 2O X; 3b 30, lost 2, 0, -"),
+    ("acts", 0, "1* 1a1 | 1* 0b-14 | 1* 100+b4 50b-2 0+b-14", "A O A 2O; 4b 50, lost 3, 0, -"),
+    (
+        "long lead",
+        0,
+        "1* 10+b2 | 1* 10a1 | 1* 15-b4 10a1 | 1* 10-b126",
+        "A O A X F; 4b 20, lost 2, 0, 0",
+    ),
+    (
+        "watches",
+        100,
+        "1* 10a1 | 1* 0+b-3 | 1* 10a5 10+b127 0+r200",
+        "A O A F O; 105a 10, lost 4, 0, -",
+    ),
+    ("acts", 100, "1* 1a1 | 1* 10000b60 100a20 10a5 | 1* 10a1", "2A 3O; 160b 120, lost 59, 0, -"),
+    ("no lead", 100, "2* 1a1 | 1* 1000+b1 300a1 | 2* 15a20", "3A T W F; 102b 30, lost 0, 0, -"),
+    (
+        "watches",
+        255,
+        "1* 10a1 | 1* 10b-31 | 1* 5a2 | 1* 20b-14 | 1* 15-b-14 10000+b2",
+        "A O A O X A; 259b 0, lost 2, 0, 10000",
+    ),
+    (
+        "long lead",
+        0,
+        "1* 1000b3 1000-r4 | 1* 50a1 | 1* 10a1 | 1* 10a1 | 1* 15b1",
+        "2A 2O T F; 2b 15, lost 0, 0, -",
+    ),
+    ("acts", 250, "1* 10a1 | 2* 1000-a3 10a128 | 1* 5a5", "2A 2O 2A; 517a 0, lost 8, 0, -"),
+    ("acts", 100, "1* 1a1 | 1* 10000b60 100a20 | 3* 10a1", "2A 2O T X; 160b 10, lost 59, 0, -"),
+    ("acts", 1, "2* 10+a1 | 1* 1000-a1 15b1 | 2* 10a1 | 1* 15+a1", "4A T 2W; 2a 25, lost 0, 0, -"),
+    ("acts", 0, "1* 1a1 | 2* 0b-14 | 2* 100+b4 0+b-14", "A 2O A T R X; 0a 100, lost 3, 0, 0"),
+    (
+        "watches",
+        0,
+        "2* 1000a100 10b-2 | 2* 1000+a1 10r-10",
+        "A O A O A O A O; 201a 10, lost 99, 0, -",
+    ),
+    ("long lead", 252, "4* 10a1 | 1* 0b20 | 4* 10a1", "5A 4O; 275b 40, lost 19, 0, -"),
+    ("no lead", 250, "3* 15-b2 10a1 20b127", "A O F A T F W X O; 251b 65, lost 0, 0, 0"),
+    ("long lead", 100, "8* 10a20 | 1* 1b127", "8A F; 259a 1, lost 133, 0, -"),
+    ("no lead", 0, "1* 1a1 | 2* 2000b100 10a5 | 4* 10a1", "2A T 3F 2W C; 12a 0, lost 99, 1, 40"),
+    ("watches", 255, "6* 10a1 | 1* 5b4 10a1 | 1* 50b129 15b0", "7A O F T; 255a 0, lost 3, 0, -"),
+    ("acts", 1, "3* 300a5 10a20 50b100 | 1* 100-r5", "A 2F A T X 2W X W; 5a 510, lost 24, 0, 100"),
+    ("watches", 0, "2* 1000a100 | 4* 1000+a1 10r-10", "3A O A O A T F O; 201a 1010, lost 99, 0, 0"),
+    ("no lead", 250, "1* 10a20 10a127 | 9* 10a1", "A F 8O A; 405a 0, lost 0, 1, -"),
+    ("watches", 0, "12* 10a1 | 1* 2510b-2", "12A O; 11a 2510, lost 0, 0, -"),
+    ("no lead", 0, "5* 20a1 | 6* 10a1 | 1* 99b-10 | 3* 10a1", "11A T 3W; 10a 30, lost 0, 0, -"),
+    ("no lead", 0, "5* 20a1 | 7* 10a1 | 1* 99b-10 | 3* 10a1", "12A T 2W C; 12a 0, lost 0, 0, -"),
+    (
+        "long lead",
+        100,
+        "1* 10r-31 | 4* 10a2 10a128 | 4* 15a3 10a1",
+        "A F 2O 2A O X 7W C W; 631a 10, lost 48, 0, 110",
+    ),
+    (
+        "acts",
+        0,
+        "12* 10a1 | 1* 1b120 9a1 | 1* 1100b120 1b121 1b122 1b123",
+        "12A F A 3F A; 135b 0, lost 0, 1, -",
+    ),
+    (
+        "acts",
+        0,
+        "1* 10a1 | 6* 10a127 10a2 | 8* 10a1",
+        "A F O X W 3X W 3X 9W; 0a 200, lost 0, 0, 90",
+    ),
+    (
+        "acts",
+        0,
+        "12* 10a1 | 1* 1b1 9a1 | 6* 10a1 | 3* 5b60 5a1 | 9* 10a1 | 1* 5b0 5a1 10a1 10a1",
+        "13A T 2W 4C F C X W X 10W X C W C; 31a 0, lost 20, 0, 25",
+    ),
+    ("no lead", 128, "1* 10a1 | 64* 10a2 | 1* 500b98", "66A; 354b 0, lost 161, 0, -"),
+    (
+        "acts",
+        0,
+        "12* 10a1 | 1* 0b60 | 50* 10a1 | 1* 0b60 | 50* 10a1 | 1* 0b60",
+        "12A F 50A F 50A T; 103a 0, lost 0, 0, 0",
+    ),
+    (
+        "acts",
+        0,
+        "12* 10a1 | 1* 0b60 | 50* 10a1 | 1* 0b60 | 50* 10a1 | 1* 0+b60",
+        "12A F 50A F 50A F; 111a 1e-06, lost 0, 0, -",
+    ),
+    ("acts", 100, "126* 10a1 | 1* 2000b127 300b-14", "127A F; 352b 300, lost 126, 0, -"),
+    ("no lead", 100, "156* 5a1 | 1* 40a5 500b98", "158A; 358b 0, lost 101, 0, -"),
+    (
+        "acts",
+        0,
+        "12* 10a1 | 1* 1b1 9a1 | 262* 10a1 | 1* 110a11 | 12* 10a1",
+        "13A T 2W 261C W 11C; 295a 0, lost 19, 0, -",
+    ),
+    (
+        "no lead",
+        0,
+        "1* 10a1 | 80* 10a2 | 96* 5a1 | 256* 4a1 | 1* 500b110",
+        "434A; 622b 0, lost 189, 0, -",
+    ),
+]
+"""The receiver, the number of the first true frame, the stream, and what becomes of it."""
+
+EQUIVALENT = {
+    # No counter is negative, and nothing comes before time 0.
+    "1  ->  2",
+    "0  ->  -1",
+    "self._caution.quiet_until_ns > 0  ->  self._caution.quiet_until_ns != 0",
+    # Set anew by the first frame; QUIET_NS is longer than 1 ns, and any period than a gap of 1 ns.
+    "0  ->  1",
+    # A frame in use is 1 to 127 ahead, a step at most 127; a queue holds no more than its length.
+    "counter < before  ->  counter <= before",
+    "step_max == HALF - 1  ->  step_max >= HALF - 1",
+    "len(self._foreign_ns) == self._foreign_ns.maxlen"
+    "  ->  len(self._foreign_ns) >= self._foreign_ns.maxlen",
+    "len(older) < len(self._waiting)  ->  len(older) != len(self._waiting)",
+    # What came of the newest frames in use is forgotten one confirmation later.
+    "counter - frame.forward + 1  ->  counter - frame.forward - 1",
+    "1  ->  0",
+}
+"""What behaves as the original."""
+
+
+def frames(stream: str, first: int) -> Iterator[tuple[int, int, object]]:
+    """Yield time [ns], number and content of the frames of a stream."""
+    time_ns, number = 0, first - 1
+    for group in stream.split(" | "):
+        times, *shots = group.split()
+        for shot in shots * int(times.removesuffix("*")):
+            match = re.fullmatch(r"(\d+)([+-]?)([abrn])(-?\d+)", shot)
+            assert match is not None
+            after, ns, letter, step = match.groups()
+            time_ns += int(after) * NS_PER_MS + {"+": 1, "-": -1}.get(ns, 0)
+            number += int(step) * (letter in "an")
+            sent = number + int(step) * (letter in "br")
+            yield time_ns, sent, None if letter == "n" else f"{sent}{letter.replace('r', 'a')}"
+
+
+def heard(tested: ModuleType, name: str, first: int, stream: str) -> str:
+    """Return what becomes of a stream."""
+    receiver = RECEIVERS[name]
+    rule = tested.SequenceRule(
+        receiver.lead * NS_PER_MS, receiver.resync_run, receiver.resync * NS_PER_MS
+    )
+    check, results, now_ns = tested.SequenceCheck(rule, receiver.period * NS_PER_MS), [], 0
+    for now_ns, number, content in PARSED[first, stream]:
+        results.append(LETTERS[check.check(number % 256, now_ns, content)])
+    runs = [(letter, len(list(run))) for letter, run in groupby(results)]
+    told = " ".join(f"{count if count > 1 else ''}{letter}" for letter, count in runs)
+    ages_ns = [
+        None if at is None else now_ns - at for at in (check.arrival_ns, check.second_sender_ns)
+    ]
+    age, second = ("-" if age is None else f"{age / NS_PER_MS:.6g}" for age in ages_ns)
+    return f"{told}; {check.content} {age}, lost {check.lost}, {check.resynchronised}, {second}"
+
+
+PARSED = {(first, stream): list(frames(stream, first)) for _, first, stream, _ in STREAMS}
+
+
+@pytest.mark.parametrize(("name", "first", "stream", "expected"), STREAMS)
+def test_what_becomes_of_a_stream(name: str, first: int, stream: str, expected: str) -> None:
+    assert heard(sequence, name, first, stream) == expected
+
+
+def is_killed(mutant: ModuleType) -> bool:
+    """Return whether a test fails with a mutant."""
+    try:
+        assert mutant.SequenceRule(0, 1) == (0, 1, 0)
+        for bad in ((-1, 1, 0), (0, 0, 0), (0, 1, -1)):
+            with pytest.raises(ValueError, match="allowed is"):
+                mutant.SequenceCheck(mutant.SequenceRule(*bad), 1)
+        check = mutant.SequenceCheck(mutant.SequenceRule(0, 1), 1)
+        assert check.counter == 0
+        check.check(7)
+        assert check.arrival_ns == 0
+        assert all(heard(mutant, *row[:3]) == row[3] for row in STREAMS)
+    except (Exception, pytest.fail.Exception):
+        return True
+    return False
+
+
+def test_a_test_notices_every_mutant() -> None:
+    alive, count = survivors(sequence, is_killed)
+    assert {text.split(": ", 1)[1] for text in alive} == EQUIVALENT
+    assert count > 300
