@@ -99,8 +99,22 @@ class TwinNode:
 
 
 PERIOD_NS = 10_000_000
-ON_TIME, SILENT, LOSSY, DAMAGED, RESTARTED, FORGED, DOUBLED, LATE, OWN, FORMATS, OVERRUN = range(11)
+(
+    ON_TIME,
+    SILENT,
+    LOSSY,
+    DAMAGED,
+    RESTARTED,
+    FORGED,
+    DOUBLED,
+    LATE,
+    OWN,
+    FORMATS,
+    OVERRUN,
+    HELD_UP,
+) = range(12)
 """What happens to the plant's frames, or to the node's ticks, for some periods."""
+KEPT_PERIODS = 2
 Segment = tuple[int, int, int]
 """Which of these, for how many periods, and a number that says how."""
 
@@ -134,6 +148,9 @@ class Traffic:
             if kind == OVERRUN and period < periods - 1:
                 self._deliver(frames, self._now_ns + PERIOD_NS)
                 continue
+            if kind == HELD_UP:  # a buffer keeps the first ones, which come at the end
+                self._kept += frames if period < KEPT_PERIODS else []
+                frames, self._kept = ([], self._kept) if period < periods - 1 else (self._kept, [])
             self._deliver(self._struck(kind, number, frames), self._now_ns + PERIOD_NS)
             while self._node.deadline_ns <= self._now_ns and not self._node.finished:
                 self._node.on_tick(self._now_ns)
@@ -227,7 +244,7 @@ class Traffic:
 
 def segments() -> st.SearchStrategy[list[Segment]]:
     """Draw what happens to a node, from its start on."""
-    kinds = st.sampled_from((ON_TIME, *range(11)))
+    kinds = st.sampled_from((ON_TIME, *range(12)))
     one = st.tuples(kinds, st.integers(1, 60), st.integers(0, 255))
     return st.lists(one, min_size=3, max_size=25)
 

@@ -134,6 +134,63 @@ static int newest_until(const struct sequence *x, int64_t time_ns, int64_t *gap_
     return newest;
 }
 
+static int64_t median_low(const int64_t *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        int below = 0, equal = 0;
+
+        for (int j = 0; j < count; j++) {
+            below += values[j] < values[i] ? 1 : 0;
+            equal += values[j] == values[i] ? 1 : 0;
+        }
+        if (below <= (count - 1) / 2 && (count - 1) / 2 < below + equal)
+            return values[i];
+    }
+    return 0; /* of none */
+}
+
+/* How much later the frame in use came than the earliest of the last HALF counters. */
+static int64_t held_up_ns(const struct sequence *x)
+{
+    int64_t gaps_ns[HALF], agos_ns[HALF], held_ns = 0;
+    int count = 0, last = NO_COUNTER;
+
+    for (int behind = 0; behind < HALF; behind++) {
+        const int one = wrapped(x->counter - behind);
+
+        agos_ns[behind] = x->arrivals_ns[x->counter] - x->arrivals_ns[one];
+        if (x->known_as[one] != KNOWN)
+            agos_ns[behind] = NO_COUNTER;
+        if (agos_ns[behind] < 0)
+            continue;
+        if (last != NO_COUNTER) { /* rounded down */
+            const int64_t change_ns = agos_ns[behind] - agos_ns[last];
+            const int64_t gap_ns = change_ns / (behind - last);
+
+            gaps_ns[count++] = gap_ns - (change_ns % (behind - last) < 0 ? 1 : 0);
+        }
+        last = behind;
+    }
+    const int64_t period_ns = larger(x->period_ns, median_low(gaps_ns, count));
+    for (int behind = 0; behind < HALF; behind++)
+        if (agos_ns[behind] >= 0)
+            held_ns = larger(held_ns, agos_ns[behind] - behind * period_ns);
+    return held_ns;
+}
+
+static int64_t largest_step(const struct sequence *x, int64_t elapsed_ns)
+{
+    return smaller(1 + (LEAD_NS + elapsed_ns) / x->period_ns, HALF - 1);
+}
+
+/* Whether time explains that the counters have come round to an old one again. */
+static bool may_have_wrapped(const struct sequence *x, const struct arrived *frame)
+{
+    const int64_t elapsed_ns = frame->at_ns - x->arrivals_ns[x->counter] + held_up_ns(x);
+
+    return elapsed_ns + LEAD_NS >= (frame->forward > 0 ? frame->forward : COUNTERS) * x->period_ns;
+}
+
 /* Be cautious after a frame that contradicts an accepted one, and go back to before it. */
 static enum sequence_result doubt(struct sequence *x, int64_t now_ns)
 {
@@ -333,10 +390,7 @@ static enum sequence_result refuse(struct sequence *x, const struct arrived *fra
     if (is_ahead)
         return REFUSED;
     const bool is_contradiction = contradicts(x, frame);
-    const int64_t elapsed_ns = now_ns - x->arrivals_ns[x->counter] + LEAD_NS;
-    const bool may_have_wrapped =
-        elapsed_ns >= (forward > 0 ? forward : COUNTERS) * x->period_ns;
-    return is_contradiction && !may_have_wrapped ? doubt(x, now_ns) : REFUSED;
+    return is_contradiction && !may_have_wrapped(x, frame) ? doubt(x, now_ns) : REFUSED;
 }
 
 enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, int64_t now_ns)
@@ -358,8 +412,10 @@ enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, 
     if (now_ns >= x->caution.until_ns)
         x->caution.is_on = false;
     const int64_t elapsed_ns = now_ns - x->arrivals_ns[x->counter];
-    int64_t step_max = smaller(1 + (LEAD_NS + elapsed_ns) / x->period_ns, HALF - 1);
-    if (x->caution.is_on && step_max == HALF - 1)
+    int64_t step_max = largest_step(x, elapsed_ns);
+    if (!x->caution.is_on && step_max < frame.forward && frame.forward < HALF)
+        step_max = largest_step(x, elapsed_ns + held_up_ns(x));
+    else if (x->caution.is_on && step_max == HALF - 1)
         step_max = 0;
     if (frame.forward < 1 || frame.forward > step_max)
         return refuse(x, &frame);
