@@ -55,7 +55,7 @@ class SafetySettings(Settings):
     """Fault tolerant time interval, for the reaction to silence and its report."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How long the last command is held in silence before the fallback."""
-    plan_ms_max: float = Field(600.0, ge=0.0, le=10_000.0)
+    plan_ms_max: float = Field(300.0, ge=0.0, le=10_000.0)
     """How long a plan is played after it has come, also in silence, but not in the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)

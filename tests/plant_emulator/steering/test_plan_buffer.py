@@ -32,7 +32,7 @@ def applied(tested: Link) -> list[int]:
 
 
 def test_a_plan_is_played_by_samples_with_straight_lines_between_two_values() -> None:
-    tested = link()
+    tested = link(safety={"plan_ms_max": 600.0})
     send_plan(tested, START_NS + 21 * MS_NS, first_sample=0, spacing=4, number=7)
     tested.tick_until(START_NS + 40 * PERIOD_NS)
     wheel = wheel_rad(tested)
@@ -61,7 +61,7 @@ def test_a_single_command_ends_a_plan() -> None:
 
 
 def test_a_plan_that_has_run_out_is_silence() -> None:
-    tested = link()
+    tested = link(safety={"plan_ms_max": 600.0})
     send_plan(tested, START_NS, first_sample=0, spacing=2, number=0)
     tested.tick_until(START_NS + 130 * PERIOD_NS)
     codes = [status.status for _, status in tested.messages(SteeringStatus)]

@@ -259,6 +259,9 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
     for now_s in (0.0, 10.0):
         lines.update({"pd": now_s / 1000})
     assert "pd 1 % (about 20 s left)" in capsys.readouterr().err  # and not 990 s
+    now_s = 42.0
+    lines.update({"pd": 0.02})
+    assert "pd 2 % (about 0 s left)" in capsys.readouterr().err  # its last judgement takes longer
     ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
     assert not capsys.readouterr().err
 
