@@ -1,6 +1,7 @@
 """What the documentation shows and names is there: settings, files, links, modules, commands."""
 
 import re
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -58,53 +59,66 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_link_leads_somewhere(page: str) -> None:
-    dead = []
-    for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
-        target, _, anchor = link.partition("#")
-        path = (ROOT / page).parent / target if target else ROOT / page
-        if link.startswith("https://") or any(f"{folder}/" in link for folder in MADE):
-            continue  # what is made with the site is checked with it
-        if not path.exists() or (
-            anchor and anchor not in anchors(path.read_text(encoding="utf-8"))
-        ):
-            dead.append(link)
-    assert dead == []
+def wrong_in(judge: Callable[[str], Iterable[str]]) -> dict[str, list[str]]:
+    """Return what is wrong in each page that has something, by the page's place."""
+    found = {page: list(judge(page)) for page in PAGES}
+    return {page: wrong for page, wrong in found.items() if wrong}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_block_says_what_it_is(page: str) -> None:
+def test_every_link_leads_somewhere() -> None:
+    def dead(page: str) -> Iterator[str]:
+        for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
+            target, _, anchor = link.partition("#")
+            path = (ROOT / page).parent / target if target else ROOT / page
+            if link.startswith("https://") or any(f"{folder}/" in link for folder in MADE):
+                continue  # what is made with the site is checked with it
+            if not path.exists() or (
+                anchor and anchor not in anchors(path.read_text(encoding="utf-8"))
+            ):
+                yield link
+
+    assert wrong_in(dead) == {}
+
+
+def test_every_block_says_what_it_is() -> None:
     """Those of sh and pycon are run, and what is named in a first line is a file: test_pages."""
-    kinds = [block.language for block in blocks_of(PAGES[page]) if not block.file]
-    assert {kind for kind in kinds if not kind.startswith("{")} <= {"pycon", "sh", *SHOWN_ONLY}
+
+    def unknown(page: str) -> set[str]:
+        kinds = [block.language for block in blocks_of(PAGES[page]) if not block.file]
+        shown = {kind for kind in kinds if not kind.startswith("{")}
+        return shown - {"pycon", "sh", *SHOWN_ONLY}
+
+    assert wrong_in(unknown) == {}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_picture_has_words_in_its_place(page: str) -> None:
-    assert re.findall(r"!\[\W*\]\([^)]*\)", PAGES[page]) == []
+def test_every_picture_has_words_in_its_place() -> None:
+    assert wrong_in(lambda page: re.findall(r"!\[\W*\]\([^)]*\)", PAGES[page])) == {}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_file_of_ours_that_is_named_is_there(page: str) -> None:
+def test_every_file_of_ours_that_is_named_is_there() -> None:
     ours = "controller|dbc|docs|examples|plant_emulator|runtime|steer_by_wire|tests|tools"
-    named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])
-    missing = [name for name in named if not (ROOT / name).exists()]
-    assert [name for name in missing if not set(Path(name).parts) & set(MADE)] == []
+
+    def missing(page: str) -> list[str]:
+        named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])
+        return [n for n in named if not (ROOT / n).exists() and not {*Path(n).parts} & {*MADE}]
+
+    assert wrong_in(missing) == {}
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_module_that_is_named_can_be_imported(page: str) -> None:
-    lost = []
-    for name in set(re.findall(r"\bsteer_by_wire(?:\.\w+)+", PAGES[page])) - {ENTRY_POINT_GROUP}:
-        parts = name.split(".")
-        module = next(
-            (".".join(parts[:n]) for n in range(len(parts), 0, -1) if find_module(parts[:n])), ""
-        )
-        owner = import_module(module)
-        if any(not hasattr(owner, attribute) for attribute in parts[module.count(".") + 1 :][:1]):
-            lost.append(name)
-    assert lost == []
+def test_every_module_that_is_named_can_be_imported() -> None:
+    def lost(page: str) -> Iterator[str]:
+        named = set(re.findall(r"\bsteer_by_wire(?:\.\w+)+", PAGES[page]))
+        for name in named - {ENTRY_POINT_GROUP}:
+            parts = name.split(".")
+            module = next(
+                (".".join(parts[:n]) for n in range(len(parts), 0, -1) if find_module(parts[:n])),
+                "",
+            )
+            owner, attributes = import_module(module), parts[module.count(".") + 1 :]
+            if any(not hasattr(owner, attribute) for attribute in attributes[:1]):
+                yield name
+
+    assert wrong_in(lost) == {}
 
 
 def find_module(parts: list[str]) -> bool:
@@ -112,7 +126,9 @@ def find_module(parts: list[str]) -> bool:
     return place.is_dir() or place.with_suffix(".py").is_file()
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_that_is_named_is_one(page: str) -> None:
-    named = re.findall(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", PAGES[page], re.MULTILINE)
-    assert [name for name in named if name not in PROGRAMS] == []
+def test_every_command_that_is_named_is_one() -> None:
+    def unknown(page: str) -> set[str]:
+        named = re.findall(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", PAGES[page], re.MULTILINE)
+        return {*named} - {*PROGRAMS}
+
+    assert wrong_in(unknown) == {}
