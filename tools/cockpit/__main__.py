@@ -11,7 +11,6 @@ bus (-i, -c) it listens there, and sends nothing unless --allow-control is given
 
 import argparse
 import asyncio
-import json
 import logging
 import secrets
 import sys
@@ -170,7 +169,7 @@ def _scenario(title: str | None) -> Scenario:
     by_title = {scenario.title: scenario for scenario in scenarios()}
     title = title or next(iter(by_title))
     if title not in by_title:
-        raise SettingsError(f"no scenario {title!r}; there are: {json.dumps(list(by_title))}")
+        raise SettingsError(f"no scenario {title!r}; there are: {', '.join(by_title)}")
     return by_title[title]
 
 
