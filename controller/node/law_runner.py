@@ -99,10 +99,11 @@ class LawRunner:
         self.acting = -1
         if isfinite(steer_rad):
             self._state, self.output = state, output
-            self._fade_rad = difference_step(
-                self._ramp_step_rad, self._fade_rad, sent_rad, steer_rad, self._continues_hold
-            )
-            self._continues_hold = False
+            if self._continues_hold or self._fade_rad != 0.0:
+                self._fade_rad = difference_step(
+                    self._ramp_step_rad, self._fade_rad, sent_rad, steer_rad, self._continues_hold
+                )
+                self._continues_hold = False
             if design.plan is not None and self._fade_rad == 0.0:
                 self.acting = design.plan(self._params, state, observed)
             command_rad = steer_rad + self._fade_rad

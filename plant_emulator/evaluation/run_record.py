@@ -3,7 +3,7 @@
 import csv
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
@@ -88,47 +88,34 @@ class RunningFigures:
         self._deviation_squares_m2 = 0.0
         self._band_m = band_m
 
-    def take(self, samples: Iterable[tuple[float, float, float, float, str]]) -> None:
+    def take(self, samples: Sequence[tuple[float, float, float, float, str]]) -> None:
         """Add samples: lateral error, deviation of the centre of gravity, followed point's error.
 
         The fourth value is the wheel angle. The last names what decides about the wheel, and is
         empty if nothing does.
         """
-        newest_m, newest_rad = self.newest_m, self.newest_wheel_rad
-        band_m, limited = self._band_m, self.limited
-        count, settled_at = self.samples, self.settled_at
-        squares_m2, cg_squares_m2 = self._error_squares_m2, self._deviation_squares_m2
-        peak_m, cg_peak_m = self.lateral_error_peak_m, self.cg_deviation_peak_m
-        peak_rad, error_m = self.wheel_angle_peak_rad, self.lateral_error_final_m
-        followed_peak_m, settled_peak_m = self._followed_peak_m, self._settled_peak_m
-        settled_after = self.settled_after
-        for error_m, cg_m, followed_m, wheel_rad, limit in samples:
-            count += 1
-            squares_m2 += error_m * error_m
-            cg_squares_m2 += cg_m * cg_m
-            newest_m.append(followed_m)
-            newest_rad.append(wheel_rad)
-            off_m = abs(followed_m)
-            if off_m > followed_peak_m:
-                followed_peak_m = off_m
-            if off_m > settled_peak_m and count > settled_after:
-                settled_peak_m = off_m
-            distance_m = abs(error_m)
-            if distance_m > peak_m:
-                peak_m = distance_m
-            if distance_m > band_m:
-                settled_at = count
-            if abs(cg_m) > cg_peak_m:
-                cg_peak_m = abs(cg_m)
-            if abs(wheel_rad) > peak_rad:
-                peak_rad = abs(wheel_rad)
-            if limit:
-                limited[limit] += 1
-        self.samples, self.settled_at = count, settled_at
-        self._followed_peak_m, self._settled_peak_m = followed_peak_m, settled_peak_m
-        self._error_squares_m2, self._deviation_squares_m2 = squares_m2, cg_squares_m2
-        self.lateral_error_peak_m, self.cg_deviation_peak_m = peak_m, cg_peak_m
-        self.wheel_angle_peak_rad, self.lateral_error_final_m = peak_rad, error_m
+        if not samples:
+            return
+        errors_m, cgs_m, followed_m, wheels_rad, limits = zip(*samples, strict=True)
+        for error_m, cg_m in zip(errors_m, cgs_m, strict=True):
+            self._error_squares_m2 += error_m * error_m
+            self._deviation_squares_m2 += cg_m * cg_m
+        self.newest_m.extend(followed_m)
+        self.newest_wheel_rad.extend(wheels_rad)
+        self.limited.update(filter(None, limits))
+        off_m = [abs(each_m) for each_m in followed_m]
+        before, self.samples = self.samples, self.samples + len(samples)
+        if self.samples > self.settled_after:
+            settled_m = off_m[max(int(self.settled_after) - before, 0) :]
+            self._settled_peak_m = max(self._settled_peak_m, *settled_m)
+        for count, distance_m in enumerate(map(abs, errors_m), before + 1):
+            if distance_m > self._band_m:
+                self.settled_at = count
+        self._followed_peak_m = max(self._followed_peak_m, *off_m)
+        self.lateral_error_peak_m = max(self.lateral_error_peak_m, *map(abs, errors_m))
+        self.cg_deviation_peak_m = max(self.cg_deviation_peak_m, *map(abs, cgs_m))
+        self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, *map(abs, wheels_rad))
+        self.lateral_error_final_m = errors_m[-1]
 
     @property
     def peaks_m(self) -> Peaks:
