@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
+from .runtime.output_file import write_text
 
 NO_SPACE = "="
 """Behind the key of a setting there is a value."""
@@ -36,9 +37,7 @@ def keep(program: str, parser: argparse.ArgumentParser) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         for former in file.parent.glob(f"*-{program}.json"):
             former.unlink(missing_ok=True)
-        partial = file.with_suffix(f".{os.getpid()}")
-        partial.write_text(json.dumps({"options": options, "places": places}), encoding="utf-8")
-        partial.replace(file)
+        write_text(file, json.dumps({"options": options, "places": places}))
     except OSError:
         return  # slow, but right
 

@@ -53,14 +53,11 @@ def limit_plan(
     apart_rad = step_rad_max * spacing * periods_per_sample
     apart = SteerLimits(steer_rad_max, apart_rad)
     # The calls take long, and few values need them.
-    for index in range(first + 1, ROW_LENGTH):
-        wanted_rad, beside_rad = row[index], row[index - 1]
-        if not (abs(wanted_rad - beside_rad) <= apart_rad and abs(wanted_rad) <= steer_rad_max):
-            row[index] = limit_step(apart, beside_rad, wanted_rad)
-    for index in range(first - 1, 1, -1):
-        wanted_rad, beside_rad = row[index], row[index + 1]
-        if not (abs(wanted_rad - beside_rad) <= apart_rad and abs(wanted_rad) <= steer_rad_max):
-            row[index] = limit_step(apart, beside_rad, wanted_rad)
+    for step, end in ((1, ROW_LENGTH), (-1, 1)):
+        for index in range(first + step, end, step):
+            wanted_rad, beside_rad = row[index], row[index - step]
+            if not (abs(wanted_rad - beside_rad) <= apart_rad and abs(wanted_rad) <= steer_rad_max):
+                row[index] = limit_step(apart, beside_rad, wanted_rad)
     for index in range(2, ROW_LENGTH):
         before_rad = value_at(before, earlier + (index - 2) * spacing)
         if abs(row[index] - before_rad) > step_rad_max:
