@@ -50,7 +50,7 @@ values = [0.0, 0.08]
 CAUSE = "No space left on device"
 PROGRAMS: Mapping[str, tuple[str, Sequence[str]]] = {
     "run": ("run", ("--duration", "0.5", "--out", "run")),
-    "can bits": ("can", ("bits", "123#11", "--vcd", "wave.vcd")),
+    "can bits": ("can", ("bits", "123#11", "--json", "bits.json")),
     "replay": ("cockpit", ("../log/candump.log", "--export", "page.html")),
     "generate-c": ("generate_c", ("--out", "c")),
     "study": ("study", ("../study.toml", "--out", "study", "--no-report", "--workers", "1")),
