@@ -1,8 +1,8 @@
 """Random specifications of a fault campaign, and random bytes as the results of an earlier one.
 
 A specification is rejected as settings are, or every run of it can be made and begins.
-Complete results are read, and all tables, pages and comparisons can be made of them. They read the
-same after they have been written again.
+Complete results are read, and all tables and pages can be made of them. They read the same after
+they have been written again.
 """
 
 import json
@@ -19,11 +19,10 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.settings import Settings, load_settings
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
-from steer_by_wire.tools.faults.campaign.case_groups import compare, group
+from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, read_stored
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
-    comparison_lines,
     table_lines,
     write_csv,
 )
@@ -94,27 +93,24 @@ def fuzz_results(data: bytes) -> None:
     """Read results, and use them in every way a campaign does."""
     choices = Choices(data)
     with TemporaryDirectory() as inside:
-        earlier, now = Path(inside) / "earlier", Path(inside) / "now"
-        for place in (earlier, now):
-            place.mkdir()
-            lines = [_line(choices) for _ in range(choices.integer(0, LINES_MAX))]
-            (place / RESULTS).write_bytes(b"\n".join(lines))
-        before, stored = read_stored(earlier), read_stored(now, "a")
-        results = [result for _, result in stored.results]
+        now = Path(inside)
+        lines = [_line(choices) for _ in range(choices.integer(0, LINES_MAX))]
+        (now / RESULTS).write_bytes(b"\n".join(lines))
+        results = [result for _, result in read_stored(now, "a").results]
         keep_only(now, "a", results)
         again = [result for _, result in read_stored(now, "a").results]
         promise(again == results, f"{results} become {again}")
         write_csv(now / "results.csv", results)
-    _present([result for _, result in before.results], results)
+    _present(results)
 
 
-def _present(earlier: Sequence[RunResult], results: Sequence[RunResult]) -> None:
-    comparison, groups = compare(earlier, results), group(results)
+def _present(results: Sequence[RunResult]) -> None:
+    groups = group(results)
     findings = findings_of(results, 150.0)
-    lines = [*table_lines(groups), *finding_lines(findings), *comparison_lines(comparison)]
+    lines = [*table_lines(groups), *finding_lines(findings)]
     for line in lines:
         promise(not line or line.isprintable(), f"not printable: {line!r}")
-    campaign_page(CampaignSettings(), results, groups, findings, comparison, [])
+    campaign_page(CampaignSettings(), results, groups, findings, [])
 
 
 def _line(choices: Choices) -> bytes:

@@ -1,6 +1,6 @@
 """Inject thousands of faults in virtual time, and report which are detected, and how soon.
 
-    steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
+    steer-by-wire faults [SPEC.toml] [--out DIR]
     steer-by-wire faults --live
 
 Runs every fault of the specification at every operating point with every law, and runs without a
@@ -39,10 +39,9 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
-from steer_by_wire.tools.faults.campaign.case_groups import compare, group
+from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
-    Stored,
     execute,
     keep_only,
     read_stored,
@@ -51,7 +50,6 @@ from steer_by_wire.tools.faults.campaign.execution import (
 )
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
-    comparison_lines,
     table_lines,
     write_csv,
 )
@@ -90,9 +88,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_out_argument(parser, "out/faults")
     parser.add_argument(
-        "--compare", type=Path, metavar="EARLIER", help="compare with the results in this DIR"
-    )
-    parser.add_argument(
         "--live", action="store_true", help="also run real processes, with logs in DIR/live"
     )
     parser.add_argument(
@@ -113,13 +108,11 @@ def _run(options: argparse.Namespace) -> int:
     for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
-    earlier = None if options.compare is None else _earlier(options.compare)
     begin_s = time.perf_counter()
     results = _results(spec, options)
     findings = findings_of(results, spec.ftti_ms)
     live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
     findings += [live_finding(live)] if live else []
-    comparison = None if earlier is None else compare(earlier, results)
     groups = group(results)
     folder = options.out
     write_csv(folder / "results.csv", results)
@@ -132,12 +125,9 @@ def _run(options: argparse.Namespace) -> int:
         },
     )
     sections = [live_section(live)] if live else []
-    html = campaign_page(spec, results, groups, findings, comparison, sections)
+    html = campaign_page(spec, results, groups, findings, sections)
     write_text(folder / "index.html", html)
-    lines = [*table_lines(groups), "", *finding_lines(findings)]
-    if comparison is not None:
-        lines += ["", *comparison_lines(comparison)]
-    print("\n".join(lines))
+    print("\n".join([*table_lines(groups), "", *finding_lines(findings)]))
     elapsed_s = time.perf_counter() - begin_s
     print(f"\n{len(results)} runs, {elapsed_s:.0f} s; {folder / 'index.html'}")
     return _status(findings)
@@ -152,7 +142,9 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunRes
             f"{options.out / RESULTS}: has {stored.others} results of another specification, or of"
             " programs that have changed since; give --out another folder, or remove this one"
         )
-    _warn_of_lines_left_out(options.out, stored)
+    if stored.not_whole:
+        what = f"{stored.not_whole} lines that are no whole results are left out"
+        say(NAME, f"{options.out / RESULTS}: {what}", sys.stderr)
     options.out.mkdir(parents=True, exist_ok=True)
     done = {result.name: result for _, result in stored.results}
     keep_only(options.out, spec_hash, done.values())
@@ -175,21 +167,6 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunRes
         say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
         raise
     return [done[scenario.name] for scenario in scenarios]
-
-
-def _earlier(folder: Path) -> list[RunResult]:
-    stored = read_stored(folder)
-    if not stored.results:
-        where = f"--compare: {folder / RESULTS}"
-        raise SettingsError(f"{where}: has no whole result; give an earlier campaign's --out")
-    _warn_of_lines_left_out(folder, stored)
-    return [result for _, result in stored.results]
-
-
-def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
-    if stored.not_whole:
-        what = f"{stored.not_whole} lines that are no whole results are left out"
-        say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)
 
 
 def _status(findings: Sequence[Finding]) -> int:

@@ -1,4 +1,4 @@
-"""Results by case, a row for each fault and magnitude; two campaigns side by side, run by run."""
+"""Results by case, a row for each fault and magnitude."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -91,33 +91,3 @@ def in_percent(share: float | None) -> str:
 def in_ms(time_s: float | None) -> str:
     """Return a time as text for the tables."""
     return "-" if time_s is None else f"{1e3 * time_s:.0f}"
-
-
-class Comparison(NamedTuple):
-    """The runs in both campaigns, by how their result changed; and those in one of them only."""
-
-    fixed: list[RunResult]
-    unchanged: list[RunResult]
-    new_failure: list[RunResult]
-    still_failing: list[RunResult]
-    added: int
-    removed: int
-
-
-def compare(earlier: Iterable[RunResult], now: Sequence[RunResult]) -> Comparison:
-    """Compare by name, which is fault, magnitude, operating point, law and seed."""
-    failed_before = {result.name: result.verdict in FAILURES for result in earlier}
-    both = [result for result in now if result.name in failed_before]
-
-    def those(*, failed: bool, fails: bool) -> list[RunResult]:
-        wanted = failed, fails
-        return [r for r in both if (failed_before[r.name], r.verdict in FAILURES) == wanted]
-
-    return Comparison(
-        fixed=those(failed=True, fails=False),
-        unchanged=those(failed=False, fails=False),
-        new_failure=those(failed=False, fails=True),
-        still_failing=those(failed=True, fails=True),
-        added=len(now) - len(both),
-        removed=len(failed_before.keys() - {result.name for result in both}),
-    )

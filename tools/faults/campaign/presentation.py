@@ -10,12 +10,11 @@ from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
 from ....runtime.output_file import open_text
 from .campaign_runs import GOLDEN, laws_of
-from .case_groups import Comparison, Group, in_ms, in_percent
+from .case_groups import Group, in_ms, in_percent
 from .specification import CampaignSettings
 from .virtual_trial import FAILURES, RunResult
 
 _FAILED_SHOWN = 50
-_NAMES_SHOWN = 10
 _DEFINITIONS = (
     "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
     "cause in that receiver's own report; FRTI from there until it leaves control, where nothing "
@@ -72,21 +71,6 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
     ]
 
 
-def comparison_lines(comparison: Comparison) -> list[str]:
-    """Return the four groups, with the first names of those that matter."""
-    lines = [
-        f"fixed {len(comparison.fixed)}, unchanged {len(comparison.unchanged)}, "
-        f"new failure {len(comparison.new_failure)}, still failing "
-        f"{len(comparison.still_failing)}; {comparison.added} runs added, "
-        f"{comparison.removed} no longer run"
-    ]
-    for what, results in _named_groups(comparison):
-        lines += [f"  {what}: {one.name} ({one.verdict})" for one in results[:_NAMES_SHOWN]]
-        if len(results) > _NAMES_SHOWN:
-            lines.append(f"  {what}: and {len(results) - _NAMES_SHOWN} more")
-    return lines
-
-
 def write_csv(path: Path, results: Sequence[RunResult]) -> None:
     """Write a line for each run."""
     with open_text(path) as opened:
@@ -102,7 +86,6 @@ def campaign_page(
     results: Sequence[RunResult],
     groups: Sequence[Group],
     findings: Sequence[Finding],
-    comparison: Comparison | None,
     further: Sequence[Section] = (),
 ) -> str:
     """Return the page; ``further`` sections come behind the cases."""
@@ -121,8 +104,6 @@ def campaign_page(
             tables=[_findings_table(findings)],
         )
     ]
-    if comparison is not None:
-        sections.append(_comparison_section(comparison))
     sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
     sections += further
     sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
@@ -194,26 +175,6 @@ def _points_table(spec: CampaignSettings) -> Table:
         *("jitter [ms]", "noise [m]", "path", "laws"),
     )
     return Table(headings, rows)
-
-
-def _comparison_section(comparison: Comparison) -> Section:
-    rows = [
-        [Cell(what), Cell(one.name), Cell(str(one.verdict)), number(in_ms(one.fhti_s))]
-        for what, results in _named_groups(comparison)
-        for one in results[:_FAILED_SHOWN]
-    ]
-    summary = comparison_lines(comparison)[0]
-    summary += f"; up to {_FAILED_SHOWN} runs of a group are named."
-    tables = [Table(("group", "run", "verdict now", "FHTI now [ms]"), rows)]
-    return Section("Beside the earlier campaign", [summary[0].upper() + summary[1:]], tables=tables)
-
-
-def _named_groups(comparison: Comparison) -> list[tuple[str, list[RunResult]]]:
-    return [
-        ("new failure", comparison.new_failure),
-        ("still failing", comparison.still_failing),
-        ("fixed", comparison.fixed),
-    ]
 
 
 def _recovery(one: Group) -> str:

@@ -126,31 +126,10 @@ def test_a_line_that_is_no_result_costs_none_of_the_others(
     assert stored.not_whole >= 1
 
 
-def test_what_cannot_be_compared_with_is_reported_in_one_line(
-    spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "noise").mkdir()
-    (tmp_path / "noise" / RESULTS).write_bytes(b"\xff\xfe\x00")
-    (tmp_path / "folder" / RESULTS).mkdir(parents=True)
-    for earlier, reported in (
-        (tmp_path / "none", "has no whole result"),
-        (tmp_path / "noise", "has no whole result"),
-        (tmp_path / "folder", "is not a file"),
-        (spec_file, "has no whole result"),
-    ):
-        words = [str(spec_file), "--out", str(tmp_path / "out"), "--compare", str(earlier)]
-        assert main(words) == 2
-        error = capsys.readouterr().err
-        assert len(error.splitlines()) == 1
-        assert str(earlier / RESULTS) in error
-        assert reported in error
-    assert not (tmp_path / "out").exists()
-
-
 def test_results_of_another_specification_are_not_lost(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    first = str(tmp_path / "first")
     words = [str(spec_file), "--workers", "1", "--out"]
     assert main([*words, first]) != 2  # what it shows is not asked here
     kept = (tmp_path / "first" / RESULTS).read_text()
@@ -160,8 +139,6 @@ def test_results_of_another_specification_are_not_lost(
     assert "has 1 results of another specification" in reported
     assert len(reported.splitlines()) == 1
     assert (tmp_path / "first" / RESULTS).read_text() == kept
-    assert main([*words, second, "--set", "seed=2", "--compare", first]) != 2
-    assert "1 runs added, 1 no longer run" in capsys.readouterr().out
 
 
 def test_results_that_programs_of_before_have_written_otherwise_are_not_lost_either(

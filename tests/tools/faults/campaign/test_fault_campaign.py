@@ -1,6 +1,5 @@
-"""The fault campaign: classification beforehand, a small campaign, comparison."""
+"""The fault campaign: classification beforehand, a small campaign."""
 
-import json
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ import pytest
 
 from steer_by_wire.dbc.codec.sequence import SequenceCheck, SequenceResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
-from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
@@ -19,7 +17,7 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import (
     controller_settings_of,
     scenarios_of,
 )
-from steer_by_wire.tools.faults.campaign.case_groups import compare, group
+from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.detectability import (
     MECHANISM_OF,
     UNRECEIVED,
@@ -251,39 +249,23 @@ def test_every_cause_that_is_counted_has_a_mechanism(results: list[RunResult]) -
     assert counted <= MECHANISM_OF.keys()
 
 
-def test_comparison_has_four_groups(results: list[RunResult]) -> None:
-    sound = results[:5]
-    broken = [one._replace(verdict=Detection.MISSED) for one in sound]
-    earlier = [broken[0], sound[1], sound[2], broken[3]]
-    now = [sound[0], sound[1], broken[2], broken[3], sound[4]]
-    comparison = compare(earlier, now)
-    groups = [[one.name for one in runs] for runs in comparison[:4]]
-    assert groups == [[one.name] for one in (sound[0], sound[1], sound[2], sound[3])]
-    assert (comparison.added, comparison.removed) == (1, 0)
-
-
 def test_groups_have_every_run_once(results: list[RunResult]) -> None:
     assert sum(row.runs for row in group(results)) == len(results)
 
 
-def test_the_program_goes_on_where_it_was_left_and_compares(
+def test_the_program_goes_on_where_it_was_left(
     spec_file: Path, tmp_path: Path, results: list[RunResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All but two runs are there already, one line is torn; the earlier campaign had a failure."""
+    """All but two runs are there already, and one line is torn."""
     few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--workers", "1"]
     arguments = [str(spec_file), *few, "--out", str(tmp_path / "now")]
     assert main(arguments) == 0
     lines = (tmp_path / "now" / RESULTS).read_text().splitlines()
-    earlier = tmp_path / "earlier"
-    earlier.mkdir()
-    record = sealed({**unsealed(json.loads(lines[0])), "verdict": "missed"})
-    (earlier / RESULTS).write_text("\n".join([json.dumps(record), *lines[1:]]))
     (tmp_path / "now" / RESULTS).write_text("\n".join([*lines[:-2], lines[-2][:40]]))
     capsys.readouterr()
-    assert main([*arguments, "--compare", str(earlier)]) == 0
+    assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
-    assert "fixed 1, unchanged 23, new failure 0, still failing 0" in printed
     now = read_stored(tmp_path / "now").results
     assert {one.name for _, one in now} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
@@ -308,7 +290,6 @@ def test_mistakes_are_reported_in_one_line(
         ["--set", 'laws=["none"]'],
         ["--set", "motion_s=1.2"],
         ["--set", 'cases=[{kind="drop", messages=["HORN"], magnitudes=[1]}]'],
-        ["--compare", str(tmp_path)],
     ]
     for mistake in mistakes:
         assert main([str(spec_file), *mistake, "--out", str(tmp_path / "out")]) == 2
