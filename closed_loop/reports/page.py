@@ -24,12 +24,11 @@ img { max-width: 100%; height: auto; display: block; margin: .8rem 0 0; }
 summary { cursor: pointer; color: #444; }
 code { font-size: .85rem; overflow-wrap: anywhere; }
 a { color: #0b5394; }
-.good, .fair, .poor, .more { padding: .05rem .5rem; border: 1px solid; border-radius: .7rem;
+.good, .fair, .poor { padding: .05rem .5rem; border: 1px solid; border-radius: .7rem;
                              font-size: .88rem; white-space: nowrap; }
 .good { background: #e3f4e5; border-color: #2e7d32; }
 .fair { background: #fdf3d8; border-color: #b58100; }
 .poor { background: #fbe4e0; border-color: #b3402a; }
-.more { background: #e5eefa; border-color: #2a5db0; }
 .caption { color: #444; font-size: .92rem; max-width: 62rem; }
 .table { overflow-x: auto;  /* a shadow at the edge behind which there is more */
   background: linear-gradient(to right, var(--page) 40%, transparent) 0 / 2.5rem 100% local,
@@ -40,7 +39,7 @@ a { color: #0b5394; }
 .verdict { font-size: 1.1rem; }
 nav { columns: 16rem; font-size: .92rem; }
 @media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; }
-  .good, .fair, .poor, .more { white-space: normal; display: inline-block; }
+  .good, .fair, .poor { white-space: normal; display: inline-block; }
   .picture { overflow-x: auto; } .picture img { max-width: none; width: 42rem; }
   .picture::after { content: "scroll \\2192"; position: sticky; left: 0; opacity: .7; } }
 @media (prefers-color-scheme: dark) {
@@ -49,19 +48,19 @@ nav { columns: 16rem; font-size: .92rem; }
   a { color: #8ab8e8; } summary, .caption { color: #b4b4b4; }
   th, td, section { border-color: #444; }
   img { filter: brightness(.88); border-radius: .4rem; }
-  .good, .fair, .poor, .more { color: #1a1a1a; }
+  .good, .fair, .poor { color: #1a1a1a; }
 }
 @media print { body { margin: 0; max-width: none; font-size: 11px; }
   section { border: 0; } img, tr { break-inside: avoid; } }
 """
 
-_MARKS = ("good", "fair", "poor", "more")
+_MARKS = ("good", "fair", "poor")
 
 
 class Cell(NamedTuple):
     """A cell of a table, or a paragraph that is not plain text.
 
-    ``kind``    "text", "number", "code", or a coloured mark: "good", "fair", "poor", "more"
+    ``kind``    "text", "number", "code", or a coloured mark: "good", "fair" or "poor"
     ``folded``  shown only if the reader opens it, below the text
     ``link``    a file beside the page, or "#" and the key of a section
     """

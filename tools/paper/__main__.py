@@ -49,16 +49,14 @@ class Entry(NamedTuple):
     name: str
 
 
-def _figure(number: int, module: str, suffix: str = "") -> Entry:
-    name = f"figure_{number}{suffix}"
-    return Entry(f"figure_{number:02d}{suffix}", "figure", str(number), module, name)
+def _figure(number: int, module: str) -> Entry:
+    return Entry(f"figure_{number:02d}", "figure", str(number), module, f"figure_{number}")
 
 
 ENTRIES = (
     _figure(2, "uncertainty_figure"),
     _figure(7, "parameter_space_figures"),
     _figure(8, "parameter_space_figures"),
-    _figure(8, "parameter_space_figures", "_beyond"),
     _figure(9, "uncertainty_figure"),
     _figure(10, "frequency_figures"),
     _figure(11, "frequency_figures"),
@@ -68,7 +66,6 @@ ENTRIES = (
     *(_figure(number, "dob_figures") for number in range(16, 21)),
     Entry("table_2", "table", "2", "table_2", "table_2"),
     *(_figure(number, "delay_figures") for number in range(21, 25)),
-    _figure(21, "delay_runs", "_varying"),
 )
 """In the order of the paper, which is the order of the index page."""
 

@@ -12,7 +12,6 @@ _MARKS = {
     Verdict.ONE_READING: "fair",
     Verdict.CLAIM_ONLY: "fair",
     Verdict.NOT_REPRODUCIBLE: "poor",
-    Verdict.BEYOND: "more",
 }
 
 _AGREES = {True: Cell("yes", "good"), False: Cell("no", "poor"), None: Cell("-")}
@@ -25,7 +24,6 @@ _MEANING = {
     Verdict.CLAIM_ONLY: "what the text says holds, but not all numbers that it prints come out",
     Verdict.NOT_REPRODUCIBLE: "the text leaves out what would be needed, or what it prints gives "
     "something else",
-    Verdict.BEYOND: "the paper has no such figure or table",
 }
 
 _ABOUT = (
@@ -54,8 +52,7 @@ def heading(item: Written) -> str:
     if item.title.startswith(("Figure", "Table")):
         return item.title
     kind, own_number, *_ = item.key.split("_")
-    beyond = "Beyond " if item.verdict is Verdict.BEYOND else ""
-    return f"{beyond}{kind.capitalize()} {int(own_number)}: {item.title}"
+    return f"{kind.capitalize()} {int(own_number)}: {item.title}"
 
 
 def agreement(comparisons: Sequence[Comparison]) -> str:

@@ -1,11 +1,10 @@
-"""Figures 7 and 8: D-stability boundaries and region of (K_p, K_d), and a figure beyond the paper.
+"""Figures 7 and 8: D-stability boundaries and region of (K_p, K_d).
 
-The paper designs for the continuous nominal loop alone. Beyond it: all four corners of the
-uncertainty box at once, and the loop as it runs, sampled, held and delayed.
+The paper designs for the continuous nominal loop alone.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -15,13 +14,10 @@ from matplotlib.figure import Figure
 from ...closed_loop.parameter_space.d_stability import judge, paper_d_stability
 from ...closed_loop.parameter_space.drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
-from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
+from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop
 from ...closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
-from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.nominal_model import paper_eq19
 from ...runtime.array_types import ComplexArray, FloatArray
-from ...runtime.node import NS_PER_MS
-from .corners import corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 # ruff: noqa: RUF001  # σ is the paper's symbol
@@ -30,9 +26,6 @@ from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 PUBLISHED_K_P_RAD_M = 1.0596
 PUBLISHED_K_D_RAD_S_M = 0.939
 WINDOW = Window(-0.5, 3.5, -0.6, 2.4)
-PERIOD_NS = 10 * NS_PER_MS
-DELAYS_MS = (0, 80, 160)
-FILTERS_RAD_S = (None, 20.0, 5.0)
 
 _PUBLISHED_GAINS = np.array([[PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M]])
 _READING = (
@@ -132,48 +125,6 @@ def figure_8() -> Reproduction:
     )
 
 
-def figure_8_beyond() -> Reproduction:
-    """Return the regions of the four corners, and of the sampled loop with delay."""
-    spec = paper_d_stability()
-    loops = [ContinuousGainLoop(plant) for plant in corner_plants()]
-    names = (label.partition(": ")[2] for label in corner_labels())
-    each = {
-        name: d_stable_region([loop], spec, WINDOW) for name, loop in zip(names, loops, strict=True)
-    }
-    regions = [d_stable_region(loops, spec, WINDOW)]
-    figure = Figure(figsize=(11.0, 8.4))
-    panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
-    _draw_corners(panels[0], regions[0], each)
-    comparisons = [_judged(name, region) for name, region in each.items()]
-    for axes, filter_rad_s in zip(panels[1:], FILTERS_RAD_S, strict=True):
-        derivative = "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
-        axes.set_title(f"sampled at 100 Hz, plant (19), {derivative}", fontsize=10)
-        for delay_ms, shade in zip(DELAYS_MS, (0.15, 0.3, 0.6), strict=True):
-            loop = SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s)
-            region = d_stable_region([loop], spec, WINDOW)
-            regions.append(region)
-            fill_region(axes, region, f"{delay_ms} ms: area {region.polygon.area:.2f}", shade)
-            comparisons.append(_judged(f"sampled, {derivative}, {delay_ms} ms", region))
-        _draw_published(axes)
-    for axes in panels:
-        axes.legend(loc="lower right", fontsize=9)
-        axes.set(xlim=WINDOW[:2], ylim=WINDOW[2:], **GAIN_LABELS)
-        axes.label_outer()
-    return Reproduction(
-        "figure_08_beyond",
-        "Solution region: all corners, and the sampled loop with delay",
-        "As Figure 8. Corners: continuous, V = 4 and 7 km/h, virtual mass 1600 and 5000 kg,"
-        " C_r = 500,000 N/rad. Sampled: hold, delay and controller as they run, exact. Areas within"
-        " the picture [rad² s/m²].",
-        (Picture("figure_08_beyond", figure, region_columns(regions)),),
-        tuple(comparisons),
-        Verdict.BEYOND,
-        "Not in the paper: its region is that of one continuous loop without delay. The robustness"
-        " over the corners that it claims is there. A delay of the network takes the region from"
-        " above, at K_d, and the published gains leave it unless the derivative is filtered (N).",
-    )
-
-
 def _roots(loop: ContinuousGainLoop) -> ComplexArray:
     """Return the roots at the published gains, nearest the origin first, Im > 0 before Im < 0."""
     roots_rad_s = loop.roots(_PUBLISHED_GAINS)[0]
@@ -183,23 +134,6 @@ def _roots(loop: ContinuousGainLoop) -> ComplexArray:
 
 def _draw_published(axes: Axes) -> None:
     axes.plot(*_PUBLISHED_GAINS[0], "o", color="black", label="published gains")
-
-
-def _draw_corners(axes: Axes, common: GainRegion, each: Mapping[str, GainRegion]) -> None:
-    """Fill the region of all corners, and draw the edge of each corner's own."""
-    fill_region(axes, common, f"all four: area {common.polygon.area:.2f}", 0.3)
-    for index, ((name, region), colour) in enumerate(zip(each.items(), COLOURS, strict=False)):
-        style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # the two are almost equal
-        axes.plot(*region.polygon.exterior.xy, color=colour, label=name, **style)
-    _draw_published(axes)
-    axes.set_title("continuous, every corner of the uncertainty box", fontsize=10)
-
-
-def _judged(name: str, region: GainRegion) -> Comparison:
-    inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
-    distance = abs(region.relative_distance(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M))
-    text = f"{_inside(inside)}, {distance:.0%} of the gains from the edge"
-    return unpublished(f"published gains: {name}", text)
 
 
 def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:

@@ -30,8 +30,6 @@ class Verdict(StrEnum):
     ONE_READING = "reproduced in one reading of the text, with the stated correction"
     CLAIM_ONLY = "the claim holds, not all numbers do"
     NOT_REPRODUCIBLE = "not reproducible from the text"
-    BEYOND = "beyond the paper"
-    """The paper has no such figure or table: there is nothing to reproduce."""
 
 
 class Picture(NamedTuple):

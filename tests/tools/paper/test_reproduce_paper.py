@@ -124,7 +124,7 @@ def test_whatever_a_figure_says_is_escaped() -> None:
         evil,
         (evil,),
         (Comparison(evil, evil, evil, None),),
-        Verdict.BEYOND,
+        Verdict.REPRODUCED,
         evil,
     )
     text = page_of(item)
@@ -139,8 +139,6 @@ def test_a_page_of_nothing_is_a_page() -> None:
 
 def test_headings_carry_the_number_once() -> None:
     assert heading(written("figure_08")) == "Figure 8: A title"
-    beyond = written("figure_21_varying", Verdict.BEYOND)
-    assert heading(beyond) == "Beyond Figure 21: A title"
     assert heading(written("table_2")) == "Table 2: A title"
     assert heading(written()._replace(title="Figure 8: again")) == "Figure 8: again"
 
@@ -221,8 +219,6 @@ def test_a_number_selects_all_that_belongs_to_it_in_the_paper_s_order() -> None:
     entries = reproduce_paper.selected(["21", "8"], ["2"], everything=False)
     assert [entry.key for entry in entries] == [
         "figure_08",
-        "figure_08_beyond",
         "table_2",
         "figure_21",
-        "figure_21_varying",
     ]
