@@ -24,7 +24,7 @@ from ...closed_loop.studies.result_reader import (
 )
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.output_file import write_text
+from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
@@ -54,7 +54,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         *delay_sections(study, rows),
         *filter(None, (_maps(study, rows, axes),)),
         comparison_section(study, comparisons(study, rows)),
-        *level_sections(study, rows, axes),
+        *level_sections(study, rows),
     ]
     if study.scenarios.study.bus is None:  # these run scenarios again, compiled
         sections.append(_break_points(study, rows, axes, break_point_seeds))
@@ -108,7 +108,7 @@ def _worst(study: StudyRecord, rows: Rows) -> Section:
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
     with plot_style():
         png = png_of(draw())
-    (study.folder / f"{name}.png").write_bytes(png)
+    write_file(study.folder / f"{name}.png", png)
     return Picture(png, name.replace("_", " "))
 
 

@@ -13,10 +13,8 @@ from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.against_pd import comparisons
-from steer_by_wire.tools.study.axes import study_axes
 from steer_by_wire.tools.study.level_by_level import (
     compared_factors,
-    conditions_by_level,
     level_ratios,
     level_sections,
 )
@@ -98,23 +96,6 @@ def test_ratios_are_of_pairs_that_differ_in_one_factor_alone(
     assert found[3].steer_rate > 2.0
 
 
-def test_every_combination_of_levels_has_its_medians(study: StudyRecord, rows: Rows) -> None:
-    factors = compared_factors(study)
-    axes = study_axes(study, rows)
-    found = conditions_by_level(study, rows, factors, axes.mean.place)
-    assert [one.levels for one in found[:4]] == [
-        *(("0.0", "20.0"), ("0.02", "20.0")),
-        *(("0.0", "40.0"), ("0.02", "40.0")),
-    ]
-    assert [one.runs for one in found] == [4] * 8
-    chosen = (rows.controller == 0) & (rows.factors["noise"] == 0.02)
-    chosen &= rows.factors["filter"] == 20.0
-    assert found[1].effort.steer_rms_rad == float(np.median(rows.steer_rms_rad[chosen]))
-    at = chosen & (rows.factors["mean_s"] == 0.1)
-    assert found[1].rms_by_latency_m[1] == float(np.median(rows.rms_m[at]))
-    assert conditions_by_level(study, rows, []) == []
-
-
 def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Rows) -> None:
     pd, dob = comparisons(study, rows)
     for one in (pd, dob):
@@ -124,10 +105,9 @@ def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Row
 
 
 def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, rows: Rows) -> None:
-    sections = [study_section(study, rows), *level_sections(study, rows, study_axes(study, rows))]
+    sections = [study_section(study, rows), *level_sections(study, rows)]
     text = page("levels", sections)
     assert "<h2>Level by level</h2>" in text
-    assert "steer [mrad], 50 ms" in text
     shown = text.partition("Base of the plant")[2].partition("<details>")[0]
     assert "duration_s = 4.0" in shown
     assert "yaw_inertia" not in shown
