@@ -27,7 +27,7 @@ from steer_by_wire.runtime.command_line import (
     run_main,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.program.host import StealClock
+from steer_by_wire.runtime.program.priority_and_memory_lock import StealClock
 from steer_by_wire.runtime.program.report import write_json
 
 NAME = "python -m benchmarks"

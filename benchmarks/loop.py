@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.controller.laws.assembly import LawDesign, design_law
+from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import PRESETS, controller_preset
 from steer_by_wire.dbc import messages

@@ -20,7 +20,7 @@ from ..dbc.messages import CAN_IDS
 from ..runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import EXTENDED, Frame
-from ..runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from ..runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import SettingsError
 

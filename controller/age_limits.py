@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, PositiveFloat, Tag
 
-from ..dbc.codec.sequence import SequenceRule
+from ..dbc.codec.sequence_and_second_sender import SequenceRule
 from ..dbc.messages import Freshness
 from ..runtime.node import NS_PER_MS
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings

@@ -9,13 +9,13 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ..dbc.codec.sequence import SequenceRule
+from ..dbc.codec.sequence_and_second_sender import SequenceRule
 from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
 from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 from .delay_estimation.delay_estimator import DelayEstimationSettings
-from .laws.assembly import design_law
+from .laws.law_from_settings import design_law
 from .laws.settings import LawSettings
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
 

@@ -12,7 +12,7 @@ from cantools.database.can import Database, Message
 
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
-from ..runtime.frame.exact_length import DATA_LENGTH_CODE
+from ..runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 from .j1939_transport import LENGTH_MAX, announcement_id, data_id, source_address
 
 

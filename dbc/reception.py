@@ -1,8 +1,8 @@
 """Which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest accepted one (``dbc.codec.sequence``). Refused frames are counted by
-cause.
+counter, newer than the newest accepted one (``dbc.codec.sequence_and_second_sender``). Refused
+frames are counted by cause.
 
 **Own identifiers.** A node does not receive its own frames, so an intact one under an identifier
 that only it sends comes from somebody else, for certain, and its peer may follow that. So for
@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
-from .codec.sequence import CHANGING, SequenceCheck, SequenceResult, SequenceRule
+from .codec.sequence_and_second_sender import CHANGING, SequenceCheck, SequenceResult, SequenceRule
 from .messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..dbc.codec.sequence import SequenceRule
+from ..dbc.codec.sequence_and_second_sender import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import (

@@ -21,7 +21,7 @@ from .controller.law_interface import (
     last_command,
 )
 from .controller.laws import LAWS
-from .controller.laws.assembly import vehicle_of
+from .controller.laws.law_from_settings import vehicle_of
 from .controller.laws.packet import plan_times
 from .controller.prediction.gains_over_speed import noise_covariances, sampled_vehicles
 from .controller.prediction.measured_vehicle import measured_gains

@@ -1,7 +1,7 @@
 """Memory that the interpreter allocates in a tick of the controller, without a bus.
 
-In a live run the garbage collector is off (``runtime.program.host``). Here it is left on with
-Python's usual thresholds, and its collections are counted.
+In a live run the garbage collector is off (``runtime.program.priority_and_memory_lock``). Here it
+is left on with Python's usual thresholds, and its collections are counted.
 """
 
 import gc

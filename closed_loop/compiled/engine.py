@@ -1,9 +1,9 @@
 """Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
 
 Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
-the two programs, and the arithmetic is theirs (``closed_loop.compiled.steps``). A run ends early on
-an error that LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome``
-reports which. In virtual time the nodes would go on.
+the two programs, and the arithmetic is theirs (``closed_loop.compiled.step_functions``). A run ends
+early on an error that LATERAL_ERROR cannot carry, or on a command of the law that is not finite;
+``outcome`` reports which. In virtual time the nodes would go on.
 """
 
 from enum import StrEnum

@@ -10,7 +10,7 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from ...controller.history.history import history_of
 from ...controller.law_interface import NO_HISTORY, Law, LawInput, LawOutput, LawStep
-from ...controller.laws.assembly import LawDesign, design_law
+from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
@@ -18,7 +18,7 @@ from .compilation import compiled_anew, compiled_fastmath, compiled_inside
 from .law_input import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
 from .schedule import empty_rings
-from .steps import law_plan, law_step, register_law, register_steps
+from .step_functions import law_plan, law_step, register_law, register_steps
 
 _numba: Any = numba
 """Untyped, as numba has no types for some of it."""

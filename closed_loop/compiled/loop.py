@@ -1,7 +1,7 @@
 """The compiled loop of one run: plant events and control ticks in the order of virtual time.
 
-At one instant (``runtime.node.virtual_time`` with the nodes plant, controller and no time on the
-wire):
+At one instant (``runtime.node.virtual_time_loop`` with the nodes plant, controller and no time on
+the wire):
 
 1. commands that were sent earlier and are due now reach the actuator
 2. the sensors sample
@@ -13,7 +13,7 @@ controller is in follow from the latencies alone and are computed beforehand
 (``closed_loop.compiled.schedule``).
 
 The functions here are compiled at their first call, after
-``closed_loop.compiled.steps.register_steps``.
+``closed_loop.compiled.step_functions.register_steps``.
 """
 
 import math

@@ -17,7 +17,7 @@ from ...controller.history.plan import ROW_LENGTH
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.codec.sequence import CHANGING, HALF, SequenceCheck, SequenceRule
+from ...dbc.codec.sequence_and_second_sender import CHANGING, HALF, SequenceCheck, SequenceRule
 from ...dbc.messages import (
     LateralError,
     Message,
@@ -42,7 +42,7 @@ from .along_path import curvatures_ahead_1_m
 from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
 from .network import Frames, normal_scores, passages
-from .steps import register_steps
+from .step_functions import register_steps
 
 _MESSAGES: dict[Uplink, type[Message]] = {
     Uplink.LATERAL_ERROR: LateralError,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from ...runtime.frame.exact_length import frame_bits
+from ...runtime.frame.length_with_stuff_bits import frame_bits
 
 MARK = b"LSP1"
 FRAMES_MAX = 16

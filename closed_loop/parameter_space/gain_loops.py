@@ -6,8 +6,9 @@
 z = e^(sT). Three kinds:
 
     ContinuousGainLoop    P(s) with any dead time e^(-sT), exact; q = s or s/(s/N + 1)
-    SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.laws.assembly``
-                          makes it from K_p, K_d and N: that is affine in both gains too
+    SampledGainLoop       the plant behind a delayed hold, and C(z) as
+                          ``controller.laws.law_from_settings`` makes it from K_p, K_d and N: affine
+                          in both gains too
     LawGainLoop           any law: the PD inside its DOB and CDOB
 
 -1/P is used and not P, because the vehicle's two integrators are poles of P at s = 0 and harmless
@@ -28,7 +29,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.discretization import design_pd
 from ...controller.filters.settings import PdSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
-from ...controller.laws.assembly import LawDesign, design_law, required
+from ...controller.laws.law_from_settings import LawDesign, design_law, required
 from ...controller.laws.pd import LAW as PD
 from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
@@ -146,7 +147,7 @@ class ContinuousGainLoop:
 
 
 class SampledGainLoop:
-    """A plant behind a delayed hold under the discrete PD of ``controller.laws.assembly``.
+    """A plant behind a delayed hold under the discrete PD of ``controller.laws.law_from_settings``.
 
     ``model``                    continuous, from wheel angle [rad] to lateral error [m], strictly
                                  proper

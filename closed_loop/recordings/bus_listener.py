@@ -10,7 +10,13 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.codec.sequence import HALF, PERIOD_NS_MIN, SequenceCheck, SequenceResult, SequenceRule
+from ...dbc.codec.sequence_and_second_sender import (
+    HALF,
+    PERIOD_NS_MIN,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+)
 from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.node.real_time import Port
+from ...runtime.node.real_time_loop import Port
 
 LATE_NS = 50 * NS_PER_MS
 """A program that reads a frame so long after it may have come has fallen behind."""

@@ -15,7 +15,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
-from .latency_from_counters import Durations, History, Latencies
+from .latency_and_jitter import Durations, History, Latencies
 from .log_file import CLOCK_STARTED_NS, LogError, open_log
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Not here: the fixtures for pytest (`pytest_plugin.py`). Begin at `rig.py`.
 """
 
-from .outcome import Outcome
+from .outcome_and_assertions import Outcome
 from .rig import Rig
 
 __all__ = ["Outcome", "Rig"]

@@ -41,7 +41,7 @@ from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
 from ..virtual_bus import QUIET_BUS
 from ..virtual_pair import make_virtual_plant, run_virtual_nodes
 from .command import STATUS_KILLED
-from .outcome import Outcome
+from .outcome_and_assertions import Outcome
 
 if TYPE_CHECKING:
     from ...dbc.dialect.dialect import Dialect

@@ -44,7 +44,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from ..agreed_point import followed_point
 from ..compiled.compilation import compiled
-from ..compiled.steps import register
+from ..compiled.step_functions import register
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""

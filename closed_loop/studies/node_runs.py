@@ -25,7 +25,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
-from ...runtime.node.virtual_time import Wire
+from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_node, gateways_of
 from ..pair_result import CONTROLLER, PLANT, Trace
 from ..virtual_bus import shared_bus, with_clocks

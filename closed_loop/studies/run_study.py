@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...controller.laws.assembly import design_law
+from ...controller.laws.law_from_settings import design_law
 from ...runtime.settings import with_values
 from ..simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
 from .compiled_figures import COLUMNS, Figures, verdicts

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ...controller.laws.assembly import design_law
+from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.dialect.dialect import read_dialect
 from ...plant_emulator.settings import PlantSettings

@@ -31,7 +31,7 @@ from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..filters.transfer_function import TransferFunction
 from ..law_interface import LookingBack
-from ..laws.assembly import LawDesign, design_law, vehicle_of
+from ..laws.law_from_settings import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system

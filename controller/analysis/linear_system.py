@@ -20,7 +20,7 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput
-from ..laws.assembly import LawDesign
+from ..laws.law_from_settings import LawDesign
 from ..prediction.matrices import zero_order_hold
 
 

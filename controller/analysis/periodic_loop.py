@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..history.echo_delay import LoopDelayParams
-from ..laws.assembly import LawDesign
+from ..laws.law_from_settings import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
 from ..settings import ControllerSettings
 from .loop_signals import (

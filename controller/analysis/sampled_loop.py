@@ -17,7 +17,7 @@ import numpy as np
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
-from ..laws.assembly import LawDesign
+from ..laws.law_from_settings import LawDesign
 from .linear_system import heading_row, held_plant, law_system, without_idle_states
 
 SLOWEST_DECAY_1_S = 1e-3

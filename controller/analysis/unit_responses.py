@@ -11,7 +11,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ..law_interface import History, LawInput, LoopDelay, VehicleReading
-from ..laws.assembly import LawDesign
+from ..laws.law_from_settings import LawDesign
 from .linear_system import filled, floats_of
 from .loop_signals import Timing
 

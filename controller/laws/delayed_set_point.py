@@ -44,8 +44,8 @@ from ..filters.sections import SectionState
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay
 from ..limits.fades_and_ramps import FADE_RAD_S, NOTHING, Fading, fading_step
-from .assembly import steady_steer, vehicle_of
 from .feed_forward import SteadySteer, curve_step, steer_per_curvature
+from .law_from_settings import steady_steer, vehicle_of
 
 if TYPE_CHECKING:
     from .settings import LawSettings

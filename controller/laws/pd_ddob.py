@@ -16,7 +16,7 @@ from ..filters.dob import DobParams, DobState, dob_at_rest, dob_step
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..law_interface import Law, LawInput, LawOutput, last_command
-from .assembly import required
+from .law_from_settings import required
 
 if TYPE_CHECKING:
     from .settings import LawSettings

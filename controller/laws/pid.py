@@ -25,7 +25,7 @@ from ..filters.discretization import design_pd
 from ..filters.pd import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..law_interface import Law, LawInput, LawOutput, last_command, newest_heading_rad
-from .assembly import required
+from .law_from_settings import required
 
 if TYPE_CHECKING:
     from .settings import LawSettings

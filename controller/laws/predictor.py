@@ -46,7 +46,7 @@ from ..prediction.vehicle_kalman_filter import (
     estimator_at_rest,
     start_estimate,
 )
-from .assembly import FILTER_SETTLES_S, filter_opening, vehicle_of
+from .law_from_settings import FILTER_SETTLES_S, filter_opening, vehicle_of
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 from .set_point import ahead_of_cg_m
 

@@ -34,7 +34,7 @@ from ..filters.sections import (
 )
 from ..filters.settings import CutoffRadS
 from ..law_interface import History, Law, LawInput, LawOutput
-from .assembly import required
+from .law_from_settings import required
 
 if TYPE_CHECKING:
     from .settings import LawSettings

@@ -11,7 +11,7 @@ from typing import Any
 from ...dbc.messages import Mode
 from ..history.history import BusHistory
 from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
-from ..laws.assembly import design_law
+from ..laws.law_from_settings import design_law
 from ..limits.designed_ranges import share_of_demand
 from ..limits.fades_and_ramps import difference_step
 from ..settings import ControllerSettings

@@ -8,7 +8,7 @@ sample; freshness, modes and fallback are decided here, around it.
     node.law_runner            the law, and the fading in of its commands
     node.command_frames        the commands, and when each was sent
     node.status_frames         status messages for monitoring
-    node.safety_report         what CONTROLLER_SAFETY must report
+    node.safety_alarms         what CONTROLLER_SAFETY must report
     node.run_figures           figures for the report
 """
 
@@ -43,7 +43,7 @@ from .newest_messages import RECEIVED, SENT, Received
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
 from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
-from .safety_report import SafetyReport
+from .safety_alarms import SafetyReport
 from .status_frames import STATUS_PERIOD_NS, StatusFrames
 from .view import controller_view
 

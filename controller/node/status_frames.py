@@ -1,6 +1,6 @@
 """The frames that report the controller's state, for monitoring, every STATUS_PERIOD_NS.
 
-CONTROLLER_SAFETY alone leaves in between as well: ``controller.node.safety_report`` decides when.
+CONTROLLER_SAFETY alone leaves in between as well: ``controller.node.safety_alarms`` decides when.
 """
 
 from ...dbc.messages import (

@@ -7,7 +7,7 @@ from ...dbc.reception import second_sender_line
 from ...runtime.node import View
 from ..limits.designed_ranges import in_words
 from .newest_messages import Received
-from .safety_report import SafetyFacts
+from .safety_alarms import SafetyFacts
 
 _MODES: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",

@@ -10,7 +10,7 @@ The CRC detects corruption and, by the Data ID, a payload under the wrong identi
 it detects every change of up to three bits, and others with probability 1 - 2**-16. The counter
 detects loss, repetition and reordering. Neither detects a frame that is too old, because a frame
 contains no time. The receiver must watch for the silence of a message itself. Which counters it
-believes stands in ``dbc.codec.sequence``.
+believes stands in ``dbc.codec.sequence_and_second_sender``.
 """
 
 from binascii import crc_hqx

@@ -29,7 +29,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from ..frame import FD, Frame
-from ..frame.exact_length import INTERMISSION_BITS, FrameBits
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS, FrameBits
 from ..frame.received_bits import WireError, receive
 from ..frame.wire_bits import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire, stuffed_text
 

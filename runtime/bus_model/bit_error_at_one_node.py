@@ -15,7 +15,7 @@ Three cases matter to an actuator:
 from functools import lru_cache
 
 from ..frame import Frame
-from ..frame.exact_length import FrameBits
+from ..frame.length_with_stuff_bits import FrameBits
 from ..frame.received_bits import WireError, receive
 from ..frame.wire_bits import DOMINANT, RECESSIVE, WireBit, frame_on_wire
 from .bit_error_at_all_nodes import (

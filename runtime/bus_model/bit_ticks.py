@@ -7,7 +7,7 @@ from math import gcd, lcm
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.exact_length import FrameBits, frame_bits
+from ..frame.length_with_stuff_bits import FrameBits, frame_bits
 from ..node import NS_PER_S
 
 

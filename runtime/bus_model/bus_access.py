@@ -7,7 +7,7 @@ not modelled here.
 
 from collections.abc import Sequence
 
-from ..frame.exact_length import INTERMISSION_BITS
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS
 from .bit_ticks import BitTicks
 from .bus_errors import BusErrors
 from .transmit_queue import Waiting

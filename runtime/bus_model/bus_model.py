@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from ..frame import FD, Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
-from ..frame.exact_length import INTERMISSION_BITS, frame_bits
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
 from .bit_error_at_all_nodes import Disturbed
 from .bit_ticks import bit_ticks

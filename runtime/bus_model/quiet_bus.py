@@ -9,9 +9,9 @@ from heapq import heappop, heappush
 
 from ..frame import Frame
 from ..frame.arbitration import arbitration_field
-from ..frame.exact_length import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
 from ..node import NEVER_NS
-from ..node.virtual_time import Delivered
+from ..node.virtual_time_loop import Delivered
 from .bit_ticks import bit_ticks
 from .transmit_queue import BusOverflowError
 

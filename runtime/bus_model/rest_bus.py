@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
-from ..frame.exact_length import INTERMISSION_BITS
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS
 from ..node import NS_PER_S
 from .bit_ticks import BitTicks
 

@@ -8,8 +8,8 @@ import random
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from .exact_length import FrameBits, frame_bits
 from .frame import Frame
+from .length_with_stuff_bits import FrameBits, frame_bits
 from .wire_bits import frame_on_wire
 
 _PATTERNS = (0x0F0F, 0x1E1E, 0x3C3C, 0x7878, 0xF0F0, 0xE1E1, 0xC3C3, 0x8787, 0x0000, 0xFFFF)

@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
-from .exact_length import DATA_LENGTH_CODE
 from .frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
+from .length_with_stuff_bits import DATA_LENGTH_CODE
 from .wire_bits import CRC_15, DOMINANT, RECESSIVE, RUN_MAX, crc_of, fd_crc, stuff_count
 
 _BYTES_OF_DLC = {code: length for length, code in DATA_LENGTH_CODE.items()}

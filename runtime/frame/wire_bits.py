@@ -17,8 +17,8 @@ from collections.abc import Iterable, Iterator
 from functools import cache, lru_cache
 from typing import NamedTuple
 
-from .exact_length import DATA_LENGTH_CODE, crc15, frame_bits
 from .frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
+from .length_with_stuff_bits import DATA_LENGTH_CODE, crc15, frame_bits
 
 DOMINANT, RECESSIVE = 0, 1
 RUN_MAX = 5

@@ -32,7 +32,7 @@ from ..bus_model.socketcan_error_frames import (
 )
 from ..frame import ERROR, Frame
 from ..node import NEVER_NS, NS_PER_S
-from ..node.real_time import Received
+from ..node.real_time_loop import Received
 from .can_state import is_in_bus_off
 from .port import ClosablePort, OpenPort
 from .python_can import BusError, has_carrier

@@ -15,7 +15,7 @@ from can.typechecking import CanFilter
 from can.util import load_config
 
 from ..exit_status import cause_of
-from ..node.real_time import Port
+from ..node.real_time_loop import Port
 from .python_can import BusError, BusPort, Choice, Closable, check_openable, choose_bus, open_bus
 from .socketcan import SocketCanPort
 

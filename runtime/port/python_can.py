@@ -25,7 +25,7 @@ from can.util import load_environment_config, load_file_config
 from ..exit_status import ExitStatus, UserError, one_line
 from ..frame import Frame
 from ..frame.message import frame_of, message_of
-from ..node.real_time import Received
+from ..node.real_time_loop import Received
 
 _AUTO_CHANNEL = "vcan0"
 _BUS_HELP: Mapping[str, tuple[str, ...]] = {

@@ -23,7 +23,7 @@ from can.typechecking import CanFilter
 from ..exit_status import cause_of
 from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ..node import NS_PER_S
-from ..node.real_time import Received
+from ..node.real_time_loop import Received
 from .python_can import BusError
 
 # linux/can.h, linux/can/raw.h, asm-generic/socket.h; socket has most of them on Linux only

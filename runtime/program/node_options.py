@@ -22,7 +22,7 @@ from ..recording.recording import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
 from ..settings.mistakes import setting_keys
 from .bus_options import clock
-from .host import priority
+from .priority_and_memory_lock import priority
 
 _S = TypeVar("_S", bound=Settings)
 _SPIN_US_MAX = 10_000

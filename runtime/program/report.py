@@ -10,12 +10,12 @@ from typing import Any
 
 from ..command_line import DISTRIBUTION
 from ..node import NS_PER_S
-from ..node.real_time import LoopFigures
+from ..node.real_time_loop import LoopFigures
 from ..node.statistics import durations_report
 from ..output_file import write_text
 from ..port.connection import ConnectionFigures
 from ..settings import Settings, SettingsError
-from .host import HostAnswer
+from .priority_and_memory_lock import HostAnswer
 
 
 def run_report(

@@ -17,14 +17,14 @@ from ..command_line import say
 from ..exit_status import ExitStatus
 from ..node import NS_PER_S, NS_PER_US, N, Node
 from ..node.drifting_clock import DriftingClock
-from ..node.real_time import LoopFigures, RealTimeExecutor, unobserved
+from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
 from ..port.python_can import BusError, shutting_down
 from ..recording.recording import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
-from .host import RealTimeRequest, StealClock, real_time
+from .priority_and_memory_lock import RealTimeRequest, StealClock, real_time
 from .report import connection_report, host_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest

@@ -29,7 +29,7 @@ from typing import IO, Any, NamedTuple
 
 from ..command_line import installation
 from ..frame import ERROR, FD, REMOTE, Frame
-from ..node.real_time import Port, Received
+from ..node.real_time_loop import Port, Received
 
 SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
 """The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""

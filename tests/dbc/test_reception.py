@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.codec.sequence import SequenceResult, SequenceRule
+from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceResult, SequenceRule
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Direction,

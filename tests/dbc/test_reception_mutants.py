@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 from steer_by_wire.dbc import reception
-from steer_by_wire.dbc.codec.sequence import (
+from steer_by_wire.dbc.codec.sequence_and_second_sender import (
     CHANGING,
     SequenceCheck,
     SequenceResult,

@@ -21,7 +21,7 @@ from steer_by_wire.dbc.messages import CAN_IDS, PlantStatus
 from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.frame.longest_frame import longest_frame
 from steer_by_wire.runtime.node import NS_PER_S
 

@@ -21,7 +21,7 @@ from itertools import pairwise, product
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc import reception
-from steer_by_wire.dbc.codec.sequence import CHANGING, SequenceRule
+from steer_by_wire.dbc.codec.sequence_and_second_sender import CHANGING, SequenceRule
 from steer_by_wire.dbc.messages import LateralError, Message, SteeringCommand
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S

@@ -29,7 +29,7 @@ from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.node.real_time import RealTimeExecutor
+from steer_by_wire.runtime.node.real_time_loop import RealTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort, shutting_down
 from tests.support.intruder import Attack, Intruder
 from tests.support.running_program import UNSUPERVISED

@@ -10,7 +10,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.tools.faults.campaign.babbled_bus import BabbledBus
 from steer_by_wire.tools.faults.injection.fault_frames import babble

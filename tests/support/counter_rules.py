@@ -1,6 +1,10 @@
 """Which counters a tested receiver believes, at the shortest period and without time to pass."""
 
-from steer_by_wire.dbc.codec.sequence import PERIOD_NS_MIN, SequenceCheck, SequenceRule
+from steer_by_wire.dbc.codec.sequence_and_second_sender import (
+    PERIOD_NS_MIN,
+    SequenceCheck,
+    SequenceRule,
+)
 
 
 def rule(step_max: int = 10, resync_run: int = 3, resync_ns: int = 0) -> SequenceRule:

@@ -3,7 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from steer_by_wire.dbc.codec.sequence import CHANGING, SequenceCheck, SequenceResult, SequenceRule
+from steer_by_wire.dbc.codec.sequence_and_second_sender import (
+    CHANGING,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+)
 from steer_by_wire.runtime.node import NS_PER_MS
 
 PERIOD_NS = 10 * NS_PER_MS

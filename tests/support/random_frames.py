@@ -11,7 +11,7 @@ from steer_by_wire.runtime.frame import (
     REMOTE_LENGTH_SHIFT,
     Frame,
 )
-from steer_by_wire.runtime.frame.exact_length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 
 FORMATS = (
     0,

@@ -37,7 +37,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from tests.support.authenticated_ends import KEY, controller, meet, plant
 from tests.support.decoded_frames import messages_in
 from tests.support.timed_sender import TimedSender

@@ -13,19 +13,19 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
-from steer_by_wire.closed_loop.compiled.steps import ForeignParamsError
+from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
 from steer_by_wire.controller.laws import LawInput, plugin
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, Rejection, decode
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run import __main__ as closed_loop

@@ -23,7 +23,7 @@ from steer_by_wire.controller.filters.settings import (
     VehicleModelSettings,
 )
 from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.limits.steer_limits import LimitSettings, limit_step
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution

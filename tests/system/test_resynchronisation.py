@@ -4,7 +4,7 @@ import pytest
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.codec.sequence import SequenceResult
+from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceResult
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.steering.settings import SafetySettings
 from steer_by_wire.plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.codec.sequence import SequenceRule
+from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceRule
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
     Decoded,

@@ -18,7 +18,7 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import Node
-from steer_by_wire.runtime.node.virtual_time import InstantWire, VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import InstantWire, VirtualTimeExecutor
 
 MS = 1_000_000
 DURATION_S = 5.0

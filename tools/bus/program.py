@@ -43,7 +43,7 @@ from ...runtime.program.bus_options import (
     bus_settings,
     data_bit_rate,
 )
-from ...runtime.program.host import RealTimeRequest, priority, real_time
+from ...runtime.program.priority_and_memory_lock import RealTimeRequest, priority, real_time
 from ...runtime.settings import SettingsError
 
 NAME = "steer-by-wire bus"

@@ -8,7 +8,7 @@ from ...dbc.foreign_messages import ListedMessage, read_message_set
 from ...dbc.j1939_transport import GAP_NS, announcement_id, data_id, packets, source_address
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
-from ...runtime.frame.exact_length import FrameBits
+from ...runtime.frame.length_with_stuff_bits import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError

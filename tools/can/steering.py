@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import delay_margin_ns, stable_delays
-from ...controller.laws.assembly import design_law
+from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import controller_preset
 from ...runtime.settings import SettingsError
 from .bounds import Traffic, load, worst_response_ns

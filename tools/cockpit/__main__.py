@@ -42,10 +42,10 @@ from steer_by_wire.runtime.program.bus_options import (
     bus_settings,
 )
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.cockpit.desk import Desk
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
+from steer_by_wire.tools.cockpit.page_requests import Desk
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
 from steer_by_wire.tools.cockpit.server import HOST, Server, serving

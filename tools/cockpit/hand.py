@@ -20,7 +20,7 @@ from ...dbc.dialect.option import add_dialect_argument
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
-from ...runtime.node.real_time import RealTimeExecutor
+from ...runtime.node.real_time_loop import RealTimeExecutor
 from ...runtime.port.port import open_port
 from ...runtime.port.python_can import add_bus_arguments, shutting_down
 from ...runtime.program.stop_request import StopRequest

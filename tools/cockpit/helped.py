@@ -11,7 +11,7 @@ from ...controller.settings import controller_preset
 from ...dbc.messages import CAN_IDS, Decoded, LateralError, decode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
-from ...runtime.node.virtual_time import VirtualTimeExecutor
+from ...runtime.node.virtual_time_loop import VirtualTimeExecutor
 from .ghost import Offset
 
 _LAW = "highway_predictor"

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...closed_loop.recordings.lights import Light
 from ...closed_loop.recordings.log_file import LogError, open_log
+from ...closed_loop.recordings.status_lights import Light
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lanes import lane_facts

@@ -16,8 +16,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from ...closed_loop.recordings.bus_listener import command_at
-from ...closed_loop.recordings.lights import Known, Light, lights_of
 from ...closed_loop.recordings.live_view import BusWatch
+from ...closed_loop.recordings.status_lights import Known, Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS

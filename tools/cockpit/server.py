@@ -19,8 +19,8 @@ from contextlib import asynccontextmanager, suppress
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Handler, Middleware
 
-from .desk import Desk
 from .page import page_files, served_page, single_page
+from .page_requests import Desk
 from .replay import read_replay
 from .signals import packed_rows
 

@@ -33,9 +33,7 @@ from steer_by_wire.runtime.program.bus_options import (
 )
 from steer_by_wire.runtime.program.report import refuse_another_run, write_json
 from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
-from steer_by_wire.tools.demo.pictures import draw_all
-from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
-from steer_by_wire.tools.demo.story import (
+from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
     QUANTITIES,
     LawResult,
@@ -48,6 +46,8 @@ from steer_by_wire.tools.demo.story import (
     verdict_line,
     what_to_see,
 )
+from steer_by_wire.tools.demo.pictures import draw_all
+from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
 
 NAME = "steer-by-wire demo"
 

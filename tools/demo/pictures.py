@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.pair_result import Trace
 from ...closed_loop.reports.plot_style import COLOURS, plot_style
 from ...runtime.array_types import FloatArray
-from .story import LawResult, Phase
+from .laws_and_phases import LawResult, Phase
 
 RUNNING_S = 1.0
 """Over which the error's running RMS is taken."""

@@ -16,7 +16,7 @@ from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
-from .story import DemoLaw
+from .laws_and_phases import DemoLaw
 
 VIRTUAL_WORKERS = 2
 POLL_S = 0.1

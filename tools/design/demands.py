@@ -17,8 +17,8 @@ from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.assembly import LawDesign, steady_steer
 from ...controller.laws.feed_forward import steer_per_curvature
+from ...controller.laws.law_from_settings import LawDesign, steady_steer
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, curvature
 from ...runtime.array_types import FloatArray

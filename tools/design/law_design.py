@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.laws.assembly import design_law
+from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS

@@ -25,7 +25,7 @@ from ...controller.filters.settings import (
     VehicleModelSettings,
 )
 from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.assembly import LawDesign, design_law
+from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.laws.pid import PidSettings
 from ...controller.limits.designed_ranges import ValiditySettings
 from ...controller.settings import ControllerSettings

@@ -37,7 +37,7 @@ from ...controller.analysis.linear_system import (
     without_idle_states,
 )
 from ...controller.filters.transfer_function import Factor, TransferFunction
-from ...controller.laws.assembly import LawDesign
+from ...controller.laws.law_from_settings import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 

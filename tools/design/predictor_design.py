@@ -24,7 +24,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.assembly import design_law
+from ...controller.laws.law_from_settings import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.drawing import GAIN_LABELS, draw_curves, fill_region
 from ...closed_loop.parameter_space.gain_boundaries import Window
+from ...closed_loop.parameter_space.region_pictures import GAIN_LABELS, draw_curves, fill_region
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.laws.assembly import design_law, required
+from ...controller.laws.law_from_settings import design_law, required
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings

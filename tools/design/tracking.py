@@ -35,7 +35,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.assembly import LawDesign
+from ...controller.laws.law_from_settings import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from .loop_figures import fed_back, law_response, plant_responses

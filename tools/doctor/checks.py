@@ -22,7 +22,7 @@ from ...runtime.port.python_can import (
     check_openable,
     choose_bus,
 )
-from ...runtime.program.host import RealTimeRequest, real_time
+from ...runtime.program.priority_and_memory_lock import RealTimeRequest, real_time
 from ...with_vcan import xstate
 from ...with_vcan.__main__ import backends
 from ...with_vcan.request import Request, missing_programs

@@ -21,9 +21,9 @@ from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import LateralError, encode
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.node.real_time import Port, RealTimeExecutor
+from ...runtime.node.real_time_loop import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationStatistics, DurationSummary
-from ...runtime.program.host import StealClock
+from ...runtime.program.priority_and_memory_lock import StealClock
 
 SLICE_NS = 200 * NS_PER_MS
 AMPLITUDE_M, STEP_RAD = 0.01, 0.1

@@ -4,7 +4,8 @@ import math
 
 from rich.text import Text
 
-from ...closed_loop.recordings.lights import (
+from ...closed_loop.recordings.live_view import MessageView, Spread, Strip, View
+from ...closed_loop.recordings.status_lights import (
     BAD,
     GOOD,
     NOTICE,
@@ -13,7 +14,6 @@ from ...closed_loop.recordings.lights import (
     lights_of,
     measurements_that_are,
 )
-from ...closed_loop.recordings.live_view import MessageView, Spread, Strip, View
 from ...dbc.messages import EchoState, EstimateState, Freshness, SecondSender
 from .keys import LatencyChoice
 

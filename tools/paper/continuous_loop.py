@@ -26,7 +26,7 @@ from ...controller.analysis.linear_system import polynomials
 from ...controller.filters.discretization import pd_compensator, q_order_2, q_type_2, washout
 from ...controller.filters.settings import CdobSettings, DobSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
-from ...controller.laws.assembly import required
+from ...controller.laws.law_from_settings import required
 from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import ComplexArray, FloatArray
 from .small_gain import CdobParts

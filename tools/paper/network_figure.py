@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.nominal_model import paper_eq19
-from ...controller.laws.assembly import design_law, required
+from ...controller.laws.law_from_settings import design_law, required
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S

@@ -14,7 +14,7 @@ from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
-from steer_by_wire.closed_loop.compiled.steps import step_functions
+from steer_by_wire.closed_loop.compiled.step_functions import step_functions
 from steer_by_wire.controller.laws.set_point import FollowedPoint
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import preset_names
 from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes, plant_settings
 

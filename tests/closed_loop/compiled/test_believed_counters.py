@@ -4,7 +4,7 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.law_input import Uplink
 from steer_by_wire.closed_loop.compiled.schedule import arrivals_of
-from steer_by_wire.closed_loop.compiled.steps import register_steps
+from steer_by_wire.closed_loop.compiled.step_functions import register_steps
 from steer_by_wire.controller.settings import controller_preset
 from tests.support.compiled_runs import plant_settings
 

@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.parameter_space.gain_regions import law_region
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.gain_regions import verified

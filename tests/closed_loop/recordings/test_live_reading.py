@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.closed_loop.recordings.live_reading import TIMED_NS, LiveReader
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.node.real_time_loop import Received
 
 MS = 1_000_000
 FRAME = Frame(0x100, bytes(8))

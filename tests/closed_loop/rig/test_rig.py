@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.rig import Outcome, Rig
-from steer_by_wire.closed_loop.rig.outcome import Detection, first_reaction
+from steer_by_wire.closed_loop.rig.outcome_and_assertions import Detection, first_reaction
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.contract.enumerations import Mode

@@ -14,7 +14,7 @@ from steer_by_wire.controller.analysis.jitter import (
     stable_spreads,
 )
 from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset

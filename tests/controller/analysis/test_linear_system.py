@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.analysis.linear_system import LinearSystem, law_system
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset
 
 Z = np.exp(1j * np.linspace(0.01, np.pi, 50))

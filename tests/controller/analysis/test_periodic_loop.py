@@ -15,7 +15,7 @@ from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, Respon
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from tests.support.straight_runs import PUSH, decay_1_s, run_straight
 

@@ -26,7 +26,7 @@ from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
-from steer_by_wire.controller.laws.assembly import LawDesign, design_law
+from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from tests.support.own_vehicle import VEHICLE
 

@@ -19,7 +19,7 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.laws.assembly import required
+from steer_by_wire.controller.laws.law_from_settings import required
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED

@@ -21,7 +21,7 @@ from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.settings import PaperEq19Settings, VehicleModelSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
-from steer_by_wire.controller.laws.assembly import design_law, vehicle_of
+from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_of
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset

@@ -20,7 +20,7 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000
 TOLERANCE_S = 0.01

@@ -12,8 +12,8 @@ from steer_by_wire.controller.law_interface import (
     LoopDelay,
     VehicleReading,
 )
-from steer_by_wire.controller.laws.assembly import LawDesign, design_law
 from steer_by_wire.controller.laws.delayed_set_point import REQUESTS, request_before
+from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, on_a_circle, run_nodes
 from tests.support.compiled_runs import plant_settings as rig

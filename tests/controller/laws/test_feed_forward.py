@@ -5,8 +5,8 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
-from steer_by_wire.controller.laws.assembly import design_law, steady_steer
 from steer_by_wire.controller.laws.feed_forward import curve_steer
+from steer_by_wire.controller.laws.law_from_settings import design_law, steady_steer
 from steer_by_wire.controller.limits.fades_and_ramps import NOTHING
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices

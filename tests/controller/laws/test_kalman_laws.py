@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.controller.laws.assembly import design_law
 from steer_by_wire.controller.laws.kalman_derivative import KalmanParams, error_rate_m_s
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.prediction.gains_over_speed import SPEED_M_S_MAX
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset

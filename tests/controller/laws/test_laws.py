@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.laws.assembly import design_law, required
+from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import read_preset

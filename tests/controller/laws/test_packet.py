@@ -21,7 +21,7 @@ from steer_by_wire.controller.settings import ControllerSettings, on_bus
 from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.decoded_frames import messages_in
 

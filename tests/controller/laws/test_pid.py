@@ -7,7 +7,7 @@ from steer_by_wire import simulate
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
-from steer_by_wire.controller.laws.assembly import LawDesign, design_law
+from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import controller_preset

@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LawInput, LoopDelay
 from steer_by_wire.controller.laws import predictor as predictor_module
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.prediction.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import Mode

@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.set_point import FollowedPoint, set_point_of, steady_set_point_m
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import steer_for

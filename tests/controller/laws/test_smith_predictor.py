@@ -11,7 +11,7 @@ from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig
 from tests.support.own_vehicle import transition

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.law_interface import LawInput, LawOutput
-from steer_by_wire.controller.laws.assembly import LawDesign
+from steer_by_wire.controller.laws.law_from_settings import LawDesign
 from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, SentCommands
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS

@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.controller.age_limits import NO_LIMIT_NS, AgeLimits
 from steer_by_wire.controller.law_interface import LawOutput
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.node.safety_report import INTERVAL_NS
+from steer_by_wire.controller.node.safety_alarms import INTERVAL_NS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     ControllerFault,

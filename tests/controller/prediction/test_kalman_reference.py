@@ -17,7 +17,7 @@ from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.gains_over_speed import (
     PSI,
@@ -37,7 +37,7 @@ from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
 SENSOR_PERIOD_S = 0.01
 FILTERED = ("beta", "r", "psi", "y", "rho", "d")

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import pytest
 
-from steer_by_wire.dbc.codec import sequence
+from steer_by_wire.dbc.codec import sequence_and_second_sender as sequence
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.mutation import survivors
 

@@ -35,7 +35,7 @@ from steer_by_wire.dbc.secoc.secured_frame import (
     plain,
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from tests.support.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,

@@ -10,7 +10,7 @@ from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.exact_length import frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
 

@@ -8,7 +8,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusLoad, BusModel, Deliver
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS
 
 BIT_NS = 2_000  # at 500 kbit/s

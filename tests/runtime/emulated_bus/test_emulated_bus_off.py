@@ -25,7 +25,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     unpack_request,
 )
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.broker_bench import BITRATE_BIT_S, Bench, received, send
 from tests.support.running_program import PATIENCE_S

@@ -17,7 +17,12 @@ from steer_by_wire.runtime.frame import (
     REMOTE_LENGTH_SHIFT,
     Frame,
 )
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, FrameBits, crc15, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import (
+    INTERMISSION_BITS,
+    FrameBits,
+    crc15,
+    frame_bits,
+)
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 
 identifiers = st.one_of(

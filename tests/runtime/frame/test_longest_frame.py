@@ -5,7 +5,7 @@ import random
 import pytest
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
-from steer_by_wire.runtime.frame.exact_length import frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.frame.longest_frame import longest_frame
 
 

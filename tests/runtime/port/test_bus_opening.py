@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.controller.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import python_can as bus_module
 from steer_by_wire.runtime.port.python_can import (
     BusError,

@@ -12,7 +12,7 @@ import pytest
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
-from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import socketcan
 from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.port.socketcan import (

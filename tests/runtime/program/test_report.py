@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.node.real_time import LoopFigures
+from steer_by_wire.runtime.node.real_time_loop import LoopFigures
 from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
 from steer_by_wire.runtime.program.report import loop_report, refuse_another_run, write_json
 from steer_by_wire.runtime.settings import SettingsError

@@ -13,7 +13,7 @@ import pytest
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
-from steer_by_wire.runtime.node.real_time import Received
+from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.recording import recording
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.runtime.recording.recording import (

@@ -10,7 +10,7 @@ import pytest
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame.exact_length import frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.tools.can.bounds import (
     Traffic,
     Wire,

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.lights import Known, Light, lights_of
 from steer_by_wire.closed_loop.recordings.live_reading import TIMED_NS
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.status_lights import Known, Light, lights_of
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,

@@ -14,8 +14,7 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
-from steer_by_wire.tools.demo.pictures import magnified_track, nice_factor
-from steer_by_wire.tools.demo.story import (
+from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
     LawResult,
     Phase,
@@ -28,6 +27,7 @@ from steer_by_wire.tools.demo.story import (
     verdict_line,
     what_to_see,
 )
+from steer_by_wire.tools.demo.pictures import magnified_track, nice_factor
 from tests.support.same_process import no_workers
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -12,7 +12,7 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
-from steer_by_wire.controller.laws.assembly import design_law, required
+from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -17,7 +17,7 @@ from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import PAPER_LAWS
-from steer_by_wire.controller.laws.assembly import LawDesign, design_law
+from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings

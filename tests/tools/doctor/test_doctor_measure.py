@@ -14,7 +14,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary
-from steer_by_wire.runtime.program.host import HostAnswer, StealClock
+from steer_by_wire.runtime.program.priority_and_memory_lock import HostAnswer, StealClock
 from steer_by_wire.tools.doctor.measurement import (
     ECHO_ID,
     ORDINARY,

@@ -19,7 +19,7 @@ from steer_by_wire.controller.filters.discretization import (
 )
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
-from steer_by_wire.controller.laws.assembly import design_law, required
+from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.tools.paper.continuous_loop import (
     closed_loop_roots,

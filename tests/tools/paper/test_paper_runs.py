@@ -11,7 +11,7 @@ from steer_by_wire.closed_loop.pair_result import rms
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
-from steer_by_wire.controller.laws.assembly import design_law
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.paper import published

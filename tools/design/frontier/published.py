@@ -7,7 +7,7 @@ without which that drifts off the path.
 import math
 from collections.abc import Iterator, Sequence
 
-from ....controller.laws.assembly import design_law
+from ....controller.laws.law_from_settings import design_law
 from ....controller.settings import controller_preset
 from ....runtime.node import NS_PER_MS
 from ..loop_figures import frequency_grid, loop_figures

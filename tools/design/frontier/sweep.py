@@ -11,7 +11,7 @@ from typing import NamedTuple
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ....controller.filters.transfer_function import TransferFunction
-from ....controller.laws.assembly import LawDesign, design_law
+from ....controller.laws.law_from_settings import LawDesign, design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..demands import Study, judge_law, make_study

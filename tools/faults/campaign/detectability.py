@@ -23,7 +23,7 @@ from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from ....controller.node.status_frames import STATUS_PERIOD_NS
 from ....controller.settings import ControllerSettings
 from ....dbc.codec.protection import COUNTERS
-from ....dbc.codec.sequence import SequenceRule
+from ....dbc.codec.sequence_and_second_sender import SequenceRule
 from ....dbc.messages import MESSAGE_TYPES
 from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE, bits_of
 from ....plant_emulator.faults.settings import (

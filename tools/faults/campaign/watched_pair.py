@@ -13,7 +13,7 @@ from ....plant_emulator.vehicle.motion_parameters import motion_params
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
-from ....runtime.node.virtual_time import VirtualTimeExecutor
+from ....runtime.node.virtual_time_loop import VirtualTimeExecutor
 from .babbled_bus import BabbledBus
 from .campaign_runs import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .detectability import Sight, causes_of, sight_of

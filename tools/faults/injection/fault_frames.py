@@ -23,7 +23,7 @@ from ....dbc.messages import (
 )
 from ....plant_emulator.faults.effects import with_value
 from ....runtime.frame import ERROR, Frame
-from ....runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from ....runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ....runtime.node import NEVER_NS, NS_PER_S
 from .live_faults import LiveFault, LiveKind
 

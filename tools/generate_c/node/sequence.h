@@ -1,6 +1,6 @@
 /* Which received counters of a message are believed, and what follows from two senders of it.
  *
- * The rule is that of dbc/codec/sequence.py, which gives the reasons, under the same names.
+ * The rule is that of dbc/codec/sequence_and_second_sender.py, which gives the reasons, under the same names.
  */
 #ifndef SEQUENCE_H
 #define SEQUENCE_H

@@ -7,7 +7,7 @@ import pytest
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.controller.node.law_runner import LawRunner
 from steer_by_wire.controller.node.newest_messages import Received
-from steer_by_wire.dbc.codec.sequence import SequenceCheck, SequenceResult
+from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceCheck, SequenceResult
 from steer_by_wire.dbc.messages import Rejection
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.dbc.codec.sequence import SequenceCheck, SequenceResult
+from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceCheck, SequenceResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair

@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.frame.exact_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.faults.injection import program as inject_faults
 from steer_by_wire.tools.faults.injection.fault_frames import (

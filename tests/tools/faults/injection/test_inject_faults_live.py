@@ -21,7 +21,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.node.virtual_time import VirtualTimeExecutor
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of

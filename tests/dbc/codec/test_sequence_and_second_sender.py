@@ -7,8 +7,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.codec import sequence
-from steer_by_wire.dbc.codec.sequence import (
+from steer_by_wire.dbc.codec import sequence_and_second_sender as sequence
+from steer_by_wire.dbc.codec.sequence_and_second_sender import (
     CAUTION_NS,
     PERIOD_NS_MIN,
     SequenceCheck,

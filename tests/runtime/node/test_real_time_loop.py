@@ -7,7 +7,7 @@ import pytest
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
-from steer_by_wire.runtime.node.real_time import (
+from steer_by_wire.runtime.node.real_time_loop import (
     FRAMES_PER_WAKE_UP_MAX,
     TICKS_PER_WAKE_UP_MAX,
     WAIT_NS_MAX,

@@ -13,7 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.program.host import HostAnswer, RealTimeRequest, StealClock, real_time
+from steer_by_wire.runtime.program.priority_and_memory_lock import (
+    HostAnswer,
+    RealTimeRequest,
+    StealClock,
+    real_time,
+)
 
 EVERYTHING = RealTimeRequest(priority=50, cpu=1, lock_memory=True)
 

@@ -21,7 +21,7 @@ from ..pair_result import PairFiles, Trace, rms
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 from .command import GRACE_S
-from .conduct import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in
+from .command_rate_and_flood import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in
 
 _LATE = 1.8
 """Periods after which a measurement counts as late: more than the jitter of a bus explains."""

@@ -8,7 +8,7 @@ from random import Random
 from types import ModuleType
 
 from steer_by_wire.controller.limits.designed_ranges import ValiditySettings
-from steer_by_wire.controller.node import newest_messages, safety_report
+from steer_by_wire.controller.node import newest_messages, safety_alarms
 from steer_by_wire.controller.node.modes import Supervision, Supervisor
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
@@ -246,14 +246,14 @@ def lives(received_in: ModuleType, report_in: ModuleType) -> bool:
 
 
 def test_a_test_notices_every_mutant_of_what_was_received() -> None:
-    alive, count = survivors(newest_messages, lambda mutant: lives(mutant, safety_report))
+    alive, count = survivors(newest_messages, lambda mutant: lives(mutant, safety_alarms))
     assert not alive
     assert count > 15
 
 
 def test_a_test_notices_every_mutant_of_the_report() -> None:
-    alive, count = survivors(safety_report, lambda mutant: lives(newest_messages, mutant))
-    source = Path(str(safety_report.__file__)).read_text(encoding="utf-8").splitlines()
+    alive, count = survivors(safety_alarms, lambda mutant: lives(newest_messages, mutant))
+    source = Path(str(safety_alarms.__file__)).read_text(encoding="utf-8").splitlines()
     places = [text.removeprefix("line ").split(": ", 1) for text in alive]
     assert {(source[int(n) - 1].strip(), change) for n, change in places} == EQUIVALENT_OF_REPORT
     assert count > 70
