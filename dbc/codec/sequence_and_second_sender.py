@@ -5,6 +5,7 @@ The newest wins. The first frame is accepted. After that a frame is accepted if 
 faster than time, but for the frames that a varying latency lets overtake others. Time counts from
 when the newest one would have come, had it been as early as the earliest of the last HALF counters:
 after a bus was held up, frames that waited in a buffer come late, and the next as early as before.
+``tools/generate_c/node/sequence.c`` is the same rule in C, and changes with it.
 
 **Restart.** A sender that restarted, or was silent for long, may continue from any counter. After
 ``resync_run`` refused frames in a row whose counters step by exactly one, the next that steps by

@@ -99,7 +99,8 @@ def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> Non
     whole = load_settings(FrontierSettings, preset)
     place = whole.delays_ms.index(250.0)
     page = (ROOT / "docs/frontier.md").read_text(encoding="utf-8")
-    (line,) = (line for line in page.splitlines() if line.startswith(f"| {structure} |"))
+    lines = (line for line in page.splitlines() if line.startswith(f"| {structure} |"))
+    line = next(lines)  # the others are of another noise level, and of trials
     stated_mm = float(line.split("|")[2 + place].strip(" *"))
     found = point_of(
         study(whole, vehicle(), structure, 250.0, True), whole, structure, FOUND[structure]
