@@ -130,8 +130,8 @@ class Rig:
                 node = partial(LockstepNode, program)
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
-        if self._dialect is not None and (law := settings.law_that_reads_the_vehicle):
-            self._dialect.refuse_law(law)
+        if self._dialect is not None:
+            self._dialect.refuse_law(settings.law_that_reads_the_vehicle)
         plant = judged_like(self.settings, settings)
         files.write_settings(plant, settings)
         if in_real_time:

@@ -161,10 +161,10 @@ class Scenarios:
                         self._check_design(controller, name)
 
     def _check_design(self, controller: ControllerSettings, name: str) -> None:
-        law = "" if name in self.study.commands else controller.law_that_reads_the_vehicle
         try:
             design_law(controller)
-            if self.study.dialect and law:
+            if self.study.dialect and name not in self.study.commands:
+                law = controller.law_that_reads_the_vehicle
                 read_dialect(Path(self.study.dialect)).refuse_law(law)
         except SettingsError as error:
             raise SettingsError(

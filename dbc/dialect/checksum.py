@@ -10,7 +10,7 @@ A rule computes from the identifier and the payload, in which the checksum's own
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from crccheck.crc import Crc  # type: ignore[import-untyped]
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
@@ -62,13 +62,16 @@ class CrcRule(Settings):
         return int(crc.calc(covered))
 
 
+E2eProfile = Literal["e2e_p01", "e2e_p05", "e2e_p11"]
+
+
 class E2eRule(Settings):
     """The CRC of an AUTOSAR E2E profile, by the package autosar-e2e; its counter is a signal too.
 
     The header begins at the CRC's first byte, and a CRC of two bytes is little-endian.
     """
 
-    rule: Literal["e2e_p01", "e2e_p05", "e2e_p11"]
+    rule: E2eProfile
     signal: str
     data_id: int = Field(ge=0, le=0xFFFF)
     _protect: Callable[..., None] = PrivateAttr()
@@ -124,7 +127,7 @@ def _tag(value: Any) -> str:
     return _NAMED.get(rule, "other") if isinstance(rule, str) else "other"
 
 
-_NAMED = {"sum": "sum", "crc": "crc", **dict.fromkeys(("e2e_p01", "e2e_p05", "e2e_p11"), "e2e")}
+_NAMED = {"sum": "sum", "crc": "crc", **dict.fromkeys(get_args(E2eProfile), "e2e")}
 Rule = Annotated[
     Annotated[SumRule, Tag("sum")]
     | Annotated[CrcRule, Tag("crc")]

@@ -43,8 +43,12 @@ class Dialect(NamedTuple):
         return 1000.0 / cycle_ms
 
     def refuse_law(self, law: str) -> None:
-        """Raise SettingsError if no signal carries what a law reads beside the lateral error."""
-        if missing := sorted(SAID_BY[VehicleState].keys() - self.carried):
+        """Raise SettingsError if no signal carries what a law reads beside the lateral error.
+
+        ``law``  as ``law_that_reads_the_vehicle``; an empty one is content
+        """
+        missing = sorted(SAID_BY[VehicleState].keys() - self.carried)
+        if law and missing:
             what = f"--dialect: law {law} reads more than the lateral error"
             raise SettingsError(f"{what}, and no signal carries {', '.join(missing)}")
 

@@ -60,8 +60,7 @@ def run_node_in_dialect(
     from .gateway import Gateway, dialect_text
 
     dialect = read_dialect(options.dialect)
-    if law:
-        dialect.refuse_law(law)
+    dialect.refuse_law(law)
     own, peer = (ends.PLANT, ends.CONTROLLER) if end is PLANT else (ends.CONTROLLER, ends.PLANT)
     received = dialect.sent_by(peer)
     if any(one.flags & FD for one in dialect.messages):

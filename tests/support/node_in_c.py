@@ -2,7 +2,7 @@
 
 import random
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
 )
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
-from steer_by_wire.runtime.node import NEVER_NS, View
+from steer_by_wire.runtime.node import NEVER_NS, Wrapper
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
 
@@ -58,21 +58,13 @@ def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Se
     return [*target.runner, str(program)]
 
 
-class TwinNode:
+class TwinNode(Wrapper[ControllerNode]):
     """Both nodes as one, of which Python's decides; a frame that differs is an AssertionError."""
 
     def __init__(self, settings: ControllerSettings, program: LockstepProgram, start_ns: int = 0):
-        self.node = ControllerNode(settings, start_ns)
+        super().__init__(ControllerNode(settings, start_ns))
         self._in_c = LockstepNode(program, start_ns)
         self.frames = self.commands = 0
-
-    @property
-    def deadline_ns(self) -> int:
-        return self.node.deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        return self.node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         assert not self._in_c.on_frame(frame, now_ns)
@@ -87,15 +79,6 @@ class TwinNode:
         self.frames += len(sent)
         self.commands += sum(frame.can_id == CAN_IDS[SteeringCommand] for frame in sent)
         return sent
-
-    def on_unauthenticated(self) -> None:
-        self.node.on_unauthenticated()
-
-    def view(self, now_ns: int) -> View:
-        return self.node.view(now_ns)
-
-    def report(self) -> Mapping[str, Any]:
-        return self.node.report()
 
 
 PERIOD_NS = 10_000_000

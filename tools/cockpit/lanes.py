@@ -147,8 +147,8 @@ class OwnLanes:
 
         dialect = read_dialect(self._dialect)
         for lane in settings:
-            if lane.controller and (law := lane.controller.law_that_reads_the_vehicle):
-                dialect.refuse_law(law)
+            if lane.controller:
+                dialect.refuse_law(lane.controller.law_that_reads_the_vehicle)
 
     def stop(self) -> None:
         """End all processes and the bus, and close the lanes."""

@@ -160,8 +160,8 @@ def _run(options: argparse.Namespace) -> int:
         run = run_in_real_time(plant_settings, ours, log)
     else:
         dialect = None if options.dialect is None else read_dialect(options.dialect)
-        if dialect is not None and ours is not None and (law := ours.law_that_reads_the_vehicle):
-            dialect.refuse_law(law)
+        if dialect is not None and ours is not None:
+            dialect.refuse_law(ours.law_that_reads_the_vehicle)
         run = run_in_virtual_time(
             plant_settings, controller, bus, log, is_ideal=options.ideal_wire, dialect=dialect
         )

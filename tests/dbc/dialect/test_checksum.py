@@ -1,13 +1,11 @@
 """Checksums by rule: the published examples of each kind, and any damage is seen."""
 
-from typing import Literal
-
 import pytest
 from crccheck.crc import Crc8Autosar  # type: ignore[import-untyped]
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.dialect.checksum import CrcRule, E2eRule, PluginRule, SumRule
+from steer_by_wire.dbc.dialect.checksum import CrcRule, E2eProfile, E2eRule, PluginRule, SumRule
 from steer_by_wire.dbc.messages import DATA_IDS, Mode, SteeringCommand, encode
 
 LAST_BYTE = bytes(7) + b"\xff"
@@ -59,7 +57,7 @@ def test_a_rule_that_is_not_there_is_refused(place: str) -> None:
     ],
 )
 def test_an_e2e_profile_has_the_crc_that_the_standard_prints(
-    profile: Literal["e2e_p01", "e2e_p05", "e2e_p11"], data_id: int, wanted: str
+    profile: E2eProfile, data_id: int, wanted: str
 ) -> None:
     crc = bytes.fromhex(wanted)
     mask = b"\xff" * len(crc) + bytes(8 - len(crc))
