@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from ...dbc import messages
+from ...dbc.dialect.frames_of_ours import frames_of_ours
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -360,8 +361,7 @@ def analyse_files(
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
-                ours = [frame] if overheard is None else overheard.frames(frame, time_ns or 0)
-                for one in ours:
+                for one in frames_of_ours(overheard, frame, time_ns or 0):
                     taken = analysis.take(time_ns, one)
                     if taken is not None:
                         for export in exports:

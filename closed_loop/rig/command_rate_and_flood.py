@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ...dbc.dialect.frames_of_ours import frames_of_ours
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan, sent_by
 from ...runtime.node import NS_PER_S
 from ..recordings.log_file import LogError, open_log
@@ -67,7 +68,7 @@ def sent_in(log: Path, overheard: "Overheard | None" = None) -> Sent:
             if time_ns is None:
                 continue
             times_ns = [times_ns[0] or time_ns, time_ns]
-            said = [frame] if overheard is None else overheard.frames(frame, time_ns)
+            said = frames_of_ours(overheard, frame, time_ns)
             if frame.can_id not in from_plant:
                 frames += 1
                 if any(one.can_id in _COMMANDS for one in said):

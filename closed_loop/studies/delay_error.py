@@ -17,6 +17,7 @@ import numpy as np
 from ...controller.settings import ControllerSettings
 from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
+from ...dbc.dialect.frames_of_ours import frames_of_ours
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
@@ -76,7 +77,7 @@ class DelayListener:
 
     def on_wire(self, time_ns: int, _sender: int, frame: Frame) -> None:
         """Take a frame."""
-        for ours in (frame,) if self._heard is None else self._heard.frames(frame, time_ns):
+        for ours in frames_of_ours(self._heard, frame, time_ns):
             self._on_ours(time_ns, ours)
 
     def _on_ours(self, time_ns: int, frame: Frame) -> None:

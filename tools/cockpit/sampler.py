@@ -21,6 +21,7 @@ from ...closed_loop.recordings.status_lights import Known, Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
+from ...dbc.dialect.frames_of_ours import frames_of_ours
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -166,7 +167,7 @@ class Sampler:
 
     def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> None:
         """Take a frame that arrived at ``now_ns``, or before it where that is no time."""
-        for ours in (frame,) if self._heard is None else self._heard.frames(frame, now_ns):
+        for ours in frames_of_ours(self._heard, frame, now_ns):
             self._on_ours(ours, now_ns, has_time=has_time)
 
     def _on_ours(self, frame: Frame, now_ns: int, *, has_time: bool) -> None:

@@ -18,6 +18,7 @@ from rich.live import Live
 
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
+from steer_by_wire.dbc.dialect.frames_of_ours import frames_of_ours
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
 from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.command_line import command_parser, run_main, say
@@ -133,7 +134,7 @@ def _listen(reader: LiveReader, watch: BusWatch, heard: "Overheard | None", wait
         now_ns = time.monotonic_ns()
         if read is not None:
             frame, time_ns = read.frame, read.time_ns
-            for one in [frame] if heard is None else heard.frames(frame, time_ns):
+            for one in frames_of_ours(heard, frame, time_ns):
                 watch.on_frame(one, time_ns, has_time=read.has_time)
         if now_ns >= end_ns:
             break
