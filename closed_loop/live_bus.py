@@ -14,7 +14,7 @@ from ..runtime.port.python_can import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
 from .process_group import launched_broker
-from .rest_bus_messages import traffic_of
+from .rest_bus_from_dbc import traffic_of
 from .virtual_bus import QUIET_BUS
 
 BUSES = ("auto", "socketcan", "emulated")

@@ -13,7 +13,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import Node
 from ..runtime.node.drifting_clock import DriftingClock
 from ..runtime.settings import SettingsError
-from .rest_bus_messages import traffic_of
+from .rest_bus_from_dbc import traffic_of
 
 NODES = ("plant", "controller")
 """Names of the nodes, in the order of their numbers on the bus."""

@@ -14,13 +14,18 @@ from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
 from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
+from ..runtime.program.fail_if_conditions import (
+    LOOP_QUANTITIES,
+    Ending,
+    add_fail_if_argument,
+    fail_status,
+)
 from ..runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
     make_parser,
 )
 from ..runtime.program.report import show_or_write
-from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, fail_status
 from ..runtime.settings import SettingsError
 from .analysis.check_in_json import check_figures
 from .analysis.check_in_words import check_text

@@ -14,8 +14,8 @@ from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
 from ..runtime.exit_status import ExitStatus
+from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
-from ..runtime.program.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check_option import check_text
 from .evaluation.fail_if_quantities import QUANTITIES
 from .evaluation.report_in_words import plant_summary, verdict_text

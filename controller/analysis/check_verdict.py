@@ -7,7 +7,7 @@ from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ...runtime.program.thresholds import Quantity
+from ...runtime.program.fail_if_conditions import Quantity
 
 
 class CheckVerdict(StrEnum):

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ...runtime.node import NS_PER_S
+from ...runtime.program.fail_if_conditions import Report
 from ...runtime.program.report import causes_line, durations_line
-from ...runtime.program.thresholds import Report
 from ..settings import ControllerSettings
 from .run_figures import ControlVerdict
 

@@ -9,8 +9,8 @@ from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.frame import EXTENDED, FD
 from ...runtime.node import N
+from ...runtime.program.fail_if_conditions import Ending
 from ...runtime.program.run_node import run_node
-from ...runtime.program.thresholds import Ending
 from ...runtime.settings import Settings, SettingsError
 from ..messages import Message
 from ..secoc.key_option import run_secured_node

@@ -12,9 +12,9 @@ from typing import Any
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.node import N
+from ...runtime.program.fail_if_conditions import Ending
 from ...runtime.program.report import causes_line
 from ...runtime.program.run_node import run_node
-from ...runtime.program.thresholds import Ending
 from ...runtime.recording.recording import fd_obstacle
 from ...runtime.settings import Settings, SettingsError
 from ..messages import CAN_IDS, Message

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ...runtime.program.thresholds import Quantity, Report
+from ...runtime.program.fail_if_conditions import Quantity, Report
 from .run_verdict import Verdict
 
 

@@ -24,11 +24,11 @@ from ..port.python_can import BusError, shutting_down
 from ..recording.recording import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
+from .fail_if_conditions import Ending, fail_status
 from .priority_and_memory_lock import RealTimeRequest, StealClock, real_time
 from .report import connection_report, host_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
-from .thresholds import Ending, fail_status
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""

@@ -14,7 +14,7 @@ import numpy as np
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.tools.can.bounds import Traffic
+from steer_by_wire.tools.can.response_time_bounds import Traffic
 
 Release = tuple[int, int, int]
 """When a frame is handed to the bus, and was due [ns], and the index of its message."""

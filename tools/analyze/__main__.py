@@ -40,13 +40,13 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
-from steer_by_wire.runtime.program.thresholds import (
+from steer_by_wire.runtime.program.fail_if_conditions import (
     Quantity,
     add_fail_if_argument,
     fail_status,
     of_part,
 )
+from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
 from steer_by_wire.runtime.settings import (
     SettingsError,
     SharedTable,

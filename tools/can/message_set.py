@@ -12,7 +12,7 @@ from ...runtime.frame.length_with_stuff_bits import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
-from .bounds import Traffic, Wire, miss_probability, wire_of, worst_response_ns
+from .response_time_bounds import Traffic, Wire, miss_probability, wire_of, worst_response_ns
 
 
 class BusSettings(NamedTuple):

@@ -8,8 +8,8 @@ from ...controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import controller_preset
 from ...runtime.settings import SettingsError
-from .bounds import Traffic, load, worst_response_ns
 from .message_set import BusSettings, SentMessage
+from .response_time_bounds import Traffic, load, worst_response_ns
 
 DEFAULT_PRESETS = ("paper_pd", "practical_pd", "practical_pd_ddob")
 _LOAD_STEPS = 30

@@ -31,8 +31,8 @@ from steer_by_wire.runtime.program.bus_options import (
     add_traffic_arguments,
     bus_settings,
 )
+from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.program.report import refuse_another_run, write_json
-from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
     QUANTITIES,

@@ -18,7 +18,7 @@ from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.program.thresholds import Quantity
+from ...runtime.program.fail_if_conditions import Quantity
 from ...runtime.settings import load_settings, read_preset
 
 UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")

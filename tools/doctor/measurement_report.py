@@ -12,8 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ...runtime.command_line import say
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node import NS_PER_MS
 from ...runtime.node.statistics import DurationSummary, durations_report
+from .kept_rate import RULE, is_kept, judged, rate_kept_hz
 from .measurement import REAL_TIME, Measured, Measurement, measure, steps
 from .wake_ups import Figures, WakeUps
 
@@ -51,51 +52,6 @@ def show(measured: Measurement) -> None:
     console.print(table_of(measured.measured))
     for sentence in sentences(measured):
         console.print(sentence, soft_wrap=True)
-
-
-LATENESS_SHARE_MAX = 0.1
-"""Share of the period, for 99 of 100 wake-ups: beyond it, the law's samples are no longer equally
-spaced."""
-DONE_SHARE_MAX = 0.5
-"""Share of the period, for 99 of 100 ticks: the other half is for frames, and a reserve."""
-UNDISTURBED_SHARE_MIN = 0.5
-"""Share of all periods; with fewer, stolen time is the normal state of this machine."""
-MISSED_SHARE_MAX = 0.001
-"""Share of all periods: any machine stalls at times, and a controller continues on its grid."""
-RULE = (
-    "a rate is kept if at most one period in a thousand is missed, 99 of 100 wake-ups are late by "
-    "at most a tenth of the period, and 99 of 100 ticks are done within half of it; slices in "
-    "which the host took time are left out unless they are most"
-)
-
-
-def judged(wake_ups: WakeUps) -> Figures:
-    """Return the figures that count."""
-    samples = wake_ups.everything.lateness.samples
-    enough = wake_ups.undisturbed.lateness.samples >= UNDISTURBED_SHARE_MIN * samples
-    return wake_ups.undisturbed if enough else wake_ups.everything
-
-
-def is_kept(wake_ups: WakeUps) -> bool:
-    """Whether the machine keeps this rate."""
-    figures, period_ns = judged(wake_ups), NS_PER_S / wake_ups.rate_hz
-    served = figures.lateness.samples
-    return (
-        served > 0
-        and figures.missed <= MISSED_SHARE_MAX * (served + figures.missed)
-        and figures.lateness.p99_ns <= LATENESS_SHARE_MAX * period_ns
-        and figures.done.p99_ns <= DONE_SHARE_MAX * period_ns
-    )
-
-
-def rate_kept_hz(measurements: Sequence[WakeUps]) -> int | None:
-    """Return the highest rate that is kept together with all lower ones; None without any."""
-    kept = None
-    for wake_ups in sorted(measurements, key=lambda each: each.rate_hz):
-        if not is_kept(wake_ups):
-            break
-        kept = wake_ups.rate_hz
-    return kept
 
 
 UNDISTURBED = "  where nothing was stolen"

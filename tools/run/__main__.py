@@ -52,8 +52,8 @@ from steer_by_wire.runtime.program.bus_options import (
     bit_rate,
     bus_settings,
 )
+from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
-from steer_by_wire.runtime.program.thresholds import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,

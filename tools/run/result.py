@@ -18,9 +18,9 @@ from ...plant_emulator.faults.stage import FaultyNode
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import ReportingNode
+from ...runtime.program.fail_if_conditions import of_part
 from ...runtime.program.report import durations_line
 from ...runtime.program.run_node import FINISHED
-from ...runtime.program.thresholds import of_part
 from ...runtime.settings import Settings
 
 NAME = "steer-by-wire run"

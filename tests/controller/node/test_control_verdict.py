@@ -17,7 +17,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
-from steer_by_wire.runtime.program.thresholds import fail_status
+from steer_by_wire.runtime.program.fail_if_conditions import fail_status
 
 SETTINGS = controller_preset("practical_pd_ddob", ["overruns.missed_periods_max=off"])
 

@@ -19,7 +19,7 @@ from response_time_analysis.model import (
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
-from steer_by_wire.tools.can.bounds import (
+from steer_by_wire.tools.can.response_time_bounds import (
     Traffic,
     Wire,
     load,

@@ -15,6 +15,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.runtime.program.priority_and_memory_lock import HostAnswer, StealClock
+from steer_by_wire.tools.doctor.kept_rate import is_kept, judged, rate_kept_hz
 from steer_by_wire.tools.doctor.measurement import (
     ECHO_ID,
     ORDINARY,
@@ -28,13 +29,7 @@ from steer_by_wire.tools.doctor.measurement import (
     RequestNode,
     RoundTrip,
 )
-from steer_by_wire.tools.doctor.measurement_report import (
-    is_kept,
-    judged,
-    rate_kept_hz,
-    record_of,
-    sentences,
-)
+from steer_by_wire.tools.doctor.measurement_report import record_of, sentences
 from steer_by_wire.tools.doctor.wake_ups import (
     PRESET,
     SLICE_NS,

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.runtime.program.thresholds import (
+from steer_by_wire.runtime.program.fail_if_conditions import (
     Quantity,
     add_fail_if_argument,
     condition_of,
