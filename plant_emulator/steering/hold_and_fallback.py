@@ -13,7 +13,8 @@ steering's control unit is. The unit cannot distinguish a network that delays or
 a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
 
 Only the first value of a plan counts as a command that arrives. The later ones move the target for
-``plan_ns`` and until FALLBACK; they neither delay the reaction to silence nor count as recovery.
+``plan_ns`` and until FALLBACK, and a fade goes on with them; they neither delay the reaction to
+silence nor count as recovery.
 
 Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
 each damaged frame among them. The target never jumps: its difference to the first command
@@ -84,7 +85,8 @@ class GuardState(NamedTuple):
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
     ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
-    ``fade_rad``     what is added to the command
+    ``fade_rad``     what was added to the newest command or value of a plan
+    ``faded_ns``     when that was: the fade goes on from there
     """
 
     mode: int
@@ -93,11 +95,12 @@ class GuardState(NamedTuple):
     deadline_ns: int
     good_run: int
     fade_rad: float
+    faded_ns: int
 
 
 def start_guard(p: GuardParams) -> GuardState:
     """Return the state at time 0."""
-    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0)
+    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0, 0)
 
 
 def guard_command(
@@ -107,14 +110,16 @@ def guard_command(
 
     ``is_new``  whether it has just arrived, and is no later value of a plan
     """
-    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad = x
+    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, faded_ns = x
     if before == _SAFE_STATE:
         return x, False
+    fading_ns = min(time_ns - faded_ns, p.silence_ns)
+    fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (fading_ns * 1e-9))
     if not is_new:
         if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
             return x, False
-        limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_before_rad, time_ns)
-        state = GuardState(before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad)
+        limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_rad, time_ns)
+        state = GuardState(before, limiter, arrived_ns, deadline_ns, run_before, fade_rad, time_ns)
         return state, True
     silence_ns = time_ns - arrived_ns
     counted_ns = min(silence_ns, p.silence_ns)
@@ -123,16 +128,15 @@ def guard_command(
         mode, good_run = _FOLLOWING, 0
         deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
     elif before == _FALLBACK:
-        return GuardState(before, limiter, time_ns, deadline_ns, good_run, 0.0), False
+        return GuardState(before, limiter, time_ns, deadline_ns, good_run, 0.0, time_ns), False
     elif run_before > 0:
         deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
-    fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (counted_ns * 1e-9))
     wanted_rad = steer_rad + fade_rad
     if before == _FALLBACK or (before == _HOLDING and silence_ns >= p.silence_ns):
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
-    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
+    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad, time_ns), True
 
 
 def guard_rejection(x: GuardState) -> GuardState:
@@ -142,12 +146,12 @@ def guard_rejection(x: GuardState) -> GuardState:
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
     """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
-    mode, limiter, arrived_ns, _, good_run, fade_rad = x
+    mode, limiter, arrived_ns, _, good_run, fade_rad, faded_ns = x
     if time_ns >= p.override_ns:
         mode = _SAFE_STATE
     elif mode == _FOLLOWING:
         until_ns = min(time_ns + p.hold_ns, p.override_ns)
-        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad), False
+        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad, faded_ns), False
     elif mode == _HOLDING:
         mode = _FALLBACK
     target_rad = _towards_zero(limiter.steer_rad, p.ramp_step_rad)
@@ -157,14 +161,14 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
         next_ns = time_ns + RAMP_PERIOD_NS
     if mode != _SAFE_STATE:
         next_ns = min(next_ns, p.override_ns)
-    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0), True
+    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0, time_ns), True
 
 
 def guard_fault(x: GuardState, time_ns: int) -> GuardState:
     """Process a fault: SAFE_STATE, and `guard_timer` is due at once."""
     if x.mode == _SAFE_STATE:
         return x
-    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
+    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0, time_ns)
 
 
 def guard_wheel(

@@ -12,7 +12,7 @@ tested = hold_and_fallback
 
 def test_before_the_first_command_nothing_is_due() -> None:
     guarded = Guarded()
-    assert guarded.x == (0, safety_limiter.start_limiter(), 0, 2**62, 0, 0.0)
+    assert guarded.x == (0, safety_limiter.start_limiter(), 0, 2**62, 0, 0.0, 0)
     guarded.until(1e6)
     assert guarded.log == []
     assert guarded.command(1e6, 0.25)
@@ -27,7 +27,8 @@ def test_commands_that_keep_coming_are_followed_as_they_are() -> None:
         assert guarded.target == steer_rad
     assert guarded.mode == "FOLLOWING"
     assert guarded.log == []
-    assert guarded.x[2:] == (199 * 140 * MS_NS, 200 * 140 * MS_NS, 0, 0.0)
+    newest_ns = 199 * 140 * MS_NS
+    assert guarded.x[2:] == (newest_ns, newest_ns + 140 * MS_NS, 0, 0.0, newest_ns)
 
 
 def test_silence_is_held_then_ramped_to_zero_and_there_it_ends() -> None:
@@ -126,7 +127,7 @@ def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_f
         assert guarded.mode == mode
         limiter, at_ns = guarded.x.limiter, 760 * MS_NS
         guarded.x = tested.guard_fault(guarded.x, at_ns)
-        assert guarded.x == (4, limiter, 100 * MS_NS, at_ns, 0, 0.0)
+        assert guarded.x == (4, limiter, 100 * MS_NS, at_ns, 0, 0.0, at_ns)
         assert not guarded.command(760.0 - 1e-6, 0.25)
         before = guarded.target
         guarded.until(760.0)

@@ -160,9 +160,33 @@ def test_a_plan_is_played_for_its_time_and_until_the_fallback() -> None:
     assert not guarded.plan_value(60.0, 0.2)
 
 
-def test_later_values_carry_the_fade_of_the_newest_command() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    assert guarded.command(300.0, 0.0)
-    assert guarded.plan_value(310.0, 0.125)
-    assert (guarded.target, guarded.x.fade_rad, guarded.x.good_run) == (0.375, 0.25, 1)
+def test_the_fade_goes_on_through_the_values_of_a_plan_and_the_command_after_them() -> None:
+    for side in (1.0, -1.0):
+        guarded = Guarded()
+        steady(guarded, side * 0.25)
+        assert guarded.command(300.0, 0.0)
+        for step in range(1, 5):
+            assert guarded.plan_value(300.0 + 10.0 * step, side * 0.125)
+            assert side * guarded.target == pytest.approx(0.375 - STEP_RAD * step)
+        assert (guarded.mode, guarded.x.good_run, guarded.x.arrived_ns) == (
+            *("HOLDING", 1),
+            300 * MS_NS,
+        )
+        assert guarded.command(350.0, side * 0.125)
+        assert side * guarded.target == pytest.approx(0.375 - 5 * STEP_RAD)
+
+
+def test_what_faded_while_a_plan_was_played_does_not_fade_again_after_the_silence() -> None:
+    """The command after it moves the target by what fades from the last value of the plan on."""
+    for last_ms, target_rad in ((400.0, 0.25 - 0.05 - 0.07), (600.0, 0.25 - 0.15 - 0.05)):
+        guarded = Guarded()
+        steady(guarded, 0.25)
+        assert guarded.command(300.0, 0.0)
+        time_ms = 310.0
+        while time_ms <= last_ms:
+            assert guarded.plan_value(time_ms, 0.0)
+            time_ms += 10.0
+        assert guarded.command(700.0, -0.5)
+        assert guarded.mode == "HOLDING"
+        assert guarded.target == pytest.approx(target_rad)
+        assert guarded.x.fade_rad == pytest.approx(target_rad + 0.5)
