@@ -6,7 +6,7 @@ authenticated frames it reads the payload only, because it has no key.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
@@ -17,6 +17,7 @@ from ...dbc.codec.sequence_and_second_sender import (
     SequenceResult,
     SequenceRule,
 )
+from ...dbc.dialect.listening import Listening, MessageCounts, OurMessages
 from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -74,31 +75,29 @@ def command_at(message: SteeringCommand | SteeringPlan, sample: int) -> Steering
     return SteeringCommand(planned_rad(age, spacing, steers_rad), number, mode)
 
 
-class MessageCounts(NamedTuple):
-    """Frames under the identifier of one message.
+class Taken(NamedTuple):
+    """What a frame on the bus says.
 
-    ``accepted``  intact, within range, newer than all before
-    ``missing``   counters that the accepted frames skip; a late frame was skipped before it came,
-                  so it is counted here too
-    ``late``      older than the newest
-    ``refused``   all others, by cause
+    ``messages``  of ours, those of a car as ours; none for a refused, foreign or duplicate frame
+    ``name``      of the car's message; empty for a frame of ours, or one that is refused
     """
 
-    accepted: int
-    missing: int
-    late: int
-    refused: Mapping[str, int]
+    messages: Sequence[ReceivedMessage]
+    name: str
 
 
 class BusListener:
     """Takes every frame on a bus, in order.
+
+    ``listening``       understands it
 
     ``foreign``         frames by identifier, for the first FOREIGN_IDS_MAX that the DBC lacks
     ``foreign_frames``  frames with an identifier that the DBC lacks
     ``error_frames``    which the listener's own CAN controller generates
     """
 
-    def __init__(self) -> None:
+    def __init__(self, listening: Listening | None = None) -> None:
+        self.listening = listening or OurMessages()
         self._checks = {
             name: SequenceCheck(RULE, PERIOD_NS_MIN)
             for kind, name in NAMES.items()
@@ -116,12 +115,14 @@ class BusListener:
     def refused(self) -> Mapping[str, int]:
         """Rejected frames under identifiers of the DBC, by cause."""
         total = Counter[str]()
-        for counts in self._refused.values():
-            total.update(counts)
+        for name in self.listening.listed:
+            total.update(self.counts(name).refused)
         return dict(sorted(total.items()))
 
     def counts(self, name: str) -> MessageCounts:
-        """Return the counts of the message called ``name`` in the DBC."""
+        """Return the counts of the message called ``name`` on the bus."""
+        if (of_car := self.listening.counts(name)) is not None:
+            return of_car
         check = self._checks.get(name)
         return MessageCounts(
             self._accepted[name],
@@ -130,8 +131,15 @@ class BusListener:
             dict(sorted(self._refused[name].items())),
         )
 
-    def take(self, frame: Frame) -> ReceivedMessage | None:
-        """Return the message in a frame; None for a rejected, foreign or duplicate frame."""
+    def take(self, frame: Frame, now_ns: int) -> Taken:
+        """Take a frame that arrived at ``now_ns``."""
+        heard = self.listening.hear(frame, now_ns)
+        if heard.is_foreign:
+            self._count_foreign(frame.can_id)
+        received = map(self._take_ours, heard.ours)
+        return Taken([one for one in received if one is not None], heard.name)
+
+    def _take_ours(self, frame: Frame) -> ReceivedMessage | None:
         decoded = decode(plain(frame))
         if isinstance(decoded, Decoded):
             message, counter = decoded
@@ -149,12 +157,15 @@ class BusListener:
         elif frame.flags & ERROR:
             self.error_frames += 1
         elif decoded is Rejection.UNKNOWN_ID:
-            self.foreign_frames += 1
-            if frame.can_id in self.foreign or len(self.foreign) < FOREIGN_IDS_MAX:
-                self.foreign[frame.can_id] += 1
+            self._count_foreign(frame.can_id)
         else:
             self._refused[_NAMES_BY_ID[frame.can_id]][decoded.value] += 1
         return None
+
+    def _count_foreign(self, can_id: int) -> None:
+        self.foreign_frames += 1
+        if can_id in self.foreign or len(self.foreign) < FOREIGN_IDS_MAX:
+            self.foreign[can_id] += 1
 
     def _in_sequence(self, name: str, counter: int) -> SequenceResult:
         check = self._checks.get(name)

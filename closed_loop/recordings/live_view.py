@@ -10,16 +10,15 @@ Of a frame that was read late no time is measured.
 """
 
 import math
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from ...dbc.dialect.listening import Listening
 from ...dbc.messages import (
     COMMAND_COUNTERS,
-    CYCLE_TIMES_MS,
-    MESSAGE_TYPES,
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
@@ -34,7 +33,7 @@ from ...dbc.messages import (
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from .bus_listener import NAMES, BusListener, ReceivedMessage
+from .bus_listener import NAMES, BusListener, Taken
 from .held_path import PREVIEW_M, CgDeviation
 
 SPAN_S = 15.0
@@ -198,7 +197,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 class MessageView(NamedTuple):
-    """One message on the bus.
+    """One message on the bus, by its name there.
 
     ``period_s``    the DBC's; None for one that is sent when needed
     ``cycle``       intervals between its frames; None with fewer than two of them
@@ -250,18 +249,22 @@ class View(NamedTuple):
 class BusWatch:
     """Takes every frame on the bus; ``view`` returns the state to be shown.
 
+    ``listening``  understands the bus
+
     ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
     """
 
-    def __init__(self, start_ns: int) -> None:
+    def __init__(self, start_ns: int, listening: Listening | None = None) -> None:
         self._start_ns = start_ns
-        self._listener = BusListener()
+        self._listener = BusListener(listening)
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
-        self._newest: dict[str, tuple[Message, int]] = {}
-        """Message and arrival, by the name of what is shown: a plan is a command."""
+        self._newest: dict[type, Message] = {}
+        """By the type of what is shown: a plan is a command."""
         self._recent = {name: Recent() for name in STRIPS if name != "lateness_s"}
-        self._cycles = {name: Recent() for name in MESSAGE_TYPES}
+        self._cycles = defaultdict[str, Recent](Recent)
+        self._arrived_ns: dict[str, int] = {}
+        """When the newest frame came, by the message's name on the bus."""
         self._lateness = CommandLateness()
         self._sent_ns: dict[int, int] = {}
         self._timed: set[str] = set()
@@ -283,40 +286,40 @@ class BusWatch:
         """Rejected frames, by cause."""
         return self._listener.refused
 
-    def on_frame(
-        self, frame: Frame, now_ns: int, *, has_time: bool = True
-    ) -> ReceivedMessage | None:
-        """Take a frame that arrived at ``now_ns``; returns its message if it is newer than all.
+    def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> Taken:
+        """Take a frame that arrived at ``now_ns``; returns its messages if they are newer than all.
 
         ``has_time``  False: it may have arrived much earlier
         """
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
-        received = self._listener.take(frame)
-        if received is None or received.is_late:
-            return None
-        shown = received.shown
-        name = NAMES[type(shown)]
-        before = self._newest.get(name)
-        if before is not None and has_time and name in self._timed:
-            self._cycles[name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
+        messages, of_car = self._listener.take(frame, now_ns)
+        messages = [one for one in messages if not one.is_late]
+        if of_car:
+            self._time(of_car, now_ns, has_time)
+        for received in messages:
+            shown = received.shown
+            self._time(NAMES[type(shown)], now_ns, has_time)
+            self._newest[type(shown)] = shown
+            self._follow(shown, now_ns, has_time)
+        return Taken(messages, of_car)
+
+    def _time(self, name: str, now_ns: int, has_time: bool) -> None:
+        before_ns = self._arrived_ns.get(name)
+        if before_ns is not None and has_time and name in self._timed:
+            self._cycles[name].add(now_ns, (now_ns - before_ns) / NS_PER_S)
         (self._timed.add if has_time else self._timed.discard)(name)
-        self._newest[name] = (shown, now_ns)
-        self._follow(shown, now_ns, has_time)
-        return received
+        self._arrived_ns[name] = now_ns
 
     def view(self, now_ns: int) -> View:
         """Return the state to be shown at ``now_ns``."""
         late_ages_ns, lateness_s = self._lateness.arrays(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
-        newest: dict[type, Message] = {
-            type(message): message for message, _ in self._newest.values()
-        }
 
         def shown(kind: type[_M]) -> _M | None:
-            message = newest.get(kind)
+            message = self._newest.get(kind)
             return message if isinstance(message, kind) else None
 
         return View(
@@ -369,16 +372,16 @@ class BusWatch:
             self._recent["uplink_s"].add(now_ns, message.uplink_latency_s)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
-        """Return every message of the DBC as it stands at ``now_ns``."""
-        return tuple(self._message(name, now_ns) for name in MESSAGE_TYPES)
+        """Return every message on the bus as it stands at ``now_ns``."""
+        listed = self._listener.listening.listed
+        return tuple(self._message(name, it.cycle_ms, now_ns) for name, it in listed.items())
 
-    def _message(self, name: str, now_ns: int) -> MessageView:
+    def _message(self, name: str, period_ms: float, now_ns: int) -> MessageView:
         counts = self._listener.counts(name)
-        period_ms = CYCLE_TIMES_MS[MESSAGE_TYPES[name]]
-        newest = self._newest.get(name)
+        newest_ns = self._arrived_ns.get(name)
         period_s = period_ms * NS_PER_MS / NS_PER_S if period_ms else None
         cycle = None if period_s is None else self._cycles[name].spread(now_ns)
-        is_old = newest is not None and now_ns - newest[1] >= _STALE_NS
+        is_old = newest_ns is not None and now_ns - newest_ns >= _STALE_NS
         frames = counts.accepted, counts.missing, counts.late, sum(counts.refused.values())
         return MessageView(name, period_s, cycle, *frames, is_old and period_s is not None)
 

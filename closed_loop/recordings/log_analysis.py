@@ -2,15 +2,15 @@
 
 import heapq
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ...dbc import messages
-from ...dbc.dialect.frames_of_ours import frames_of_ours
+from ...dbc.dialect.listening import Listening
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -18,9 +18,6 @@ from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Durations, History, Latencies
 from .log_file import CLOCK_STARTED_NS, LogError, open_log
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
@@ -87,19 +84,26 @@ class LogAnalysis:
 
     ``rules``      of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
+    ``listening``  understands the bus
 
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
     figures of latency, cycles and gaps.
     """
 
-    def __init__(self, rules: VerdictRules | None = None, preview_m: float = PREVIEW_M) -> None:
+    def __init__(
+        self,
+        rules: VerdictRules | None = None,
+        preview_m: float = PREVIEW_M,
+        listening: Listening | None = None,
+    ) -> None:
         self._held_path = HeldPath(rules or VerdictRules())
-        self.listener = BusListener()
+        self.listener = BusListener(listening)
+        self.listed = self.listener.listening.listed
         self.latencies = Latencies()
         self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
         self._cg, self._cg_m = CgDeviation(preview_m), math.nan
-        self.cycles = {name: Durations() for name in messages.MESSAGE_TYPES}
-        self.cycle_histories = {name: History() for name in messages.MESSAGE_TYPES}
+        self.cycles = defaultdict[str, Durations](Durations)
+        self.cycle_histories = defaultdict[str, History](History)
         self._by_message: dict[str, list[tuple[str, str]]] = {}
         for label, (name, field) in HISTORIES.items():
             self._by_message.setdefault(name, []).append((label, field))
@@ -118,22 +122,27 @@ class LogAnalysis:
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
 
-    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
-        """Take the next frame; returns the time since the start [s] and the message.
+    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Sequence[ReceivedMessage]]:
+        """Take the next frame; returns the time since the start [s] and its messages.
 
-        Returns None for a frame that a node would reject. The time is NaN in a log without times.
+        Those that a node would reject are not among them. The time is NaN in a log without times.
         """
         self._frames += 1
         since_ns = self._since_start(time_ns)
-        received = self.listener.take(frame)
-        if received is None:
-            return None
+        received, of_car = self.listener.take(frame, since_ns or 0)
+        at_s = math.nan
         if since_ns is not None:
-            self._time(received, since_ns)
-        if received.is_late:
-            return None
-        at_s = math.nan if since_ns is None else since_ns / NS_PER_S
-        shown = received.shown
+            at_s = since_ns / NS_PER_S
+            if of_car:
+                self._count_cycle(of_car, self.listed[of_car].cycle_ms, since_ns)
+            for one in received:
+                self._time(one, since_ns)
+        timely = [one for one in received if not one.is_late]
+        for one in timely:
+            self._follow(one.shown, at_s, since_ns)
+        return at_s, timely
+
+    def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
         for label, field in self._by_message.get(NAMES[type(shown)], ()):
             self.histories[label].add(at_s, getattr(shown, field))
         cg_m = self._cg.take(shown, at_s)
@@ -142,12 +151,12 @@ class LogAnalysis:
             self.histories[CG_DEVIATION].add(at_s, cg_m)
         self._held_path.take(shown, at_s, self._cg_m)
         self._watch(shown, since_ns)
-        return at_s, received
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, ready for JSON; call it once, at the end.
 
         ``not_judged``  why there is no verdict; empty if there is one
+        ``names``       of the car's signals, by the quantity that each carries
         """
         self.latencies.finish()
         self._leave_mode(self._end_ns - (self._start_ns or 0))
@@ -162,7 +171,8 @@ class LogAnalysis:
             "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
             "times_backwards": self._backwards,
             "clock_set": self._clock_set,
-            "messages": {name: self._message_figures(name) for name in messages.MESSAGE_TYPES},
+            "messages": {name: self._message_figures(name) for name in self.listed},
+            "names": dict(self.listener.listening.signals),
             "refused": dict(self.listener.refused),
             "foreign_frames": self.listener.foreign_frames,
             "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
@@ -180,7 +190,7 @@ class LogAnalysis:
 
     def _obstacle(self) -> str:
         """Return why the log says nothing about the path; empty if it does."""
-        accepted = sum(self.listener.counts(name).accepted for name in messages.MESSAGE_TYPES)
+        accepted = sum(self.listener.counts(name).accepted for name in self.listed)
         if not accepted:
             refused, foreign = sum(self.listener.refused.values()), self.listener.foreign_frames
             what = "is a message of plant or controller"
@@ -212,7 +222,6 @@ class LogAnalysis:
         """Count a message on the bus for latencies, cycles and gaps."""
         _, message, counter, is_late, _ = received
         shown = received.shown
-        name = NAMES[type(shown)]
         if isinstance(message, _FROM_PLANT):
             self.latencies.on_plant_frame(since_ns)
         if isinstance(message, messages.SteeringStatus):
@@ -221,15 +230,18 @@ class LogAnalysis:
             self.latencies.on_plant_status(message, since_ns)
         elif isinstance(shown, messages.SteeringCommand) and not is_late:
             self.latencies.on_command(shown, since_ns)
+        kind = type(shown)
+        self._count_cycle(NAMES[kind], messages.CYCLE_TIMES_MS[kind], since_ns)
+
+    def _count_cycle(self, name: str, period_ms: float, since_ns: int) -> None:
         before_ns = self._newest_ns.get(name)
         self._newest_ns[name] = since_ns
-        period_ms = messages.CYCLE_TIMES_MS[type(shown)]
         if before_ns is None or not period_ms:
             return
         cycle_ns = since_ns - before_ns
         self.cycles[name].record(cycle_ns)
         self.cycle_histories[name].add(since_ns / NS_PER_S, cycle_ns / NS_PER_S)
-        if cycle_ns > GAP_PERIODS * period_ms * NS_PER_MS:
+        if cycle_ns > GAP_PERIODS * period_ms * NS_PER_MS and name in self.listed:
             self._gap_counts[name] += 1
             gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
             add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
@@ -275,12 +287,12 @@ class LogAnalysis:
 
     def _message_figures(self, name: str) -> dict[str, Any]:
         counts = self.listener.counts(name)
-        kind = messages.MESSAGE_TYPES[name]
+        can_id, cycle_ms = self.listed[name]
         return {
-            "can_id": f"{messages.CAN_IDS[kind]:03X}",
+            "can_id": f"{can_id:03X}",
             **counts._asdict(),
             "refused": dict(counts.refused),
-            "cycle_dbc_s": messages.CYCLE_TIMES_MS[kind] * 1e-3 or None,
+            "cycle_dbc_s": cycle_ms * 1e-3 or None,
             "cycle": self.cycles[name].report(),
             "gaps": self._gap_counts[name],
         }
@@ -336,7 +348,7 @@ def analyse_files(
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
     rules: VerdictRules | None = None,
     preview_m: float = PREVIEW_M,
-    overheard: "Overheard | None" = None,
+    listening: Listening | None = None,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 
@@ -345,11 +357,11 @@ def analyse_files(
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     ``rules``    of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
-    ``overheard``  understands the bus of a car; None for our own messages
+    ``listening``  understands the bus; None for our own messages
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
-    analysis = LogAnalysis(rules, preview_m)
+    analysis = LogAnalysis(rules, preview_m, listening)
     unreadable, first_unreadable, cut_off = 0, "", ""
     channels: dict[str, None] = {}
     for path in paths:
@@ -361,11 +373,10 @@ def analyse_files(
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
-                for one in frames_of_ours(overheard, frame, time_ns or 0):
-                    taken = analysis.take(time_ns, one)
-                    if taken is not None:
-                        for export in exports:
-                            export.write(time_ns, *taken)
+                at_s, received = analysis.take(time_ns, frame)
+                for one in received:
+                    for export in exports:
+                        export.write(time_ns, at_s, one)
         unreadable += log.unreadable
         first_unreadable = first_unreadable or log.first_unreadable
         if log.cut_off:

@@ -6,15 +6,12 @@ Everything that the plant does not send counts as the controller's: in a rig the
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from ...dbc.dialect.frames_of_ours import frames_of_ours
-from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan, sent_by
+from ...dbc.dialect.listening import Listening
+from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan
 from ...runtime.node import NS_PER_S
 from ..recordings.log_file import LogError, open_log
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 DBC_RATE_HZ = 1000.0 / CYCLE_TIMES_MS[SteeringCommand]
 RATE_SHARES = (0.6, 1.6)
@@ -22,7 +19,6 @@ RATE_SHARES = (0.6, 1.6)
 FRAMES_PER_COMMAND = 2.5
 """A controller may send as many frames as that for each command that is expected."""
 _COMMANDS = (CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan])
-_FROM_PLANT = frozenset(CAN_IDS[kind] for kind in sent_by("PLANT"))
 
 
 class Sent(NamedTuple):
@@ -56,20 +52,16 @@ class Sent(NamedTuple):
 NOTHING_SENT = Sent(0, 0.0, 0, 0.0)
 
 
-def sent_in(log: Path, overheard: "Overheard | None" = None) -> Sent:
-    """Count what a controller has sent in a rig's log.
-
-    ``overheard``  understands the bus of a car; None for our own messages
-    """
+def sent_in(log: Path, listening: Listening) -> Sent:
+    """Count what a controller has sent in a rig's log."""
     frames, command_ns, times_ns = 0, list[int](), [0, 0]
-    from_plant = _FROM_PLANT if overheard is None else overheard.from_plant | _FROM_PLANT
     with suppress(LogError):  # no frame is in the log: nobody has sent anything
         for time_ns, _, frame in open_log(log):
             if time_ns is None:
                 continue
             times_ns = [times_ns[0] or time_ns, time_ns]
-            said = frames_of_ours(overheard, frame, time_ns)
-            if frame.can_id not in from_plant:
+            said = listening.hear(frame, time_ns).ours
+            if frame.can_id not in listening.from_plant:
                 frames += 1
                 if any(one.can_id in _COMMANDS for one in said):
                     command_ns.append(time_ns)

@@ -235,7 +235,7 @@ class Outcome(NamedTuple):
 
     def _incomplete(self) -> Iterator[str]:
         if not self._was_driven:
-            yield "the plant was never driven: no valid STEERING_COMMAND arrived"
+            yield "the plant was never driven: no valid command arrived"
         elif self.report["motion_s"] < self.settings.duration_s - 1e-3:
             yield f"the motion ended after {self.report['motion_s']:.2f} s"
         if self.report["safety"]["fallbacks"]:
@@ -245,12 +245,9 @@ class Outcome(NamedTuple):
             yield f"the plant is in its safe state: {self.report['failure']}"
 
     def _sent(self) -> Sent:
-        log = self.files.candump_log
-        if self.dialect is None:
-            return sent_in(log)
-        from ...dbc.dialect.overheard import Overheard
+        from ...dbc.dialect.option import listening_in
 
-        return sent_in(log, Overheard(self.dialect))
+        return sent_in(self.files.candump_log, listening_in(self.dialect))
 
     def _demand_whole_log(self) -> None:
         if self.dialect is not None:

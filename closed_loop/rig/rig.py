@@ -82,7 +82,12 @@ class Rig:
         self.bus = bus
         self.outcomes: list[Outcome] = []
         self._dialect_file = None if dialect is None else Path(dialect)
-        self._dialect = None if self._dialect_file is None else _dialect_of(self._dialect_file)
+        self._dialect: Dialect | None = None
+        if self._dialect_file is not None:
+            # Only a dialect needs cantools, which takes a while to import.
+            from ...dbc.dialect.dialect import read_dialect
+
+            self._dialect = read_dialect(self._dialect_file)
         self._folder = folder
 
     def run(
@@ -145,13 +150,13 @@ class Rig:
 
     def _in_dialect(self, node: ReportingNode, end: str, start_ns: int) -> ReportingNode:
         """Return a node behind a gateway, if the bus speaks a car's messages."""
-        if self._dialect_file is None:
+        if self._dialect is None:
             return node
         from ...dbc.dialect import settings as ends
         from ...dbc.dialect.gateway import Gateway
 
         name = ends.PLANT if end == PLANT else ends.CONTROLLER
-        return Gateway(node, _dialect_of(self._dialect_file), name, start_ns)
+        return Gateway(node, self._dialect, name, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
@@ -197,13 +202,6 @@ class Rig:
                 return str(programs.failure(CONTROLLER))
             time.sleep(_POLL_S)
         return ""
-
-
-def _dialect_of(file: Path) -> "Dialect":
-    """Read a dialect, whose messages count what one run sends and receives."""
-    from ...dbc.dialect.dialect import read_dialect
-
-    return read_dialect(file)
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:

@@ -10,22 +10,19 @@ The truth is known only to whoever sees both ends of the network:
 """
 
 from math import nan
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...controller.settings import ControllerSettings
 from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.dialect.frames_of_ours import frames_of_ours
+from ...dbc.dialect.listening import Listening
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 
 class DelayErrors(NamedTuple):
@@ -46,7 +43,7 @@ class DelayErrors(NamedTuple):
 class DelayListener:
     """Receives all frames of a run that starts at 0.
 
-    ``heard``  understands the bus of a car, which names no command; None for our own messages
+    ``listening``  understands the bus; that of a car names no command
 
     ``sent_rad``  the commands
     """
@@ -55,9 +52,9 @@ class DelayListener:
         self,
         plant: PlantSettings,
         controller: ControllerSettings,
-        heard: "Overheard | None" = None,
+        listening: Listening,
     ) -> None:
-        self._heard = heard
+        self._listening = listening
         self._sample_ns = plant.sensor_period_ns
         self._state_samples = samples_per_vehicle_state(plant.sensor_period_ns)
         self._half_period_ns = 0.5 * controller.period_ns
@@ -77,7 +74,7 @@ class DelayListener:
 
     def on_wire(self, time_ns: int, _sender: int, frame: Frame) -> None:
         """Take a frame."""
-        for ours in frames_of_ours(self._heard, frame, time_ns):
+        for ours in self._listening.hear(frame, time_ns).ours:
             self._on_ours(time_ns, ours)
 
     def _on_ours(self, time_ns: int, frame: Frame) -> None:

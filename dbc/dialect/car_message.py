@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from cantools.database.can import Message, Signal
 
@@ -21,13 +21,21 @@ class Refused(StrEnum):
     TOO_FAST = "too fast"
 
 
+class Reading(NamedTuple):
+    """What a frame of the peer says; ``counter`` is 0 in a message without one."""
+
+    values: Mapping[Quantity, float]
+    counter: int
+
+
 class CarMessage:
-    """A message of the database, and what the file says of it.
+    """A message of the database, and what the file says of it; it does not change.
 
     ``constants``  raw values of the signals that always have the same
 
     ``can_id``, ``flags``  of its frames
     ``carries``            the quantities in it, each in one signal or several
+    ``counters``           how many values its counter has, 1 without one
     """
 
     def __init__(
@@ -46,22 +54,20 @@ class CarMessage:
             if one.carries is Quantity.STEER and one.rate_max is not None:
                 self.rate_max_rad_s = one.rate_max / abs(UNITS[one.unit] * one.ratio)
         self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
-        self._counters = 1 << signals[settings.counter].length if settings.counter else 1
-        self._counter, self._received = 0, -1
+        self.counters = 1 << signals[settings.counter].length if settings.counter else 1
         rule = settings.checksum
         self._mask = (
             self._packed({rule.signal: _raw_range(signals[rule.signal])[1]}) if rule else b""
         )
 
-    def frame(self, values: Mapping[Quantity, float]) -> Frame:
-        """Return the next frame with these quantities; what the signal cannot carry is clamped."""
+    def frame(self, values: Mapping[Quantity, float], number: int) -> Frame:
+        """Return the frame of this number; what a signal cannot carry is clamped."""
         raw = self._idle.copy()
         for signal, one in self._carried:
             scaled = values[one.carries] * UNITS[one.unit] * one.ratio + one.offset
             raw[signal.name] = _raw_of(signal, scaled)
         if self.settings.counter:
-            raw[self.settings.counter] = self._counter
-            self._counter = (self._counter + 1) % self._counters
+            raw[self.settings.counter] = number % self.counters
         rule = self.settings.checksum
         if rule is not None:
             raw[rule.signal] = 0
@@ -69,7 +75,7 @@ class CarMessage:
             raw[rule.signal] = rule.compute(self.can_id, data, self._mask)
         return Frame(self.can_id, self._encoded(raw), self.flags)
 
-    def read(self, data: bytes) -> Mapping[Quantity, float] | Refused:
+    def read(self, data: bytes) -> Reading | Refused:
         """Return the quantities in a frame, the mean where several signals carry one."""
         if len(data) != self._length:
             return Refused.WRONG_LENGTH
@@ -79,16 +85,18 @@ class CarMessage:
             bare = bytes(byte & ~own for byte, own in zip(data, self._mask, strict=True))
             if raw[rule.signal] != rule.compute(self.can_id, bare, self._mask):
                 return Refused.BAD_CHECKSUM
-        if self.settings.counter:
-            before, self._received = self._received, int(raw[self.settings.counter])
-            if before == self._received:
-                return Refused.REPEATED
         found: dict[Quantity, list[float]] = {}
         for signal, one in self._carried:
             scaled = float(raw[signal.name]) * signal.scale + signal.offset
             value = (scaled - one.offset) / (UNITS[one.unit] * one.ratio)
             found.setdefault(one.carries, []).append(value)
-        return {quantity: sum(values) / len(values) for quantity, values in found.items()}
+        values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
+        return Reading(values, int(raw[self.settings.counter]) if self.settings.counter else 0)
+
+    def text(self, data: bytes) -> str:
+        """Return the signals of an accepted frame in words."""
+        decoded: Any = self._message.decode(data, decode_choices=True)
+        return ", ".join(f"{name} {_short(value)}" for name, value in decoded.items())
 
     def _encoded(self, raw: Mapping[str, float]) -> bytes:
         return self._message.encode(dict(raw), scaling=False, strict=False)
@@ -96,6 +104,10 @@ class CarMessage:
     def _packed(self, raw: Mapping[str, float]) -> bytes:
         names = (signal.name for signal in self._message.signals)
         return self._encoded({**dict.fromkeys(names, 0), **raw})
+
+
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _raw_range(signal: Signal) -> tuple[int, int]:

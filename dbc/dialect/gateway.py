@@ -18,8 +18,8 @@ from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
 from .quantities import values_of
+from .reader import CarReader
 from .settings import CONTROLLER, PLANT, Quantity
-from .translation import FromController, FromPlant
 
 HOLD_NS = 250_000_000
 """How long a quantity is sent after the node has sent it last; then its messages stay away."""
@@ -40,13 +40,10 @@ class Gateway(Wrapper[N]):
             for message in dialect.sent_by(end)
         ]
         self._due_ns = start_ns if self._sent else NEVER_NS
-        carrying = (one for one in dialect.sent_by(peer) if one.carries)
-        self._read = {(one.can_id, one.flags): one for one in carrying}
-        self._translator = FromController(dialect) if end == PLANT else FromPlant()
+        self._reader = CarReader(dialect, (one for one in dialect.sent_by(peer) if one.carries))
         self._values: dict[Quantity, float] = {}
         self._known_until_ns = dict.fromkeys(Quantity, -1)
-        self._sent_count = self._accepted = 0
-        self._refused = Counter[str]()
+        self._sent_counts = Counter[str]()
 
     @property
     def deadline_ns(self) -> int:
@@ -55,22 +52,14 @@ class Gateway(Wrapper[N]):
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Translate a frame of the peer for the node, if the car would take it."""
-        can_id, data, flags = frame
-        message = self._read.get((can_id, flags))
+        message = self._reader.known.get((frame.can_id, frame.flags))
         if message is None:
-            kept = can_id in self._kept_ids
+            kept = frame.can_id in self._kept_ids
             return self._kept(self.node.on_frame(frame, now_ns), now_ns) if kept else ()
-        values = message.read(data)
-        translated = (
-            values
-            if isinstance(values, Refused)
-            else self._translator.frames(message, values, now_ns)
-        )
+        translated = self._reader.read(message, frame, now_ns)
         if isinstance(translated, Refused):
-            self._refused[translated] += 1
             self.node.on_unauthenticated()
             return ()
-        self._accepted += 1
         passed: list[Frame] = []
         for one in translated:
             passed += self._kept(self.node.on_frame(one, now_ns), now_ns)
@@ -88,7 +77,11 @@ class Gateway(Wrapper[N]):
     def view(self, now_ns: int) -> View:
         """Return the node's view, with the frames that the dialect refused."""
         view = self.node.view(now_ns)
-        refused = {f"frames refused by the dialect, {why}": n for why, n in self._refused.items()}
+        refused = {
+            f"{name} refused, {why}": count
+            for name, causes in self._reader.refused.items()
+            for why, count in causes.items()
+        }
         return view._replace(counts={**view.counts, **refused})
 
     def report(self) -> Mapping[str, Any]:
@@ -97,8 +90,8 @@ class Gateway(Wrapper[N]):
         ``sent``, ``accepted``  frames of the car
         ``refused``             frames of the peer that the car would refuse, by cause
         """
-        refused = dict(sorted(self._refused.items()))
-        figures = {"sent": self._sent_count, "accepted": self._accepted, "refused": refused}
+        accepted, refused = self._reader.totals()
+        figures = {"sent": self._sent_counts.total(), "accepted": accepted, "refused": refused}
         return {**self.node.report(), "dialect": figures}
 
     def _due(self, now_ns: int) -> Sequence[Frame]:
@@ -107,9 +100,9 @@ class Gateway(Wrapper[N]):
             if timer.deadline_ns <= now_ns:
                 timer.advance(now_ns)
                 if all(self._known_until_ns[one] >= now_ns for one in message.carries):
-                    frames.append(message.frame(self._values))
+                    frames.append(message.frame(self._values, self._sent_counts[message.name]))
+                    self._sent_counts[message.name] += 1
         self._due_ns = min(timer.deadline_ns for _, timer in self._sent)
-        self._sent_count += len(frames)
         return frames
 
     def _kept(self, frames: Sequence[Frame], now_ns: int) -> Sequence[Frame]:
@@ -117,7 +110,7 @@ class Gateway(Wrapper[N]):
         for frame in frames:
             decoded = ours.decode(frame)
             if isinstance(decoded, ours.Decoded):
-                self._translator.note_sent(decoded.message)
+                self._reader.note_sent(decoded.message)
                 values = values_of(decoded.message)
                 self._values |= values
                 self._known_until_ns |= dict.fromkeys(values, now_ns + HOLD_NS)

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
@@ -15,9 +14,7 @@ from ...runtime.settings import Settings, SettingsError
 from ..messages import Message
 from ..secoc.key_option import run_secured_node
 from ..secoc.secured_frame import PLANT, End
-
-if TYPE_CHECKING:
-    from .overheard import Overheard
+from .listening import Listening, OurMessages
 
 
 def add_dialect_argument(
@@ -27,13 +24,14 @@ def add_dialect_argument(
     parser.add_argument("--dialect", type=Path, metavar="CAR.toml", help=what)
 
 
-def overheard(dialect: Path | None) -> "Overheard | None":
+def listening_in(dialect: Path | None) -> Listening:
     """Return how one who only listens understands the bus; None for our own messages."""
     if dialect is None:
-        return None
+        return OurMessages()
+    from .dialect import read_dialect
     from .overheard import Overheard
 
-    return Overheard(dialect)
+    return Overheard(read_dialect(dialect))
 
 
 def run_node_in_dialect(

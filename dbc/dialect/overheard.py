@@ -1,73 +1,67 @@
 """A bus in a car's dialect, for one who only listens: its frames as ours, of both ends."""
 
-from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping
 
 from ...runtime.frame import Frame
 from .. import messages as ours
 from .car_message import Refused
-from .dialect import read_dialect
-from .settings import CONTROLLER, PLANT
-from .translation import FromController, FromPlant
-
-_OURS = frozenset(ours.CAN_IDS.values())
+from .dialect import Dialect
+from .listening import Heard, Listed, MessageCounts, OurMessages
+from .reader import CarReader
+from .settings import PLANT
 
 
 class Overheard:
     """Translates the frames on a bus as both nodes would; no round trip can be measured.
 
-    ``file``  of the dialect
-
-    ``refused``   frames that a node would refuse, by cause
-    ``from_plant``  identifiers of the plant's frames, but for those that are kept
-    ``kept_ids``  identifiers of our messages that go on beside the car's
-
-    Raises SettingsError.
+    Fields as ``listening.Listening``.
     """
 
-    def __init__(self, file: Path) -> None:
-        dialect = read_dialect(file)
-        self._commands, self._measurements = FromController(dialect), FromPlant()
-        self._known = {(one.can_id, one.flags): one for one in dialect.messages}
+    def __init__(self, dialect: Dialect) -> None:
+        self._reader = CarReader(dialect, dialect.messages)
+        self._by_name = {one.name: one for one in dialect.messages}
         self.kept_ids = dialect.kept_ids
-        self.from_plant = frozenset(one.can_id for one in dialect.sent_by(PLANT))
-        self.refused = Counter[str]()
+        plant_ids = (one.can_id for one in dialect.sent_by(PLANT))
+        self.from_plant = OurMessages.from_plant & self.kept_ids | {*plant_ids}
+        kept = {name: it for name, it in OurMessages.listed.items() if it.can_id in self.kept_ids}
+        self.listed: Mapping[str, Listed] = {
+            **{one.name: Listed(one.can_id, one.settings.cycle_ms) for one in dialect.messages},
+            **kept,
+        }
+        self.signals: Mapping[str, str] = {
+            carried.carries.value: f"{one.name}.{signal}"
+            for one in dialect.messages
+            for signal, carried in one.settings.signals.items()
+        }
 
-    def frames(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Return what a frame says as frames of ours; itself if it is kept, or nobody's."""
-        said = self._said(frame, now_ns)
-        for one in said:
-            decoded = ours.decode(one)
-            if isinstance(decoded, ours.Decoded):
-                self._note(decoded.message)
-        return said
-
-    def _said(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        message = self._known.get((frame.can_id, frame.flags))
+    def hear(self, frame: Frame, now_ns: int) -> Heard:
+        """Take a frame."""
+        message = self._reader.known.get((frame.can_id, frame.flags))
         if message is None:
-            is_other = frame.can_id in _OURS and frame.can_id not in self.kept_ids
-            return () if is_other else (frame,)
-        if not message.carries:
-            return ()
-        values = message.read(frame.data)
-        is_command = message.settings.sender == CONTROLLER
-        translation = self._commands if is_command else self._measurements
-        said = (
-            values if isinstance(values, Refused) else translation.frames(message, values, now_ns)
-        )
+            is_kept = frame.can_id in self.kept_ids or frame.can_id not in OurMessages.kept_ids
+            if is_kept:
+                self._note(frame)
+            return Heard((frame,) if is_kept else (), is_foreign=not is_kept)
+        said = self._reader.read(message, frame, now_ns)
         if isinstance(said, Refused):
-            self.refused[said] += 1
-            return ()
-        return said
+            return Heard(())
+        for one in said:
+            self._note(one)
+        return Heard(said, message.name)
 
-    def _note(self, message: ours.Message) -> None:
+    def counts(self, name: str) -> MessageCounts | None:
+        """Return the counts of a message of the car; None for one of ours."""
+        return self._reader.counts(name) if name in self._by_name else None
+
+    def text(self, name: str, frame: Frame | None) -> str:
+        """Return the signals of an accepted frame of the car in words."""
+        return self._by_name[name].text(frame.data) if frame and name in self._by_name else ""
+
+    def _note(self, frame: Frame) -> None:
         """Let the statuses name a command that is not on its way, since a car names none."""
-        if isinstance(message, ours.SteeringCommand):
-            counter = (message.command_counter + ours.COMMAND_COUNTERS // 2) % ours.COMMAND_COUNTERS
-            self._measurements.note_sent(message._replace(command_counter=counter))
-
-    def text(self) -> str:
-        """Return in words what was refused."""
-        causes = ", ".join(f"{count} {why}" for why, count in sorted(self.refused.items()))
-        return f"frames refused: {causes or 'none'}"
+        decoded = ours.decode(frame)
+        if isinstance(decoded, ours.Decoded) and isinstance(decoded.message, ours.SteeringCommand):
+            message = decoded.message
+            counter = message.command_counter + ours.COMMAND_COUNTERS // 2
+            counter %= ours.COMMAND_COUNTERS
+            self._reader.note_sent(message._replace(command_counter=counter))

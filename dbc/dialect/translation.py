@@ -19,9 +19,6 @@ class FromController:
         self._is_engaged = Quantity.ENGAGED not in dialect.carried
         self._last: tuple[int, float] | None = None
 
-    def note_sent(self, message: ours.Message) -> None:
-        """Nothing that the plant sends matters to its commands."""
-
     def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:
         """Return the command, or why the car would refuse it."""
         if Quantity.ENGAGED in values:

@@ -11,7 +11,7 @@ from ..steering.control_unit import SteeringUnit
 from ..steering.hold_and_fallback import GuardMode
 
 _MODES: Mapping[GuardMode, str] = {
-    GuardMode.NO_COMMAND: "waiting for the first STEERING_COMMAND",
+    GuardMode.NO_COMMAND: "waiting for the first command",
     GuardMode.FOLLOWING: "FOLLOWING the controller's commands",
     GuardMode.HOLDING: "HOLDING the wheel: the controller's commands have stopped",
     GuardMode.FALLBACK: "FALLBACK: no commands for too long, the wheel goes to its fallback angle",

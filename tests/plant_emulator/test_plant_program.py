@@ -216,7 +216,7 @@ def test_a_duration_ends_a_run_that_nobody_drives(tmp_path: Path) -> None:
             _, err = program.communicate(timeout=PATIENCE_S)
             assert program.returncode == ExitStatus.OK
             assert err.startswith(NOTICE)
-            assert err.endswith("s: waiting for the first STEERING_COMMAND\n")
+            assert err.endswith("s: waiting for the first command\n")
     report = checked_report(report_file)
     assert report["ended_by"] == "duration"
     assert report["node"]["samples"] == 0

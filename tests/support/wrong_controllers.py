@@ -100,7 +100,7 @@ def late(by: int) -> Change:
     return steers(delayed)
 
 
-NEVER = "the plant was never driven: no valid STEERING_COMMAND arrived"
+NEVER = "the plant was never driven: no valid command arrived"
 WRONG: Mapping[str, tuple[Callable[[], Change], str]] = {
     "silent": (lambda: sends(lambda _number: False), NEVER),
     "damaged CRC": (lambda: damages, NEVER),

@@ -246,8 +246,10 @@ def test_every_counter_and_checksum_is_taken_on_both_sides(name: str, tmp_path: 
         packer = import_module("opendbc.can").CANPacker(database)
         for number in range(1, FRAMES):
             values = {quantity: drawn.uniform(-0.5, 0.5) for quantity in Quantity}
-            frame = message.frame(values)
+            frame = message.frame(values, number)
             assert parser.message_states[message.can_id].parse(number, frame.data), message.name
             data = bytes(packer.pack(message.can_id, dict.fromkeys(message.settings.signals, 0.5)))
             if name != "nissan_leaf":
-                assert not isinstance(message.read(data), Refused), message.name
+                read = message.read(data)
+                assert not isinstance(read, Refused), message.name
+                assert read.counter == (number - 1) % message.counters, message.name

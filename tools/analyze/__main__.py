@@ -28,7 +28,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_fi
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import (
@@ -160,8 +160,6 @@ def _judge(results: Sequence[Result], options: argparse.Namespace) -> ExitStatus
         status = max(status, fail_status(f"{NAME}{log}", options.fail_if, QUANTITIES, report))
         if options.json == Path("-"):
             continue
-        if dialect := result.figures.get("dialect"):
-            print(f"{log}: dialect: {dialect}".removeprefix(": "))
         print(f"{log}: verdict: {verdict_of(result.figures)}".removeprefix(": "))
     return status
 
@@ -205,12 +203,10 @@ def _analyse(
             exports += smoothed
             for export in exports:
                 stack.callback(export.close)
-            heard = overheard(options.dialect)
+            listening = listening_in(options.dialect)
             figures, analysis = analyse_files(
-                paths, options.channel, exports, advance, rules, options.preview_m, heard
+                paths, options.channel, exports, advance, rules, options.preview_m, listening
             )
-        if heard is not None:
-            figures["dialect"] = heard.text()
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze.report import draw_pictures, draw_smoothed
 

@@ -43,23 +43,24 @@ SIGNAL_NAMES = {
     "delay_confidence": ("confidence of that estimate", "%", 100.0),
 }
 """Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
+_DRAWN = ("lateral_error_m", "steer_rad", "wheel_angle_rad")
 _ABOUT_TIMES = """\
 Times are those of the recorder. On a bus both nodes and the recorder see a frame at
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
 its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
-samples are numbered and taken at a fixed period, so the times of STEERING_STATUS give the
-uplink's jitter, but its smallest value is on the plant's clock only. {constant} The second
-row of the commands therefore adds the wait for the next sample, 0 to one sensor period, and sees
-only commands that acted: one that the emulated downlink lost, and one that a newer one overtook,
-look the same in a log. A counter that is missing was lost before it came to the bus (the emulated
-uplink loses measurements, and drops one that a newer one overtook; a full transmit queue may lose
+samples are numbered and taken at a fixed period, so their times give the uplink's jitter, but its
+smallest value is on the plant's clock only. {constant} The second row of the commands therefore
+adds the wait for the next sample, 0 to one sensor period, and sees only commands that acted: one
+that the emulated downlink lost, and one that a newer one overtook, look the same in a log. A
+counter that is missing was lost before it came to the bus (the emulated uplink loses measurements,
+and drops one that a newer one overtook; a full transmit queue may lose
 any frame) or missed by the recorder. Quantiles are within 0.4 %."""
 _SPREAD = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
 _CONSTANT = {
-    True: "It is taken from PLANT_STATUS, in which the plant reports the latency it injects "
-    "(resolution 0.5 ms), by setting the medians equal.",
-    False: "The log has too little of PLANT_STATUS to know it, so the uplink is counted from its "
-    "fastest frame, and the downlink contains that smallest value.",
+    True: "It is taken from the latency that the plant reports (resolution 0.5 ms), by setting the "
+    "medians equal.",
+    False: "The plant reports too few latencies in the log to know it, so the uplink is counted "
+    "from its fastest frame, and the downlink contains that smallest value.",
 }
 
 
@@ -100,7 +101,7 @@ def _facts(figures: Mapping[str, Any]) -> Table:
         ("duration", f"{figures['duration_s']:.3f} s" if figures["has_times"] else "no times"),
         ("first frame", figures["start"] or "not a date: times count from some start"),
         ("channels", ", ".join(figures["channels"]) or "not in the log"),
-        ("law", ", ".join(figures["laws"]) or "no CONTROLLER_STATUS in the log"),
+        ("law", ", ".join(figures["laws"]) or "not in the log"),
         ("modes of the controller", ", ".join(modes) or "-"),
         ("lines that could not be read", _unreadable(figures)),
     ]
@@ -136,11 +137,12 @@ def _unreadable(figures: Mapping[str, Any]) -> str:
 
 
 def _signals(figures: Mapping[str, Any]) -> Section:
-    rows = []
+    rows, names = [], figures["names"]
     for name, report in figures["signals"].items():
         if not report["samples"]:
             continue
         text, unit, scale = SIGNAL_NAMES[name]
+        text += f", {names[name]}" if name in names else ""
         at_s = report["peak_at_s"]
         cells = [f"{scale * report[key]:.3f}" for key in ("mean", "rms", "peak")]
         has_time = at_s is not None and at_s == at_s
@@ -175,8 +177,8 @@ def _messages(figures: Mapping[str, Any]) -> Section:
                 str(message["gaps"]),
             )
         )
-    heads = ("", "frames", "DBC [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
-    note = "Distances in ms; a gap is longer than three cycles of the DBC."
+    heads = ("", "frames", "due [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
+    note = "Distances in ms; a gap is longer than three of those that are due."
     return Section("Messages", tables=(Table(heads, _rows(rows)),), notes=(note,))
 
 
@@ -357,11 +359,13 @@ def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
         )
         axes.set_ylabel("[ms]")
         axes.set_ylim(0.0, 1.08e3 * max(cycle["max_s"], 1.1 * message["cycle_dbc_s"]))
-    rows[-1].set_xlabel("time since the first frame [s]      (dashed: the DBC's cycle time)")
+    rows[-1].set_xlabel("time since the first frame [s]      (dashed: when it is due)")
     return figure
 
 
 def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
+    car = {name.partition(".")[0] for key, name in figures["names"].items() if key in _DRAWN}
+    drawn = car or {"STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"}
     for gap in figures["gaps"]:
-        if gap["name"] in ("STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"):
+        if gap["name"] in drawn:
             axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.live_bus import BUSES
 from steer_by_wire.closed_loop.rest_bus_from_dbc import traffic_of
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.dbc.messages import CAN_IDS, MESSAGE_TYPES
 from steer_by_wire.runtime.command_line import (
     command_parser,
@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     logging.getLogger("can").addHandler(logging.NullHandler())
     if options.recordings:
-        block = read_replay(options.recordings, options.log_channel, overheard(options.dialect))
+        block = read_replay(options.recordings, options.log_channel, listening_in(options.dialect))
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             write_text(options.export, single_page(block, title))
@@ -125,16 +125,16 @@ def _run(options: argparse.Namespace) -> int:
     if not settings.is_quiet:
         raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")
     opened = open_port(options)
-    lane = Lane(opened.port, time.monotonic_ns(), heard=overheard(options.dialect))
+    lane = Lane(opened.port, time.monotonic_ns(), listening=listening_in(options.dialect))
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)
     return asyncio.run(_serve(options, desk, None))
 
 
 def _say_what_is_missing(dialect: Path | None) -> None:
     """Say which messages of ours a dialect does not keep, and what that costs."""
-    heard = overheard(dialect)
+    kept_ids = listening_in(dialect).kept_ids
     for name, cost in _COSTS.items():
-        if heard is not None and CAN_IDS[MESSAGE_TYPES[name]] not in heard.kept_ids:
+        if CAN_IDS[MESSAGE_TYPES[name]] not in kept_ids:
             say(NAME, f"{dialect}: keep = [...] without {name}: {cost}")
 
 

@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path as FilePath
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...closed_loop.recordings.live_reading import LATE_NS, LiveReader
+from ...dbc.dialect.listening import Listening
 from ...plant_emulator.path.path import Path
 from ...runtime.exit_status import cause_of
 from ...runtime.frame import Frame
@@ -22,9 +23,6 @@ from ...runtime.port.python_can import BusError
 from ...runtime.recording.candump import CandumpLog
 from .sampler import Ghosts, Sampler
 from .signals import ROW_PERIOD_S, packed_row
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 ROWS_KEPT = 1500
 """Rows that a page which comes late, or falls behind, can still get: half a minute."""
@@ -43,11 +41,11 @@ class Lane:
         start_ns: int,
         path: Path | None = None,
         ghosts: Ghosts | None = None,
-        heard: "Overheard | None" = None,
+        listening: Listening | None = None,
     ) -> None:
         self._port = port
         self._reader = LiveReader(port)
-        self._sampler = Sampler(start_ns, path, ghosts, heard)
+        self._sampler = Sampler(start_ns, path, ghosts, listening)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0

@@ -16,7 +16,7 @@ from ...closed_loop.live_pair import Program as StartedProgram
 from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ...closed_loop.private_folder import private_folder
 from ...closed_loop.virtual_bus import QUIET_BUS
-from ...dbc.dialect.option import overheard
+from ...dbc.dialect.option import listening_in
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.settings import PlantSettings
@@ -120,8 +120,8 @@ class OwnLanes:
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
                 ghosts = None if lane.controller else ghosts_of(lane.plant)
-                heard = overheard(self._dialect)
-                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path, ghosts, heard))
+                port, listening = BusPort(bus.open()), listening_in(self._dialect)
+                lanes.append(Lane(port, time.monotonic_ns(), path, ghosts, listening))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
                 files.write_settings(lane.plant, lane.controller)

@@ -11,18 +11,16 @@ import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...closed_loop.recordings.log_file import LogError, open_log
 from ...closed_loop.recordings.status_lights import Light
+from ...dbc.dialect.listening import Listening
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lanes import lane_facts
 from .sampler import Sampler
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 ROWS_MAX = 100_000
 """Half an hour at the rate of a live page."""
@@ -32,13 +30,13 @@ _LIGHT_CHANGES_MAX = 20_000
 
 
 def read_replay(
-    files: Sequence[Path], channel: str | None = None, heard: "Overheard | None" = None
+    files: Sequence[Path], channel: str | None = None, listening: Listening | None = None
 ) -> bytes:
     """Return the block of a recording, which may be several files; raises LogError.
 
-    ``heard``  understands the bus of a car; None for our own messages
+    ``listening``  understands the bus; None for our own messages
     """
-    replay = _Replay(heard)
+    replay = _Replay(listening)
     cut_off = ""
     for file in files:
         log = open_log(file)
@@ -70,8 +68,8 @@ class _Thinned:
 
 
 class _Replay:
-    def __init__(self, heard: "Overheard | None") -> None:
-        self._sampler = Sampler(0, heard=heard)
+    def __init__(self, listening: Listening | None) -> None:
+        self._sampler = Sampler(0, listening=listening)
         self._start_ns: int | None = None
         self._now_ns = 0
         self._rows = _Thinned(ROW_PERIOD_S, ROWS_MAX)

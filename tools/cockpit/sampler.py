@@ -13,15 +13,15 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from ...closed_loop.recordings.bus_listener import command_at
+from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
 from ...closed_loop.recordings.live_view import BusWatch
 from ...closed_loop.recordings.status_lights import Known, Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
-from ...dbc.dialect.frames_of_ours import frames_of_ours
+from ...dbc.dialect.listening import Listening, OurMessages
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -29,9 +29,6 @@ from ...runtime.node import NS_PER_S
 from .ghost import Ghost, Offset
 from .helped import HelpedCar
 from .signals import NAMES
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.overheard import Overheard
 
 _START = Pose(0.0, 0.0, 0.0)
 _SILENT_S = 0.5
@@ -99,11 +96,10 @@ M = TypeVar("M", bound=messages.Message)
 
 
 class Newest(NamedTuple, Generic[M]):
-    """The newest accepted frame of a message."""
+    """The newest message of a type."""
 
     time_ns: int
     message: M
-    frame: Frame
 
 
 class Ghosts(NamedTuple):
@@ -124,7 +120,7 @@ class Sampler:
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
     ``ghosts``    None where no hand steers
-    ``heard``     understands the bus of a car; None for our own messages
+    ``listening``  understands the bus; None for our own messages
     """
 
     def __init__(
@@ -132,14 +128,16 @@ class Sampler:
         start_ns: int,
         path: Path | None = None,
         ghosts: Ghosts | None = None,
-        heard: "Overheard | None" = None,
+        listening: Listening | None = None,
     ) -> None:
         self.start_ns = start_ns
-        self._heard = heard
-        self._watch = BusWatch(start_ns)
+        self._listening = listening or OurMessages()
+        self._watch = BusWatch(start_ns, self._listening)
         self._path, self._ghosts = path, ghosts
         self._place = Place(path)
         self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
+        self._frames: dict[str, tuple[Frame, messages.Message | None]] = {}
+        """The newest frame, by the message's name on the bus; with the message, if it is ours."""
         self._foreign: dict[int, Frame] = {}
         self._command: Newest[messages.SteeringCommand] | None = None
         self._sent: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
@@ -167,14 +165,17 @@ class Sampler:
 
     def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> None:
         """Take a frame that arrived at ``now_ns``, or before it where that is no time."""
-        for ours in frames_of_ours(self._heard, frame, now_ns):
-            self._on_ours(ours, now_ns, has_time=has_time)
-
-    def _on_ours(self, frame: Frame, now_ns: int, *, has_time: bool) -> None:
-        heard = self._watch.on_frame(frame, now_ns, has_time=has_time)
-        if heard is None:
+        received, of_car = self._watch.on_frame(frame, now_ns, has_time=has_time)
+        if of_car:
+            self._frames[of_car] = frame, None
+        elif not received:
             self._foreign_or_refused(frame, now_ns)
-            return
+        for one in received:
+            if not of_car:
+                self._frames[one.name] = frame, one.message
+            self._on_message(one, frame, now_ns)
+
+    def _on_message(self, heard: ReceivedMessage, frame: Frame, now_ns: int) -> None:
         message = heard.message
         if self._ghosts and isinstance(
             message, messages.LatencyConfig | messages.DisturbanceConfig
@@ -182,7 +183,7 @@ class Sampler:
             self._ghosts.helped.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
             self._note_skips(message, now_ns)
-        self._newest[type(message)] = Newest(now_ns, message, frame)
+        self._newest[type(message)] = Newest(now_ns, message)
         if isinstance(message, messages.LateralError):
             error_m = message.lateral_error_m
             self._samples += 1
@@ -192,7 +193,7 @@ class Sampler:
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest
-            self._command = Newest(now_ns, command_at(message, heard.sample), frame)
+            self._command = Newest(now_ns, command_at(message, heard.sample))
             self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
             if self._ghosts is not None:
@@ -297,14 +298,14 @@ class Sampler:
     def _message_rows(self, now_ns: int) -> Sequence[Mapping[str, Any]]:
         rows = []
         for view in self._watch.messages(now_ns):
-            kind = messages.MESSAGE_TYPES[view.name]
-            newest = self._newest.get(kind)
+            frame, message = self._frames.get(view.name, (None, None))
+            signals = message_text(message) if message else self._listening.text(view.name, frame)
             rows.append(
                 {
                     "name": view.name,
-                    "id": f"{messages.CAN_IDS[kind]:03X}",
-                    "payload": "" if newest is None else payload_text(newest.frame),
-                    "signals": "" if newest is None else message_text(newest.message),
+                    "id": f"{self._listening.listed[view.name].can_id:03X}",
+                    "payload": payload_text(frame),
+                    "signals": signals,
                     "period_s": view.period_s,
                     "cycle_s": view.cycle and [view.cycle.p50_s, view.cycle.max_s],
                     "count": view.accepted,
@@ -325,7 +326,8 @@ class Sampler:
         refused = Counter(self._watch.refused)
         for cause in refused - self._refused:
             self._refused_until_ns[cause] = now_ns + _SHOWN_NS
-        is_foreign = refused == self._refused and frame.can_id not in messages.CAN_IDS.values()
+        is_known = any(frame.can_id == it.can_id for it in self._listening.listed.values())
+        is_foreign = refused == self._refused and not is_known
         if is_foreign and (frame.can_id in self._foreign or len(self._foreign) < _FOREIGN_MAX):
             self._foreign[frame.can_id] = frame
         self._refused = refused
@@ -346,9 +348,9 @@ def _recent(noted: tuple[int, int], now_ns: int) -> int:
     return much if now_ns - at_ns < _SHOWN_NS else 0
 
 
-def payload_text(frame: Frame) -> str:
-    """Return length and bytes, as in ``[3]  01 02 03``."""
-    return f"[{len(frame.data)}]  {frame.data.hex(' ').upper()}"
+def payload_text(frame: Frame | None) -> str:
+    """Return length and bytes, as in ``[3]  01 02 03``; nothing without a frame."""
+    return "" if frame is None else f"[{len(frame.data)}]  {frame.data.hex(' ').upper()}"
 
 
 def message_text(message: messages.Message) -> str:

@@ -9,18 +9,19 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from steer_by_wire.closed_loop.lockstep.node import gateways_of
+from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_dialect
-from steer_by_wire.dbc.dialect.gateway import Gateway, dialect_text
+from steer_by_wire.dbc.dialect.gateway import dialect_text
 from steer_by_wire.dbc.dialect.proposal import proposal
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.command_line import (
@@ -76,14 +77,11 @@ def _check(options: argparse.Namespace) -> int:
         print(f"missing: {quantity}: needed by {_NEEDED_BY[quantity]}")
     plant = PlantSettings(duration_s=MOTION_S)
     pair = make_virtual_pair(plant, controller_preset(CONTROLLER_PRESET))
-    gateways: tuple[Gateway[Any], Gateway[Any]] = (
-        Gateway(pair.edge, dialect, PLANT, 0),
-        Gateway(pair.controller, dialect, CONTROLLER, 0),
-    )
+    gateways = gateways_of(dialect, pair.edge, pair.controller)
     bus = QuietBus(QUIET_BUS.bitrate_bit_s)
-    run_virtual_nodes(*gateways, bus, options.out, lambda: False)
-    for end, gateway in zip((PLANT, CONTROLLER), gateways, strict=True):
-        print(f"{end}: {dialect_text(gateway.report()['dialect'])}")
+    run_virtual_nodes(gateways[PLANT], gateways[CONTROLLER], bus, options.out, lambda: False)
+    for program, gateway in gateways.items():
+        print(f"{program.replace('_', ' ')}: {dialect_text(gateway.report()['dialect'])}")
     return ExitStatus.OK
 
 

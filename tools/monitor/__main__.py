@@ -11,17 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from rich.console import Console, Group
 from rich.live import Live
 
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
-from steer_by_wire.dbc.dialect.frames_of_ours import frames_of_ours
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, overheard
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.dbc.messages import encode
-from steer_by_wire.runtime.command_line import command_parser, run_main, say
+from steer_by_wire.runtime.command_line import command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
@@ -29,9 +28,6 @@ from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_do
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
-
-if TYPE_CHECKING:
-    from steer_by_wire.dbc.dialect.overheard import Overheard
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
@@ -59,20 +55,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    heard = overheard(options.dialect)
+    listening = listening_in(options.dialect)
     opened = open_port(options)
     stop = StopRequest()
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
-        watch = BusWatch(start_ns)
+        watch = BusWatch(start_ns, listening)
         if sys.stdout.isatty():
-            _show(opened.port, opened.description, watch, heard, stop)
+            _show(opened.port, opened.description, watch, stop)
         else:
-            _print(opened.port, watch, heard, stop, start_ns)
-    if heard is not None:
-        say(NAME, f"dialect: {heard.text()}")
+            _print(opened.port, watch, stop, start_ns)
     return ExitStatus.OK
 
 
@@ -80,7 +74,6 @@ def _show(
     port: ClosablePort,
     bus: str,
     watch: BusWatch,
-    heard: "Overheard | None",
     stop: Callable[[], bool],
 ) -> None:
     """Draw the screen until a key or a signal ends it; the terminal is restored then."""
@@ -95,7 +88,7 @@ def _show(
         Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live,
     ):
         while not stop():
-            now_ns = _listen(reader, watch, heard, _WAIT_S)
+            now_ns = _listen(reader, watch, _WAIT_S)
             keys = read_keys()
             if any(key in QUIT_KEYS for key in keys):
                 return
@@ -111,7 +104,6 @@ def _show(
 def _print(
     port: ClosablePort,
     watch: BusWatch,
-    heard: "Overheard | None",
     stop: Callable[[], bool],
     start_ns: int,
 ) -> None:
@@ -119,13 +111,13 @@ def _print(
     reader = LiveReader(port)
     while not stop():
         wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
-        now_ns = _listen(reader, watch, heard, wait_s)
+        now_ns = _listen(reader, watch, wait_s)
         if now_ns >= print_ns:
             print(one_line(watch.view(now_ns)), flush=True)
             print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
 
 
-def _listen(reader: LiveReader, watch: BusWatch, heard: "Overheard | None", wait_s: float) -> int:
+def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
     """Receive the frames that arrive within ``wait_s`` [s]; returns the time now [ns]."""
     end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
     now_ns = end_ns - 1
@@ -133,9 +125,7 @@ def _listen(reader: LiveReader, watch: BusWatch, heard: "Overheard | None", wait
         read = reader.next(end_ns)
         now_ns = time.monotonic_ns()
         if read is not None:
-            frame, time_ns = read.frame, read.time_ns
-            for one in frames_of_ours(heard, frame, time_ns):
-                watch.on_frame(one, time_ns, has_time=read.has_time)
+            watch.on_frame(read.frame, read.time_ns, has_time=read.has_time)
         if now_ns >= end_ns:
             break
     return now_ns

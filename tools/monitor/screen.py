@@ -218,7 +218,7 @@ def _value(
 
 
 _HEAD = (
-    f"{'message':17}{'DBC':>5}{'median':>8}{'p99':>8}{'max':>8}{'frames':>10}"
+    f"{'message':17}{'due':>5}{'median':>8}{'p99':>8}{'max':>8}{'frames':>10}"
     f"{'missing':>8}{'late':>6}{'refused':>8}"
 )
 

@@ -92,9 +92,7 @@ def test_a_silent_controller_never_drives_the_plant(tmp_path: Path) -> None:
 
     settings = controller_preset("practical_pd")
     outcome = Rig(tmp_path, overrides=SHORT).run(lambda start_ns: Silent(settings, start_ns))
-    assert failure_of(outcome)[0] == (
-        "the plant was never driven: no valid STEERING_COMMAND arrived"
-    )
+    assert failure_of(outcome)[0] == ("the plant was never driven: no valid command arrived")
 
 
 def test_a_lost_stream_of_measurements_is_detected(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_what_the_car_would_refuse_is_counted_and_stays_out(frame: Frame, cause:
     gateway.on_frame(frame, 10 * NS_PER_MS)
     assert len(node.got) == node.refused == 1
     assert gateway.report()["dialect"]["refused"] == {cause: 1}
-    assert gateway.view(0).counts == {f"frames refused by the dialect, {cause}": 1}
+    assert gateway.view(0).counts == {f"STEER_REQUEST refused, {cause}": 1}
 
 
 @given(st.binary(max_size=8), st.sampled_from([0, EXTENDED]), st.sampled_from([0x100, LANE_ID, 7]))

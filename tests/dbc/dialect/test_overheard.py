@@ -1,7 +1,9 @@
 """A listener on a car's bus hears our messages, of both ends, and no round trip."""
 
 import gzip
+import json
 import math
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -22,8 +24,14 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.overheard import Overheard
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
-from steer_by_wire.dbc.messages import Decoded, LateralError, SteeringCommand, decode
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.messages import (
+    MESSAGE_TYPES,
+    Decoded,
+    LateralError,
+    SteeringCommand,
+    decode,
+)
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
@@ -31,11 +39,18 @@ from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.cockpit.hand import HandFile, HandNode, behind_gateway
 from steer_by_wire.tools.cockpit.replay import read_replay
+from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.monitor import __main__ as monitor
+from steer_by_wire.tools.monitor.keys import LatencyChoice
+from steer_by_wire.tools.monitor.screen import screen_lines
 
 CAR = Path(__file__).with_name("my_car.toml")
 DATABASE: Any = cantools.database.load_file(CAR.with_suffix(".dbc"))
 LANE = DATABASE.get_message_by_name("LANE")
+
+
+def listening() -> Overheard:
+    return Overheard(read_dialect(CAR))
 
 
 @pytest.fixture(scope="module")
@@ -50,28 +65,27 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_what_the_car_says_is_heard_as_ours(log: Path) -> None:
-    overheard, listener = Overheard(CAR), BusListener()
+    listener = BusListener(listening())
     errors_m: list[float] = []
     said_m: list[float] = []
     for time_ns, _, frame in open_log(log):
         if frame.can_id == LANE.frame_id:
             said = DATABASE.decode_message(LANE.frame_id, frame.data, decode_choices=False)
             said_m.append(-said["LATERAL_OFFSET"])
-        for one in overheard.frames(frame, time_ns or 0):
-            received = listener.take(one)
-            assert received is not None
-            if isinstance(received.message, LateralError):
-                errors_m.append(received.message.lateral_error_m)
+        messages = [one.message for one in listener.take(frame, time_ns or 0).messages]
+        errors_m += [it.lateral_error_m for it in messages if isinstance(it, LateralError)]
     assert errors_m == pytest.approx(said_m, abs=1e-4)
     assert listener.counts("STEERING_COMMAND").accepted > 190
     assert listener.counts("STEERING_STATUS").accepted > 190
     assert listener.counts("VEHICLE_STATE").accepted > 90
-    assert overheard.text() == "frames refused: none"
+    assert [*listener.listening.listed] == ["STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"]
+    assert listener.counts("LANE") == (len(said_m), 0, 0, {})
+    assert listener.refused == {}
 
 
 def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
-    wanted = analyse_files([log], overheard=Overheard(CAR)).figures["signals"]["lateral_error_m"]
-    block = gzip.decompress(read_replay([log], None, Overheard(CAR)))
+    wanted = analyse_files([log], listening=listening()).figures["signals"]["lateral_error_m"]
+    block = gzip.decompress(read_replay([log], None, listening()))
     assert struct.unpack("<2f", block[-8:]) == pytest.approx((wanted["rms"], abs(wanted["peak"])))
     unknown = gzip.decompress(read_replay([log]))
     assert math.isnan(*struct.unpack("<f", unknown[-4:]))
@@ -80,11 +94,13 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
 def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
     node = behind_gateway(HandNode(hand, 0), CAR, 0)
-    overheard, steers_rad = Overheard(CAR), []
+    overheard, steers_rad = listening(), []
     while node.deadline_ns < 50 * NS_PER_MS:
         now_ns = node.deadline_ns
         hand.write(0.1, now_ns)
-        heard = [one for frame in node.on_tick(now_ns) for one in overheard.frames(frame, now_ns)]
+        heard = [
+            one for frame in node.on_tick(now_ns) for one in overheard.hear(frame, now_ns).ours
+        ]
         steers_rad += [message.steer_rad for one in heard if (message := command_in(one))]
     assert steers_rad == pytest.approx([0.1] * 5, abs=1e-3)
 
@@ -96,23 +112,33 @@ def command_in(frame: Frame) -> SteeringCommand | None:
 
 
 def test_what_nobody_would_take_is_counted() -> None:
-    overheard = Overheard(CAR)
-    assert overheard.frames(Frame(0x100, bytes(8)), 0) == ()
-    assert overheard.frames(Frame(0x100, bytes(3)), 0) == ()
-    assert overheard.text() == "frames refused: 1 bad checksum, 1 wrong length"
+    overheard = listening()
+    assert overheard.hear(Frame(0x100, bytes(8)), 0) == ((), "", False)
+    assert overheard.hear(Frame(0x100, bytes(3)), 0) == ((), "", False)
+    refused = {"bad checksum": 1, "wrong length": 1}
+    assert overheard.counts("STEER_REQUEST") == (0, 0, 0, refused)
+
+
+def test_counters_that_are_skipped_are_missing() -> None:
+    dialect = read_dialect(CAR)
+    request, overheard = dialect.messages[0], Overheard(dialect)
+    values = dict.fromkeys(Quantity, 1.0) | {Quantity.STEER: 0.0}
+    for number in (14, 15, 18, 18):
+        overheard.hear(request.frame(values, number), 0)
+    assert overheard.counts("STEER_REQUEST") == (3, 2, 0, {"repeated counter": 1})
 
 
 def test_a_frame_of_nobody_passes_and_one_of_ours_that_is_not_kept_says_nothing() -> None:
-    overheard, foreign = Overheard(CAR), Frame(0x7FF, b"any")
-    assert overheard.frames(foreign, 0) == (foreign,)
-    assert overheard.frames(Frame(0x110, bytes(8)), 0) == ()
+    overheard, foreign = listening(), Frame(0x7FF, b"any")
+    assert overheard.hear(foreign, 0) == ((foreign,), "", False)
+    assert overheard.hear(Frame(0x110, bytes(8)), 0) == ((), "", True)
 
 
 @given(st.binary(max_size=8), st.sampled_from([0, EXTENDED]), st.integers(0, 0x7FF))
 def test_any_frame_is_heard(data: bytes, flags: int, can_id: int) -> None:
-    overheard = Overheard(CAR)
+    overheard = listening()
     for identifier in (can_id, 0x100, LANE.frame_id):
-        assert len(overheard.frames(Frame(identifier, data, flags), 0)) <= 3
+        assert len(overheard.hear(Frame(identifier, data, flags), 0).ours) <= 3
 
 
 def test_analyze_judges_a_log_in_a_dialect(
@@ -120,10 +146,14 @@ def test_analyze_judges_a_log_in_a_dialect(
 ) -> None:
     words = [str(log), "--dialect", str(CAR), "--out", str(tmp_path), "--no-parquet"]
     assert analyze(words) == 0
-    *_, dialect, verdict = capsys.readouterr().out.splitlines()
-    assert dialect == "dialect: frames refused: none"
+    *_, verdict = capsys.readouterr().out.splitlines()
     assert verdict.startswith("verdict: holds")
-    assert '"commands_seen_to_act": 0' in (tmp_path / "traffic" / "figures.json").read_text()
+    figures = json.loads((tmp_path / "traffic" / "figures.json").read_text())
+    assert figures["latency"]["commands_seen_to_act"] == 0
+    assert figures["messages"]["MOTION"]["cycle"]["p50_s"] == pytest.approx(0.02, abs=1e-4)
+    page = (tmp_path / "traffic" / "report.html").read_text()
+    assert "heading error, LANE.HEADING [mrad]" in page
+    assert not re.search("|".join(MESSAGE_TYPES), page)
 
 
 def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
@@ -134,10 +164,22 @@ def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
         def next(self, _end_ns: int) -> LiveFrame | None:
             return next(left, None)
 
-    watch, overheard = BusWatch(0), Overheard(CAR)
+    watch = BusWatch(0, listening())
     for _ in frames:
-        monitor._listen(Reader(), watch, overheard, 0.0)  # type: ignore[arg-type]
+        monitor._listen(Reader(), watch, 0.0)  # type: ignore[arg-type]
     view = watch.view(frames[-1].time_ns)
-    heard = {one.name for one in view.messages if one.accepted}
-    assert {"STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE"} == heard
+    heard = {one.name for one in view.messages if one.accepted > 90}
+    assert heard == {"STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"}
     assert view.foreign_frames == 0
+    screen = "\n".join(line.plain for line in screen_lines(view, LatencyChoice(), 0, "can0"))
+    assert not re.search("|".join(MESSAGE_TYPES), screen)
+
+
+def test_the_cockpit_lists_a_car_s_frames_by_its_names(log: Path) -> None:
+    sampler = Sampler(0, listening=listening())
+    for time_ns, _, frame in open_log(log):
+        sampler.on_frame(frame, time_ns or 0)
+    rows = sampler.frames(time_ns or 0)["rows"]
+    assert [row["name"] for row in rows] == ["STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"]
+    assert "VEHICLE_SPEED 5, YAW_RATE" in rows[2]["signals"]
+    assert "GEAR D" in rows[2]["signals"]

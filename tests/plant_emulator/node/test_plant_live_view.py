@@ -12,7 +12,7 @@ def states(tested: Link, now_ns: int) -> dict[str, str]:
 
 def test_commands_that_stop_are_shown_as_a_hold_and_a_fallback() -> None:
     tested = link()
-    assert states(tested, START_NS)["mode"] == "waiting for the first STEERING_COMMAND"
+    assert states(tested, START_NS)["mode"] == "waiting for the first command"
     tested.command(START_NS, 0.1)
     tested.tick_until(START_NS + 20 * MS_NS)
     assert states(tested, START_NS)["mode"].startswith("FOLLOWING")

@@ -46,7 +46,7 @@ def test_the_check_names_what_is_missing_and_leaves_a_minute_of_traffic(
     said = capsys.readouterr().out
     assert re.search(r"STEER_REQUEST 0x100 +controller +10 +REQUEST_COUNTER +sum ", said)
     assert re.findall("missing: (.*?):", said) == ["yaw_rate_rad_s"]
-    assert re.search(r"plant: \d+ frames sent, 600\d accepted, refused: none", said)
+    assert re.search(r"plant emulator: \d+ frames sent, 600\d accepted, refused: none", said)
     lines = log.read_text(encoding="utf-8").splitlines()
     first_s, last_s = (float(lines[place].split(")")[0].strip("(")) for place in (0, -1))
     assert last_s - first_s == pytest.approx(60.0, abs=0.1)

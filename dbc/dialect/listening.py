@@ -1,0 +1,97 @@
+"""What one who only listens makes of the frames on a bus; here of a bus with our own messages.
+
+``overheard.py`` has the bus of a car. Programs that show a bus take either, and name the messages
+as ``listed`` does.
+"""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple, Protocol
+
+from ...runtime.frame import Frame
+from ..messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
+
+
+class Listed(NamedTuple):
+    """A message on the bus, and its cycle; 0 for one that is sent when needed."""
+
+    can_id: int
+    cycle_ms: float
+
+
+class MessageCounts(NamedTuple):
+    """Frames under the identifier of one message.
+
+    ``accepted``  intact, within range, newer than all before
+    ``missing``   counters that the accepted frames skip; a late frame was skipped before it came,
+                  so it is counted here too
+    ``late``      older than the newest
+    ``refused``   all others, by cause
+    """
+
+    accepted: int
+    missing: int
+    late: int
+    refused: Mapping[str, int]
+
+
+class Heard(NamedTuple):
+    """What a frame says.
+
+    ``ours``        as frames of ours
+    ``name``        of the car's message; empty for a frame of ours, or one that is refused
+    ``is_foreign``  it belongs to nobody
+    """
+
+    ours: Sequence[Frame]
+    name: str = ""
+    is_foreign: bool = False
+
+
+class Listening(Protocol):
+    """Understands a bus.
+
+    ``listed``      the messages on it, by their names there
+    ``from_plant``  identifiers of the plant's frames
+    ``kept_ids``    identifiers of our own messages that are on it
+    ``signals``     of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
+    """
+
+    listed: Mapping[str, Listed]
+    from_plant: frozenset[int]
+    kept_ids: frozenset[int]
+    signals: Mapping[str, str]
+
+    def hear(self, frame: Frame, now_ns: int) -> Heard:
+        """Take a frame."""
+        ...
+
+    def counts(self, name: str) -> MessageCounts | None:
+        """Return the counts of a message of the car; None for one of ours."""
+        ...
+
+    def text(self, name: str, frame: Frame | None) -> str:
+        """Return the signals of an accepted frame of the car in words."""
+        ...
+
+
+class OurMessages:
+    """A bus that speaks our own messages: every frame says what it is."""
+
+    listed: Mapping[str, Listed] = MappingProxyType(
+        {name: Listed(CAN_IDS[it], CYCLE_TIMES_MS[it]) for name, it in MESSAGE_TYPES.items()}
+    )
+    from_plant = frozenset(CAN_IDS[kind] for kind in sent_by("PLANT"))
+    kept_ids = frozenset(CAN_IDS.values())
+    signals: Mapping[str, str] = MappingProxyType({})
+
+    def hear(self, frame: Frame, now_ns: int) -> Heard:  # noqa: ARG002 as a car's bus
+        """Take a frame."""
+        return Heard((frame,))
+
+    def counts(self, name: str) -> None:
+        """Return None: nothing here is of a car."""
+
+    def text(self, name: str, frame: Frame | None) -> str:  # noqa: ARG002
+        """Return nothing: nothing here is of a car."""
+        return ""

@@ -1,0 +1,65 @@
+"""Frames of a car as ours, each judged as the car would, and counted by message."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+
+from ...runtime.frame import Frame
+from .. import messages as ours
+from .car_message import CarMessage, Refused
+from .dialect import Dialect
+from .listening import MessageCounts
+from .settings import CONTROLLER
+from .translation import FromController, FromPlant
+
+
+class CarReader:
+    """Reads some messages of a dialect.
+
+    ``known``    the messages, by identifier and format of their frames
+    ``refused``  frames by message and cause
+    """
+
+    def __init__(self, dialect: Dialect, messages: Iterable[CarMessage]) -> None:
+        self.known = {(one.can_id, one.flags): one for one in messages}
+        self._commands, self._measurements = FromController(dialect), FromPlant()
+        self._newest: dict[str, int] = {}
+        self._accepted, self._missing = Counter[str](), Counter[str]()
+        self.refused = defaultdict[str, Counter[str]](Counter)
+
+    def note_sent(self, message: ours.Message) -> None:
+        """Take note of a message of ours that the peer's may answer."""
+        self._measurements.note_sent(message)
+
+    def read(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
+        """Return what a frame of one of the messages says as frames of ours."""
+        said = self._judged(message, frame, now_ns)
+        if isinstance(said, Refused):
+            self.refused[message.name][said] += 1
+        else:
+            self._accepted[message.name] += 1
+        return said
+
+    def counts(self, name: str) -> MessageCounts:
+        """Return the counts of a message."""
+        refused = dict(sorted(self.refused[name].items()))
+        return MessageCounts(self._accepted[name], self._missing[name], 0, refused)
+
+    def totals(self) -> tuple[int, dict[str, int]]:
+        """Return how many frames were accepted, and refused by cause."""
+        causes = sum(self.refused.values(), Counter[str]())
+        return self._accepted.total(), dict(sorted(causes.items()))
+
+    def _judged(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
+        reading = message.read(frame.data)
+        if isinstance(reading, Refused):
+            return reading
+        if message.settings.counter:
+            before = self._newest.get(message.name, reading.counter - 1)
+            skipped = (reading.counter - before - 1) % message.counters
+            self._newest[message.name] = reading.counter
+            if before == reading.counter:
+                return Refused.REPEATED
+            self._missing[message.name] += skipped
+        is_command = message.settings.sender == CONTROLLER
+        translation = self._commands if is_command else self._measurements
+        return translation.frames(message, reading.values, now_ns)
