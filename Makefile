@@ -31,7 +31,7 @@ $(STAMP): requirements.lock pyproject.toml setup.py
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap docs cars dev
+LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap foxglove docs cars dev
 
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:

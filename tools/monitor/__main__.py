@@ -3,13 +3,14 @@
     steer-by-wire monitor -i socketcan -c vcan0
 
 Keys change the latency that the plant injects, by LATENCY_CONFIG. Without a terminal it prints one
-line a second.
+line a second. With --foxglove it also serves every message to Foxglove, live.
 """
 
 import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import NamedTuple
 
@@ -20,12 +21,13 @@ from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.dbc.messages import encode
-from steer_by_wire.runtime.command_line import command_parser, run_main
+from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_down
 from steer_by_wire.runtime.program.stop_request import StopRequest
+from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
 from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 
@@ -49,6 +51,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
+    parser.add_argument(
+        "--foxglove",
+        type=whole_number(0, 65_535),
+        metavar="PORT",
+        help="serve the messages to Foxglove on this port of 127.0.0.1; 0: any free port",
+    )
     add_dialect_argument(parser, "read the messages of a car")
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
@@ -58,11 +66,17 @@ def _run(options: argparse.Namespace) -> int:
     listening = listening_in(options.dialect)
     opened = open_port(options)
     stop = StopRequest()
-    with shutting_down(opened.port), stop.on_signals():
+    with ExitStack() as stack:
+        stack.enter_context(shutting_down(opened.port))
+        stack.enter_context(stop.on_signals())
         start_ns = time.monotonic_ns()
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns, listening)
+        if options.foxglove is not None:
+            server = stack.enter_context(FoxgloveServer(options.foxglove))
+            say(NAME, f"Foxglove: open a connection to {server.address}")
+            watch = ServedWatch(start_ns, listening, server)
         if sys.stdout.isatty():
             _show(opened.port, opened.description, watch, stop)
         else:
