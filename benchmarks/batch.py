@@ -63,22 +63,17 @@ def measure(options: argparse.Namespace) -> Measured:
 
 
 def lines_of_network(name: str) -> list[Line]:
-    """Time runs on a network, with and without the compiler's freedom in arithmetic, in turns."""
+    """Time runs on a network."""
     plant, controller = pair_settings(NETWORKS[name])
     plan = schedule_run(plant, controller)
     batch = partial(run_batch, plant, controller, plan)
-    fastmath = partial(run_batch, plant, controller, plan, fastmath=True)
     batch()
-    fastmath()
-    pairs = [(_each_us(batch, RUNS), _each_us(fastmath, RUNS)) for _ in range(REPETITIONS)]
-    batch_us, fastmath_us = map(list, zip(*pairs, strict=True))
+    batch_us = [_each_us(batch, RUNS) for _ in range(REPETITIONS)]
     rates = [1e6 / each_us for each_us in batch_us]
-    ratios = [fast_us / each_us for each_us, fast_us in pairs]
     planning_us = [_each_us(partial(schedule_run, plant, controller), 5)]
     return [
         Line(f"batch, {name}", "µs/run", batch_us, batch_us),
         Line(f"batch, one thread, {name}", "runs/s", rates, batch_us, Target(False, 1700.0)),
-        Line(f"fastmath/batch, {name}", "1", ratios, fastmath_us),
         Line(f"network laid down, {name}", "µs", planning_us, planning_us),
     ]
 

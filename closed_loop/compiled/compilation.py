@@ -34,9 +34,6 @@ _OPTIMISATION = _config.OPT if "NUMBA_OPT" in os.environ else type(_config.OPT)(
 """LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
 many small functions on tuples of floats run no slower; the predictor's takes half the time."""
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
-_FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
-"""Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
-finite ends a run, and an infinite limit is no limit."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _UNUSED_S = 3600.0
@@ -85,13 +82,6 @@ def compiled_inline(function: Any) -> Any:
     return _compiled(function, {**_OPTIONS, "inline": "always"})
 
 
-def compiled_fastmath(made: Any) -> Any:
-    """Compile a result of the above once more, with the steps it calls: operations may change
-    order and fuse, so results differ in their last digits, and from processor to processor.
-    """
-    return _compiled(made.py_func, {**made.targetoptions, "fastmath": _FASTMATH})
-
-
 def compiled_anew(made: Any) -> Any:
     """Compile a result of the above once more, for this process alone.
 
@@ -104,8 +94,6 @@ def compiled_anew(made: Any) -> Any:
 
 def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     folder = _cache_folder()
-    if folder is not None and "fastmath" in options:  # The cache would confuse the two kinds.
-        folder /= "fastmath"
     # Read by the next line.
     _config.CACHE_DIR, _config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
     made: Any = numba.jit(cache=folder is not None, **options)(function)

@@ -1,9 +1,9 @@
 """Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
 
-Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
-the two programs, and the arithmetic is theirs (``closed_loop.compiled.step_functions``). A run ends
-early on an error that LATERAL_ERROR cannot carry, or on a command of the law that is not finite;
-``outcome`` reports which. In virtual time the nodes would go on.
+Every number is the same to the last bit: the input is the settings of the two programs, and the
+arithmetic is theirs (``closed_loop.compiled.step_functions``). A run ends early on an error that
+LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome`` reports
+which. In virtual time the nodes would go on.
 """
 
 from enum import StrEnum
@@ -40,7 +40,6 @@ from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
-from .compilation import compiled_fastmath
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import Inbox, Uplink, quantised
 from .loop import COMPLETE, LAW_FAILED, OVERRULED, run_segment
@@ -88,7 +87,6 @@ class Outcome(StrEnum):
 
 _OUTCOMES = tuple(Outcome)
 """By the codes of ``closed_loop.compiled.loop``."""
-_FASTMATH = compiled_fastmath(run_segment)
 
 
 class BatchRun(NamedTuple):
@@ -173,15 +171,11 @@ def run_batch(
     plant: PlantSettings,
     controller: ControllerSettings,
     schedule: RunSchedule | None = None,
-    *,
-    fastmath: bool = False,
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 
     ``schedule``  made from the same settings; runs that differ in law, vehicle or path only may
                   share it
-    ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
-                  the nodes, not the same
 
     Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
     of another package, LawNotCompiledError for a law of another package that does not compile, and
@@ -197,10 +191,9 @@ def run_batch(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
-    law = compiled_law(controller, fastmath=fastmath)
+    law = compiled_law(controller)
     schedule = schedule_run(plant, controller) if schedule is None else schedule
-    run = _FASTMATH if fastmath else run_segment
-    needed = run, law, schedule, plant, controller
+    needed = law, schedule, plant, controller
     try:
         return _run_whole(*needed, tick_status=np.empty(0, dtype=np.int64))
     except _OverruledError:
@@ -209,7 +202,6 @@ def run_batch(
 
 
 def _run_whole(
-    run: Any,
     law: CompiledLaw,
     schedule: RunSchedule,
     plant: PlantSettings,
@@ -224,7 +216,7 @@ def _run_whole(
     instants = Instants(*schedule[:6], tick_status)
     world = (motion, _constants(plant, controller, schedule), instants, records, inbox)
     samples, ticks, code = _run(
-        run, law, world, schedule, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
+        law, world, schedule, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
     )
     if code == OVERRULED:
         raise _OverruledError
@@ -233,7 +225,6 @@ def _run_whole(
 
 
 def _run(
-    run: Any,
     law: CompiledLaw,
     world: tuple[MotionParams, Constants, Instants, Records, Inbox | None],
     schedule: RunSchedule,
@@ -267,7 +258,7 @@ def _run(
                 state[...] = design.initial_state(error_m)
         before = Mode(segment.mode)
         try:
-            samples, ticks, outcome = run(code, *world, segment, is_start, schedule.end_ns)
+            samples, ticks, outcome = run_segment(code, *world, segment, is_start, schedule.end_ns)
         except Exception:
             if not is_own:
                 raise

@@ -14,7 +14,7 @@ from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
-from .compilation import compiled_anew, compiled_fastmath, compiled_inside
+from .compilation import compiled_anew, compiled_inside
 from .law_input import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
 from .schedule import empty_rings
@@ -94,17 +94,17 @@ def plan_at(
     return law_plan(read(params), read(state), observed)
 
 
-def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledLaw:
+def compiled_law(controller: ControllerSettings) -> CompiledLaw:
     """Return the law of the settings, compiled. Raises LawNotCompiledError.
 
     A law of another package is compiled anew in every process, because it is unknown what its file
     depends on.
     """
-    return _compiled(controller, controller.law_record, fastmath)
+    return _compiled(controller, controller.law_record)
 
 
 @lru_cache(maxsize=_LAWS_KEPT)
-def _compiled(controller: ControllerSettings, record: Law, fastmath: bool) -> CompiledLaw:
+def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
     register_steps()
     design = design_law(controller)
     register_law(controller.law, record, design.params)
@@ -114,8 +114,8 @@ def _compiled(controller: ControllerSettings, record: Law, fastmath: bool) -> Co
         like, _ = with_tables(design.params)
         params, state = layout_of(like), layout_of(start)
         kinds = _argument_kinds(design, like, start)
-        step = _address(_variant(step_at, own, fastmath), kinds, NO_OUTPUT)
-        plan = _address(_variant(plan_at, own, fastmath), kinds, -1) if design.plan else 0
+        step = _address(_variant(step_at, own), kinds, NO_OUTPUT)
+        plan = _address(_variant(plan_at, own), kinds, -1) if design.plan else 0
     except _NOT_COMPILED as error:
         raise LawNotCompiledError(
             f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run it"
@@ -146,13 +146,11 @@ def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ..
 
 
 @cache
-def _variant(function: Any, own: LawStep | None, fastmath: bool) -> Any:
-    """Return ``step_at`` or ``plan_at`` for a kind of arithmetic, and for a law of another package.
+def _variant(function: Any, own: LawStep | None) -> Any:
+    """Return ``step_at`` or ``plan_at``, or its copy for a law of another package.
 
     Kept for the whole process, because the loop has the addresses alone.
     """
-    if fastmath:
-        function = compiled_fastmath(function)
     return function if own is None else compiled_anew(function)
 
 

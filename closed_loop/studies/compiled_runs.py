@@ -221,7 +221,7 @@ class Computer:
         except NothingArrivesError:
             row[-len(COUNTS) :] = 0.0
             return RunEnd.NO_START
-        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
+        run = run_batch(plant, controller, network.plan)
         in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
         known = network.latency.get(in_effect)
         if known is None:

@@ -49,7 +49,6 @@ class StudyRecord(NamedTuple):
 
     ``scenarios``  makes settings of overrides, as the study did; it does not know its points
     ``runs``       of the complete study
-    ``fastmath``   whether its runs are close to those of the nodes, and not the same
     """
 
     folder: Path
@@ -63,7 +62,6 @@ class StudyRecord(NamedTuple):
     factors: tuple[FactorRecord, ...]
     scenarios: Scenarios
     runs: int
-    fastmath: bool
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -160,7 +158,6 @@ def read_study(folder: Path) -> StudyRecord:
         factors=factors,
         scenarios=scenarios,
         runs=points * settings.sampling.replicates * len(controllers),
-        fastmath=bool(record.get("fastmath")),
     )
 
 

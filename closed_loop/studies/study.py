@@ -46,7 +46,6 @@ class Study(NamedTuple):
     ``file``         the study file, for messages
     ``plant``        tables of the plant that every run starts from
     ``controllers``  tables of each controller, by its name in the study file
-    ``fastmath``     whether runs may differ slightly from what the nodes compute
     ``bus``          tables of the bus on which the nodes run; None for compiled runs
     ``dialect``      file of the car whose messages are on it; empty for our own
     """
@@ -56,7 +55,6 @@ class Study(NamedTuple):
     plant: Tables
     controllers: Mapping[str, Tables]
     design: Design
-    fastmath: bool = False
     bus: Tables | None = None
     dialect: str = ""
 
@@ -100,7 +98,6 @@ class Study(NamedTuple):
                 "verdict": self.settings.verdict.model_dump(mode="json"),
                 "plant": self.plant,
                 "controllers": self.controllers,
-                "fastmath": self.fastmath,
                 "columns": COLUMNS,
                 # The meaning of the factors' keys and shorthands in this version.
                 "levels": [
@@ -117,9 +114,9 @@ class Study(NamedTuple):
         )
 
 
-def load_study(file: Path, fastmath: bool = False) -> Study:
+def load_study(file: Path) -> Study:
     """Read a study file and all files it names; raises SettingsError."""
-    return make_study(read_study(file), str(file), file.parent)._replace(fastmath=fastmath)
+    return make_study(read_study(file), str(file), file.parent)
 
 
 def make_study(settings: StudySettings, file: str, folder: Path) -> Study:

@@ -34,7 +34,7 @@ def _computer(payload: str) -> Computer:
     settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
     design = make_design(study_factors(settings, study["file"]), settings.sampling)
     tables = study["plant"], study["controllers"]
-    made = Study(study["file"], settings, *tables, design, study["fastmath"], study["bus"])
+    made = Study(study["file"], settings, *tables, design, study["bus"])
     made = made._replace(dialect=study["dialect"])
     return Computer(Scenarios(made))
 
@@ -47,7 +47,6 @@ def payload_of(study: Study) -> str:
             "settings": study.settings.model_dump(mode="json", exclude_none=True),
             "plant": study.plant,
             "controllers": study.controllers,
-            "fastmath": study.fastmath,
             "bus": study.bus,
             "dialect": study.dialect,
         }

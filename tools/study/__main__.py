@@ -76,11 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--dry-run", action="store_true", help="print the size of the study, and end"
     )
-    parser.add_argument(
-        "--fastmath",
-        action="store_true",
-        help="a little faster, but not bit for bit like the programs",
-    )
     parser.add_argument("--no-report", action="store_true", help="write no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -127,7 +122,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _run_study(options: argparse.Namespace) -> int:
     console = plain_console()
-    scenarios = Scenarios(load_study(options.study, options.fastmath))
+    scenarios = Scenarios(load_study(options.study))
     scenarios.check()
     store = Store(options.out or Path("out/study") / scenarios.study.settings.name, scenarios)
     for line in _sizes(scenarios):
@@ -179,8 +174,6 @@ def _sizes(scenarios: Scenarios) -> list[str]:
     )
     if study.bus is not None:
         lines.append("bus: the nodes run in virtual time, not compiled")
-    if study.fastmath:
-        lines.append("fastmath: close to what the programs compute, not bit for bit")
     return lines
 
 
@@ -258,8 +251,7 @@ def _replay(options: argparse.Namespace, console: Console, store: Store, compute
     if made.differences:
         console.print(f"different: {', '.join(made.differences)}")
         return DIFFERENT
-    whose = "stored figure" if made.fastmath else "figure"
-    console.print(f"every {whose} is the same to the last digit")
+    console.print("every figure is the same to the last digit")
     return ExitStatus.OK
 
 

@@ -52,7 +52,6 @@ class Replay(NamedTuple):
     ``stored``    the row; None where the study has not reached it yet
     ``compiled``  figures by column, and the verdict, computed anew
     ``virtual``   figures of the nodes; empty where there was nothing to run
-    ``fastmath``  whether the compiled run may differ from the nodes
     """
 
     pair: Pair
@@ -60,15 +59,11 @@ class Replay(NamedTuple):
     stored: Mapping[str, Any] | None
     compiled: Mapping[str, Any]
     virtual: Mapping[str, Any]
-    fastmath: bool
 
     @property
     def differences(self) -> list[str]:
-        """Columns in which the three do not agree to the last digit; with fastmath the nodes, which
-        do not use it, are left out.
-        """
-        asked = (self.stored,) if self.fastmath else (self.stored, self.virtual)
-        views = [view for view in asked if view]
+        """Columns in which the three do not agree to the last digit."""
+        views = [view for view in (self.stored, self.virtual) if view]
         return [
             name
             for name, value in self.compiled.items()
@@ -91,9 +86,9 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     compiled = {**_named(row.tolist(), end), "verdict": str(verdict)}
     if pair.bus is not None:
         write_text(files.settings(BUS), dump_toml(pair.bus))
-        return Replay(pair, files, store.find(run), compiled, compiled, study.fastmath)
+        return Replay(pair, files, store.find(run), compiled, compiled)
     virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
-    return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
+    return Replay(pair, files, store.find(run), compiled, virtual)
 
 
 def commands(pair: Pair, files: PairFiles) -> list[str]:

@@ -125,9 +125,7 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
         "Points": f"{study.runs // len(study.names) // sampling['replicates']:,}, "
         f"{sampling['kind']}",
         "Seed": f"{sampling['seed']}; all controllers meet the same networks",
-        "Arithmetic": "reordered and fused (--fastmath); worst runs and break-points are exact"
-        if study.fastmath
-        else "that of the nodes, to the last bit",
+        "Arithmetic": "that of the nodes, to the last bit",
         "Controllers": ", ".join(study.names),
         **{f"Factor {factor.name}": _factor(factor) for factor in study.factors},
     }

@@ -268,25 +268,6 @@ def test_a_run_counts_no_references() -> None:
         assert "NRT_decref" not in body
 
 
-@pytest.mark.parametrize("name", ["noise", "actuator"])
-def test_fastmath_is_close_and_leaves_exact_runs_exact(name: str) -> None:
-    plant, controller = plant_settings(PLANTS[name]), controller_preset("practical_pd")
-    fast, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
-    np.testing.assert_allclose(fast.lateral_error_m, exact.lateral_error_m, atol=1e-6)
-    assert (fast.lateral_error_m != exact.lateral_error_m).any()
-    assert_same_as_nodes(plant, controller)
-
-
-def test_fastmath_sees_what_is_no_number() -> None:
-    plant = plant_settings(
-        ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
-    )
-    controller = controller_preset("practical_pd", ["limits.steer_rad_max=0.001"])
-    run, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
-    assert run.outcome is exact.outcome is Outcome.LEFT_RANGE
-    assert len(run.time_s) == len(exact.time_s)
-
-
 def test_a_law_that_plans_on_a_known_path_equals_the_nodes() -> None:
     overrides = [
         "path_ahead={}",

@@ -135,34 +135,6 @@ def test_another_study_is_not_mixed_in(whole: Store, tmp_path: Path) -> None:
         Store(whole.folder, other).open(STUDY)
 
 
-def test_fastmath_is_a_study_of_its_own_close_to_the_exact_one(
-    whole: Store, tmp_path: Path
-) -> None:
-    exact = make_scenarios(tmp_path)
-    fast = Scenarios(exact.study._replace(fastmath=True))
-    with pytest.raises(SettingsError, match="another study: fastmath differ"):
-        Store(whole.folder, fast).open(STUDY)
-    store = open_store(tmp_path, fast)
-    assert run_missing(store, Threads(fast, 1), lambda _: None, never)
-    with pytest.raises(SettingsError, match="another study: fastmath differ"):
-        Store(store.folder, exact).open(STUDY)
-    one, other = (
-        np.array(pq.read_table(made.results)["rms_m"].to_pylist()) for made in (whole, store)
-    )
-    np.testing.assert_allclose(one, other, rtol=1e-3)
-    assert (one != other).any()
-
-
-def test_a_replay_with_fastmath_asks_for_what_is_stored_not_for_the_nodes(tmp_path: Path) -> None:
-    fast = Scenarios(make_scenarios(tmp_path).study._replace(fastmath=True))
-    store = open_store(tmp_path, fast)
-    made = replay.replay(store, Computer(fast), RUNS - 8)
-    stored = made._replace(stored=made.compiled)
-    assert made.compiled["rms_m"] != made.virtual["rms_m"]
-    assert stored.differences == []
-    assert made._replace(stored=dict(made.compiled) | {"rms_m": 0.0}).differences == ["rms_m"]
-
-
 def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
     identity = json.loads((whole.folder / "study.json").read_text(encoding="utf-8"))
     scenarios = Scenarios(load_study(whole.folder.parent / "study.toml"))
