@@ -343,7 +343,7 @@ def test_everyone_answers_on_a_real_bus(tmp_path: Path) -> None:
     bus = (*socketcan_options("vcan0"), "--no-memory-lock")
     bench = Bench("vcan0", bus, tmp_path, compile_all(tmp_path), priority)
     write_frames(bench.frames)
-    for who in (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE):
+    for who in (C_ECHO, PYTHON_WITH_TIMEOUT, NODE):
         for seconds in RUNS_S:
             run = answer_run(bench, who, 100, seconds)
             answered = run.answers.durations.samples

@@ -163,7 +163,7 @@ ALIASES = {
         "steer-by-wire analyze out/run/candump.log",
         "steer-by-wire study latency_jitter --replay 0",
         "plant-emulator --help",
-        "steering-controller --preset practical_pd --check",
+        "steering-controller --help",
         "emulated-can-bus --help",
         "with-vcan --help",
     ],

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -306,13 +305,3 @@ def test_control_c_ends_it_with_one_line_and_status_130() -> None:
     assert process.returncode == 130
     assert printed == ""
     assert complaint == "steer-by-wire doctor: error: interrupted\n"
-
-
-@pytest.mark.vcan
-def test_the_probe_runs_on_a_real_bus(tmp_path: Path) -> None:
-    out = tmp_path / "probe.json"
-    result = run_probe(*ORDINARILY, "--duration", "0.2", "-c", "vcan0", "--json", str(out))
-    assert result.returncode == 0, result.stderr
-    record = json.loads(out.read_text(encoding="utf-8"))
-    assert record["driver"] == "AF_CAN"
-    assert record["measured"][0]["round_trip"]["everything"]["samples"] > 0
