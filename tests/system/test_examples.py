@@ -273,12 +273,12 @@ def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
 )
 def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path) -> None:
     tests: Any = import_module("test_controller")
-    rig = Rig(tmp_path, overrides={"duration_s": 2.0, "latency.downlink.mean_s": 0.02})
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0, "latency.downlink.mean_s": 0.02})
     host = rig.run([tests.build(tmp_path, "on_lockstep")], lockstep=True)
     m7 = rig.run([*QEMU_M7, tests.build(tmp_path, "on_m7.elf")], lockstep=True)
     assert host.ending == m7.ending == ""
     assert m7.files.candump_log.read_bytes() == host.files.candump_log.read_bytes()
-    assert m7.report["accepted"] > 150
+    assert m7.report["accepted"] > 60
 
 
 @needs_a_c_compiler

@@ -227,7 +227,7 @@ STRATEGIES = st.lists(st.lists(SHOTS, max_size=6), min_size=1, max_size=12)
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 @given(shots=STRATEGIES, repeats=st.booleans(), first=st.integers(0, 255))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 def test_a_search_finds_no_strategy_that_is_followed(
     rule: SequenceRule, shots: list[list[Shot]], repeats: bool, first: int
 ) -> None:
@@ -300,7 +300,7 @@ def test_who_took_over_from_an_absent_sender_is_not_followed_beside_it(
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 @given(shots=STRATEGIES, absence=ABSENCES, first=st.integers(0, 255))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_a_search_finds_nobody_who_takes_over_for_longer_than_the_absence(
     rule: SequenceRule, shots: list[list[Shot]], absence: Absence, first: int
 ) -> None:
@@ -321,7 +321,7 @@ def test_the_wait_is_one_that_no_strategy_outlasts(
 @given(ahead=st.integers(-127, 128), after_ns=st.integers(0, 10_000_000), first=st.integers(0, 255))
 @example(ahead=31, after_ns=0, first=0)
 @example(ahead=0, after_ns=0, first=106)
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 def test_one_forged_frame_delays_the_true_ones_by_two_periods_for_ten_seconds(
     rule: SequenceRule, ahead: int, after_ns: int, first: int
 ) -> None:

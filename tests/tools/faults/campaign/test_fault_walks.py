@@ -17,7 +17,7 @@ from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, 
 from tests.support.fault_walks import Walk, failure_of, walks
 
 SPEC = load_settings(CampaignSettings, read_preset("steer_by_wire.tools.faults", "default"))
-WALKS = int(os.environ.get("WALKS", "12"))
+WALKS = int(os.environ.get("WALKS", "8"))
 FLIPS = FaultSettings(
     kind=FaultKind.BIT_FLIPS, direction="uplink", message="LATERAL_ERROR", onset_s=2.0,
     duration_s=0.5, magnitude=0.02,
