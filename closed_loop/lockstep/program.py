@@ -42,6 +42,7 @@ class LockstepProgram:
         self.pid = self._process.pid
         self._input = cast(IO[bytes], self._process.stdin)
         self._output = cast(IO[bytes], self._process.stdout)
+        os.set_blocking(self._input.fileno(), False)
         self._writable, self._readable = select.poll(), select.poll()
         self._writable.register(self._input, select.POLLOUT)
         self._readable.register(self._output, select.POLLIN)
@@ -61,20 +62,29 @@ class LockstepProgram:
 
     def exchange(self, record: Record) -> Record:
         """Send a record; returns the answer. Raises ProcessError when there is none to use."""
-        if not self._writable.poll(1e3 * ANSWER_TIMEOUT_S):
-            raise ProcessError(
-                f"{self.name}: has not read its standard input within {ANSWER_TIMEOUT_S:g} s"
-            )
-        with suppress(BrokenPipeError):  # what it has printed, or how it has ended, says more
-            self._input.write(pack(record))
-        answer = b""
+        self._send(pack(record))
+        answer = self._more(0)
         try:
             while len(answer) < RECORD_BYTES:
-                answer += self._more(len(answer))
                 check_mark(answer)
+                answer += self._more(len(answer))
             return unpack(answer)
         except RecordError as error:
             raise ProcessError(f"{self.name}: its standard output: {error}") from error
+
+    def _send(self, packed: bytes) -> None:
+        """Write a record, which a pipe takes whole or not at all."""
+        try:
+            if self._input.write(packed) is not None:
+                return
+            if self._writable.poll(1e3 * ANSWER_TIMEOUT_S):
+                self._input.write(packed)
+                return
+        except BrokenPipeError:
+            return  # what it has printed, or how it has ended, says more
+        raise ProcessError(
+            f"{self.name}: has not read its standard input within {ANSWER_TIMEOUT_S:g} s"
+        )
 
     def _more(self, received: int) -> bytes:
         """Return at least one byte of an answer of which so many have been received."""

@@ -19,6 +19,7 @@ _FRAME = struct.Struct("<qIBB2x64s")
 RECORD_BYTES = _HEAD.size + FRAMES_MAX * _FRAME.size
 _PADDING = tuple(bytes(count * _FRAME.size) for count in range(FRAMES_MAX, -1, -1))
 """Bytes after a number of frames."""
+_CLASSIC_BYTES_MAX, _BASE_ID_MAX = 8, 0x7FF
 _FORMATS = EXTENDED | REMOTE | FD | BITRATE_SWITCH
 
 Arrival = tuple[int, Frame]
@@ -72,6 +73,8 @@ def _arrival(record: bytes, index: int) -> Arrival:
     offset = _HEAD.size + index * _FRAME.size
     time_ns, can_id, length, flags, data = _FRAME.unpack_from(record, offset)
     frame = Frame(can_id, data[:length], flags)
+    if not flags and length <= _CLASSIC_BYTES_MAX and can_id <= _BASE_ID_MAX:
+        return time_ns, frame
     if flags & ~_FORMATS:
         raise RecordError(f"frame {index} of {can_id:#x}: there is no format {flags}")
     if length > len(data):
