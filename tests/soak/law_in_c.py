@@ -11,12 +11,10 @@ that is not proved. Takes about twenty minutes.
 """
 
 import argparse
-import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,12 +29,12 @@ from tests.support.law_in_c import (
     built,
     differing,
     drawn,
-    hosts,
+    every_target,
     in_c,
     in_python,
-    m7,
     written,
 )
+from tests.support.size_on_m7 import executed, logging_words, sizes
 
 ANY_COMMANDS = """
 #include "steering_law.c"
@@ -59,7 +57,6 @@ EVA = (
     *("frama-c", "-eva", "-warn-special-float", "none", "-eva-slevel", "200"),
     *("-eva-split-return-function", "is_finite:0:1"),
 )
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def main() -> int:
@@ -68,9 +65,7 @@ def main() -> int:
     parser.add_argument("--ticks", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    host = hosts()
-    firmware = m7("-O2")
-    targets = [*host, *(Target(it.compiler, SANITIZED) for it in host[::2]), firmware]
+    targets = every_target()
     driven, differ, console = drawn(options.seed, options.ticks), 0, plain_console()
     for preset in preset_names(PRESETS):
         settings = controller_preset(preset)
@@ -84,7 +79,11 @@ def main() -> int:
                 differ += tick >= 0
                 said = "equal" if tick < 0 else f"differs from tick {tick} on"
                 console.print(f"{preset:<31} {target!s:<21} {options.ticks} ticks: {said}")
-            console.print(f"{preset:<31} {', '.join(sizes(folder, firmware))}")
+            firmware = targets[-1]
+            short, long = (instructions(built(folder, firmware), firmware, it) for it in (10, 110))
+            taken = ", ".join(sizes(folder, ["steering_law.c"], "steering_law.h", "law"))
+            a_tick = (long - short) / (100 * TICKS_A_RECORD)
+            console.print(f"{preset:<31} {taken}, {a_tick:.0f} instructions a tick")
             if shutil.which(EVA[0]):
                 is_proved = proves(folder, settings.limits.steer_rad_max)
                 differ += not is_proved
@@ -104,41 +103,14 @@ def proves(folder: Path, limit_rad: float) -> bool:
     return found == [True, False]
 
 
-def sizes(folder: Path, target: Target) -> Iterator[str]:
-    """Yield what the law takes of a Cortex-M7."""
-    program = built(folder, target)
-    flags = [it for it in target.options if it.startswith(("-m", "-O"))]
-    only = [target.compiler, "-c", "-std=c99", "-ffp-contract=off", "-fstack-usage", *flags]
-    subprocess.run([*only, "steering_law.c"], cwd=folder, check=True)
-    size = ["arm-none-eabi-size", "steering_law.o"]
-    printed = subprocess.run(size, cwd=folder, check=True, capture_output=True, text=True).stdout
-    text, data, bss = (int(it) for it in printed.splitlines()[1].split()[:3])
-    state = subprocess.run(
-        [target.compiler, *flags, "-x", "c", "-S", "-o", "-", "-"],
-        input='#include "steering_law.h"\nconst unsigned long law_bytes = sizeof(struct law);',
-        cwd=folder, check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
-    law_bytes = re.search(r"\.word\s+(\d+)", state)
-    assert law_bytes is not None
-    used = (folder / "steering_law.su").read_text().splitlines()
-    yield f"flash {text + data} B, RAM {int(law_bytes[1]) + data + bss} B"
-    # Nothing calls itself, so all functions together bound the stack.
-    yield f"stack at most {sum(int(line.split()[-2]) for line in used)} B"
-    short, long = (instructions(program, target, count) for count in (10, 110))
-    yield f"{(long - short) / (100 * TICKS_A_RECORD):.0f} instructions a tick"
-
-
 def instructions(program: Path, target: Target, records: int) -> int:
     """Return how many instructions QEMU executes for a run without starts but the first."""
     rows = np.zeros((records * TICKS_A_RECORD, 6))
     rows[:, 0], rows[0, 1] = 0.01, 1.0
     log = program.with_suffix(".executed")
-    options = ["-singlestep", "-d", "exec,nochain", "-D", str(log)]
-    words = [target.runner[0], *options, *target.runner[1:], str(program)]
+    words = logging_words([*target.runner, str(program)], log)
     subprocess.run(words, input=rows.tobytes(), stdout=subprocess.DEVNULL, check=True)
-    count = log.read_text(errors="replace").count("Trace ")
-    log.unlink()
-    return count
+    return executed(log)
 
 
 if __name__ == "__main__":

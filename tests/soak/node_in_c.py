@@ -11,8 +11,6 @@ first frame that differs. Takes about an hour.
 """
 
 import argparse
-import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -32,7 +30,7 @@ from steer_by_wire.tools.faults.campaign import watched_pair
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
 from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.generate_c.law_source import LAWS
-from tests.support.law_in_c import M7_FLAGS, Target, hosts, m7
+from tests.support.law_in_c import Target, every_target
 from tests.support.node_in_c import (
     NODE,
     ON_TIME,
@@ -43,8 +41,8 @@ from tests.support.node_in_c import (
     settings_of,
     twins_agree,
 )
+from tests.support.size_on_m7 import executed, logging_words, sizes
 
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 POINTS = ("nominal", "slow and heavy, jitter and noise")
 IMPATIENT = ("overruns.overruns_max=3", "overruns.missed_periods_max=40")
 """Limits that a drawn sequence exceeds."""
@@ -57,20 +55,22 @@ def main() -> int:
     parser.add_argument("--laws", nargs="*", default=LAWS)
     parser.add_argument("--points", nargs="*", default=POINTS)
     options = parser.parse_args()
-    console, firmware, host = plain_console(), m7("-O2"), hosts()
-    targets = [*host, *(Target(it.compiler, SANITIZED) for it in host[::2]), firmware]
+    console, targets = plain_console(), every_target()
     for law in options.laws:
         preset = f"practical_{law}"
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            runs, frames = in_campaign(preset, options.points, folder, host[1])
+            runs, frames = in_campaign(preset, options.points, folder, targets[1])
             console.print(f"{law:<8} {runs} runs of the campaign, {frames} frames: equal")
             for target in targets:
-                ours = settings_of(preset, *(IMPATIENT if target is host[0] else ()))
+                ours = settings_of(preset, *(IMPATIENT if target is targets[0] else ()))
                 frames = over_sequences(ours, built_node(ours, folder, target), options.examples)
                 said = f"{options.examples} sequences, {frames} frames: equal"
                 console.print(f"{law:<8} {target!s:<24} {said}")
-            console.print(f"{law:<8} {', '.join(sizes(settings_of(preset), folder, firmware))}")
+            ours = settings_of(preset)
+            a_period = instructions(ours, built_node(ours, folder, targets[-1]), folder)
+            taken = ", ".join(sizes(folder, NODE[:-1], "node.h", "node"))
+            console.print(f"{law:<8} {taken}, {a_period} instructions a control period")
     return 0
 
 
@@ -124,42 +124,14 @@ def over_sequences(ours: ControllerSettings, words: Sequence[str], examples: int
     return frames
 
 
-def sizes(ours: ControllerSettings, folder: Path, target: Target) -> Iterator[str]:
-    """Yield what the node takes of a Cortex-M7."""
-    words = built_node(ours, folder, target)
-    flags = [it for it in M7_FLAGS if it.startswith("-m")]
-    only = [target.compiler, "-c", "-std=c99", "-O2", "-ffp-contract=off", "-fstack-usage", *flags]
-    subprocess.run([*only, *NODE[:-1]], cwd=folder, check=True)
-    objects = [it.replace(".c", ".o") for it in NODE[:-1]]
-    size = ["arm-none-eabi-size", "-t", *objects]
-    printed = subprocess.run(size, cwd=folder, check=True, capture_output=True, text=True).stdout
-    text, data, bss = (int(it) for it in printed.splitlines()[-1].split()[:3])
-    state = subprocess.run(
-        [target.compiler, *flags, "-x", "c", "-S", "-o", "-", "-"],
-        input='#include "node.h"\nconst unsigned long node_bytes = sizeof(struct node);',
-        cwd=folder, check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
-    node_bytes = re.search(r"\.word\s+(\d+)", state)
-    assert node_bytes is not None
-    used = [int(line.split()[-2]) for it in objects
-            for line in (folder / it.replace(".o", ".su")).read_text().splitlines()]  # fmt: skip
-    yield f"flash {text + data} B, RAM {int(node_bytes[1]) + data + bss} B"
-    # Nothing calls itself, so all functions together bound the stack.
-    yield f"stack at most {sum(used)} B"
-    yield f"{instructions(ours, words, folder)} instructions a control period"
-
-
 def instructions(ours: ControllerSettings, words: Sequence[str], folder: Path) -> int:
     """Return what a control period takes, with its frames, a status frame in ten, and protocol."""
     counts = []
     for periods in (100, 300):
         log = folder / "executed.log"
-        options = ["-singlestep", "-d", "exec,nochain", "-D", str(log)]
-        with LockstepProgram([words[0], *options, *words[1:]]) as program:
+        with LockstepProgram(logging_words(words, log)) as program:
             twins_agree(ours, program, [(ON_TIME, periods, 128)], 1)
-        with log.open(errors="replace") as lines:
-            counts.append(sum(line.startswith("Trace ") for line in lines))
-        log.unlink()
+        counts.append(executed(log))
     return round((counts[1] - counts[0]) / 200)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
 from steer_by_wire.controller.limits.steer_limits import limit_step
@@ -75,6 +76,7 @@ M7_FLAGS = (
     *("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
     *("-ffreestanding", "-nostdlib", "-T", str(PROTOCOL / "m7.ld")),
 )
+SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 QEMU = (
     *("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-serial", "none", "-monitor", "none"),
     *("-semihosting-config", "enable=on,target=native", "-kernel"),
@@ -92,12 +94,22 @@ class Target(NamedTuple):
         return f"{self.compiler} {self.options[0]}"
 
 
-def hosts() -> list[Target]:
-    """Return the targets of this machine; skips the test where there is none."""
-    found = [name for name in ("gcc", "clang") if shutil.which(name)]
-    if not found:
-        pytest.skip("neither gcc nor clang is installed: generated C was not compiled")
-    return [Target(name, (option,)) for name in found for option in ("-O0", "-O2")]
+def hosts(compiler: str = "gcc") -> list[Target]:
+    """Return the targets of this machine by a compiler; skips the test where it is missing."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed: it did not compile the generated C")
+    return [Target(compiler, (option,)) for option in ("-O0", "-O2")]
+
+
+def every_target() -> list[Target]:
+    """Return those of a soak: gcc, clang and the Cortex-M7; says which compiler is missing."""
+    found: list[Target] = []
+    for compiler in ("gcc", "clang"):
+        try:
+            found += [*hosts(compiler), Target(compiler, SANITIZED)]
+        except pytest.skip.Exception as skipped:
+            plain_console().print(str(skipped))
+    return [*found, m7("-O2")]
 
 
 def m7(option: str) -> Target:
