@@ -120,6 +120,13 @@ LawStep = Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
 LawPlan = Callable[[Any, Any, LawInput], int]
 
 
+class VehicleBelief(NamedTuple):
+    """Steering lag [s] and virtual mass [kg] of the model that a law steers by now."""
+
+    steering_lag_s: float
+    virtual_mass_kg: float
+
+
 class Schedule(NamedTuple):
     """Params of a law that depend on the speed; ``at`` returns them for a speed [m/s]."""
 
@@ -176,6 +183,8 @@ class Law(NamedTuple):
     ``plan``             for a law that plans: writes the plan of this period into the history's
                          ``plans``, from the params, the state after the step and its input, and
                          returns the index of the value that acts first, -1 for no plan
+    ``believes``         of a law that steers by a model of the vehicle: that model, from the
+                         settings and the state
     ``single_commands``  the law in place of one that plans, on classic CAN
     """
 
@@ -196,6 +205,7 @@ class Law(NamedTuple):
     looking_back: Callable[[Any, Any], LookingBack | None] | None = None
     after_hold: Callable[[Any, Any, float], Any] | None = None
     plan: LawPlan | None = None
+    believes: Callable[[Any, Any], VehicleBelief] | None = None
     single_commands: str = ""
 
 

@@ -23,9 +23,11 @@ from .messages import (
     DATA_IDS,
     MESSAGE_TYPES,
     Decoded,
+    DelayStatus,
     GroundTruth,
     LateralError,
     Message,
+    ModelStatus,
     PathAhead,
     Rejection,
     SecondSender,
@@ -44,6 +46,7 @@ _COMES_WITH: Mapping[type[Message], type[Message]] = {
     SteeringPlan: SteeringCommand,
     PathAhead: VehicleState,
     GroundTruth: LateralError,
+    ModelStatus: DelayStatus,
 }
 _ACCEPTED = SequenceResult.ACCEPTED
 _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)

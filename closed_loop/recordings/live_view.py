@@ -24,6 +24,7 @@ from ...dbc.messages import (
     DelayStatus,
     LateralError,
     Message,
+    ModelStatus,
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
@@ -231,6 +232,7 @@ class View(NamedTuple):
     controller: ControllerStatus | None
     safety: ControllerSafety | None
     delay: DelayStatus | None
+    model: ModelStatus | None
     plant: PlantStatus | None
     strips: Mapping[str, Strip]
     round_trip: Spread | None
@@ -334,6 +336,7 @@ class BusWatch:
             controller=shown(ControllerStatus),
             safety=shown(ControllerSafety),
             delay=shown(DelayStatus),
+            model=shown(ModelStatus),
             plant=shown(PlantStatus),
             strips=strips,
             round_trip=self._recent["round_trip_s"].spread(now_ns),

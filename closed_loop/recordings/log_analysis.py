@@ -48,6 +48,8 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
     "estimated_delay_s": ("DELAY_STATUS", "estimated_delay_s"),
     "delay_confidence": ("DELAY_STATUS", "confidence"),
+    "steering_lag_s": ("MODEL_STATUS", "steering_lag_s"),
+    "virtual_mass_kg": ("MODEL_STATUS", "virtual_mass_kg"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
 COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {

@@ -8,7 +8,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
-from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule
+from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule, VehicleBelief
 from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
 from ..prediction.gains_over_speed import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
@@ -46,6 +46,8 @@ class LawDesign(NamedTuple):
     ``heading_gain``   of a law that is linear in the newest heading error too [rad/rad]
     ``looking_back``   analysis of a law that is linear at a constant latency only
     ``plan``           as in the law's record
+    ``believes``       the model that the law steers by, from its state; None for a law without one,
+                       and for one of another package
     ``mistake``        the last exception of a law from another package; empty for none
     """
 
@@ -59,6 +61,7 @@ class LawDesign(NamedTuple):
     recovered_state: Callable[[Any, float], Any] | None = None
     looking_back: LookingBack | None = None
     plan: LawPlan | None = None
+    believes: Callable[[Any], VehicleBelief] | None = None
     mistake: Callable[[], str] = str
 
 
@@ -95,6 +98,7 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
         None if law.after_hold is None else partial(law.after_hold, params),
         None if law.looking_back is None else law.looking_back(settings, params),
         law.plan,
+        None if law.believes is None else partial(law.believes, settings),
     )
 
 
@@ -119,6 +123,7 @@ def _guarded(law: Law, settings: "LawSettings") -> LawDesign:
         step=guard.step,
         recovered_state=None if law.after_hold is None else after_hold,
         plan=None if law.plan is None else guard.plan,
+        believes=None,
         mistake=lambda: guard.mistake,
     )
 
@@ -140,11 +145,13 @@ def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
     around, recovered = _with_params(law, lambda each: FollowedPointParams(each, *own)), None
     if law.recovered_state is not None:
         recovered = partial(followed_point_after_hold, law.recovered_state)
+    believes = law.believes
     return around._replace(
         initial_state=partial(followed_point_at_rest, law.initial_state),
         step=partial(followed_point_step, law.step),
         recovered_state=recovered,
         plan=None if law.plan is None else partial(followed_point_plan, law.plan),
+        believes=None if believes is None else lambda state: believes(state.law),
     )
 
 

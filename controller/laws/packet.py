@@ -27,7 +27,15 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
-from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay, Schedule
+from ..law_interface import (
+    Law,
+    LawInput,
+    LawOutput,
+    LookingBack,
+    LoopDelay,
+    Schedule,
+    VehicleBelief,
+)
 from ..prediction.measured_vehicle import measured_gains
 from ..prediction.prediction import horizon_samples, steer_for
 from ..prediction.vehicle_kalman_filter import command_from, estimate_to, step_on_path
@@ -38,6 +46,7 @@ from .predictor import (
     design_predictor,
     predictor_after_hold,
     predictor_at_rest,
+    predictor_believes,
     predictor_step,
 )
 
@@ -143,6 +152,10 @@ def _looking_back(settings: "LawSettings", params: PacketParams) -> LookingBack 
     return analyse and analyse(_single_commands(settings), params.predictor)
 
 
+def _believes(settings: "LawSettings", x: PredictorState) -> VehicleBelief:
+    return predictor_believes(_single_commands(settings), x)
+
+
 LAW = Law(
     packet_step,
     packet_at_rest,
@@ -157,5 +170,6 @@ LAW = Law(
     looking_back=_looking_back,
     after_hold=packet_after_hold,
     plan=packet_plan,
+    believes=_believes,
     single_commands=SINGLE_COMMANDS,
 )

@@ -25,10 +25,19 @@ from pydantic import Field
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
-from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule
+from ..law_interface import (
+    Fallback,
+    Law,
+    LawInput,
+    LawOutput,
+    LookingBack,
+    Schedule,
+    VehicleBelief,
+)
 from ..limits.fades_and_ramps import FADE_RAD_S, difference_step
 from ..prediction.gains_over_speed import Feedback, design_schedule, steady_turn_rad, together
 from ..prediction.measured_vehicle import (
+    MASSES,
     SET,
     MeasuredParams,
     MeasuredState,
@@ -175,6 +184,19 @@ def predictor_after_hold(
     return x._replace(fallback=fallback, fade_rad=0.0)
 
 
+def predictor_believes(settings: "LawSettings", x: PredictorState) -> VehicleBelief:
+    """Return the model of the gains that the filters have chosen."""
+    lag, mass = x.measured
+    choices = choices_of(settings.estimator.actuator_lag_s, **_measures(settings))
+    lag_s, ratio = choices[lag.choice * MASSES + mass.choice]
+    return VehicleBelief(lag_s, ratio * vehicle_of(settings).virtual_mass_kg)
+
+
+def _measures(settings: "LawSettings") -> dict[str, bool]:
+    table = settings.table_of(PredictorSettings)
+    return {"measures_lag": table.measures_lag, "measures_mass": table.measures_mass}
+
+
 def design_predictor(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed.
 
@@ -188,7 +210,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
     feedback = Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
     lag_s, mass_kg = settings.estimator.actuator_lag_s, vehicle.virtual_mass_kg
-    measures = {"measures_lag": table.measures_lag, "measures_mass": table.measures_mass}
+    measures = _measures(settings)
     choices = choices_of(lag_s, **measures)
     schedules = {
         (lag_s, ratio): design_schedule(
@@ -249,4 +271,5 @@ LAW = Law(
     ),
     looking_back=_looking_back,
     after_hold=predictor_after_hold,
+    believes=predictor_believes,
 )

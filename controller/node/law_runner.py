@@ -10,7 +10,14 @@ from typing import Any
 
 from ...dbc.messages import Mode
 from ..history.history import BusHistory
-from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput, LawOutput
+from ..law_interface import (
+    NO_HISTORY,
+    NO_LOOP_DELAY,
+    NO_VEHICLE,
+    LawInput,
+    LawOutput,
+    VehicleBelief,
+)
 from ..laws.law_from_settings import design_law
 from ..limits.designed_ranges import share_of_demand
 from ..limits.fades_and_ramps import difference_step
@@ -64,6 +71,12 @@ class LawRunner:
         text = "the law's output was again not finite after a restart of the law"
         mistake = self.design.mistake()
         return f"{text}: {mistake}" if mistake else text
+
+    @property
+    def belief(self) -> VehicleBelief | None:
+        """The model that the law steers by; None before its start, and for a law without one."""
+        believes = self.design.believes
+        return None if believes is None or self._state is None else believes(self._state)
 
     def on_speed(self, speed_m_s: float) -> None:
         """Set the law's parameters for a speed, and the share of its steer."""

@@ -44,7 +44,7 @@ from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
 from .reported_delay import reported_delay_of
 from .run_figures import ControlSample, RunFigures
 from .safety_alarms import SafetyReport
-from .status_frames import STATUS_PERIOD_NS, StatusFrames
+from .status_frames import MODEL_PERIODS, STATUS_PERIOD_NS, StatusFrames
 from .view import controller_view
 
 __all__ = ["RECEIVED", "SENT", "ControllerNode"]
@@ -176,7 +176,7 @@ class ControllerNode:
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
             self.finished = stops and sent_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
-            self._status_timer.advance(now_ns)
+            served = self._status_timer.advance(now_ns)
             self._judge_signals(now_ns)
             fits = self._fit is None or self._fit.fits
             self._safety.judge_validity(self._delay.echo_s(now_ns), fits_model=fits)
@@ -185,6 +185,8 @@ class ControllerNode:
             frames.append(self._statuses.status(mode, self._law.output, skipped))
             frames.append(self._safety_frame(now_ns))
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
+            if served % MODEL_PERIODS == 0:
+                frames += self._model_frame()
             if self._ends_with_plant and self._sent_steer_rad == 0.0:
                 self.has_ended_with_plant = self._received.silence_ns(now_ns) >= PLANT_ENDED_NS
         elif is_safety_due:
@@ -216,6 +218,8 @@ class ControllerNode:
         ``failure``     the fault with which it cannot steer, empty for none
         ``contradiction``  between the plant's signals, empty for none
         ``model``       the vehicle as its yaw rate shows it; None without a box of [validity]
+        ``believed``    steering lag and virtual mass of the model that the law steers by; None for
+                        a law without one
         ``stale``       how often each message exceeded its age limit
         ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
         ``delay``       from command to measurement, by echo and by estimate
@@ -230,6 +234,7 @@ class ControllerNode:
             "failure": self._failure,
             "contradiction": self._plausibility.contradiction,
             "model": None if self._fit is None else self._fit.report(),
+            "believed": None if law.belief is None else law.belief._asdict(),
             "commands_sent": self._commands.sent.count,
             "plans_sent": self._commands.plans,
             "peak_steer_rad": self._figures.peak_steer_rad,
@@ -341,6 +346,14 @@ class ControllerNode:
         if self._overruns.failure:
             return ControllerFault.OVERRUNS
         return ControllerFault.IMPLAUSIBLE if self._is_stopped else _NO_FAULT
+
+    def _model_frame(self) -> Sequence[Frame]:
+        """Return MODEL_STATUS of a law that steers by a model."""
+        belief = self._law.belief
+        if belief is None:
+            return ()
+        shown = None if self._fit is None else self._fit.report()["virtual_mass_kg"]
+        return (self._statuses.model(belief, shown),)
 
     def _safety_frame(self, now_ns: int) -> Frame:
         return self._safety.frame(self._fault, now_ns)

@@ -8,25 +8,30 @@ from ...dbc.messages import (
     DelayStatus,
     LawNumber,
     Mode,
+    ModelStatus,
     Sender,
+    ShownMassState,
     SignalRange,
     limits,
 )
 from ...runtime.frame import Frame
-from ..law_interface import LawOutput
+from ..law_interface import LawOutput, VehicleBelief
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
-_LIMITS = limits(ControllerStatus)
+MODEL_PERIODS = 10
+"""MODEL_STATUS comes with every tenth of these."""
+_LIMITS, _MODEL_LIMITS = limits(ControllerStatus), limits(ModelStatus)
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1
 
 
 class StatusFrames:
-    """Makes CONTROLLER_STATUS and DELAY_STATUS."""
+    """Makes CONTROLLER_STATUS, DELAY_STATUS and MODEL_STATUS."""
 
     def __init__(self, law: LawNumber) -> None:
         self._law = law
         self._statuses, self._delays = Sender(ControllerStatus), Sender(DelayStatus)
+        self._models = Sender(ModelStatus)
 
     def status(self, mode: Mode, output: LawOutput, skipped: int) -> Frame:
         """Return the status; an estimate is clamped to the range of its signal."""
@@ -42,6 +47,13 @@ class StatusFrames:
     def delay(self, status: DelayStatus) -> Frame:
         """Return the frame of the delay."""
         return self._delays.frame(status)
+
+    def model(self, belief: VehicleBelief, shown_mass_kg: float | None) -> Frame:
+        """Return the frame of the vehicle as the law takes it, and as its yaw rate shows it."""
+        state = ShownMassState.UNKNOWN if shown_mass_kg is None else ShownMassState.KNOWN
+        values = (*belief, shown_mass_kg or 0.0)
+        lag_s, mass_kg, shown_kg = map(_clamp, values, _MODEL_LIMITS.values())
+        return self._models.frame(ModelStatus(lag_s, mass_kg, shown_kg, state))
 
 
 def _clamp(value: float, allowed: SignalRange) -> float:

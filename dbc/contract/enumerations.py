@@ -130,6 +130,13 @@ class EstimateState(IntEnum):
     OBSERVABLE = 2
 
 
+class ShownMassState(IntEnum):
+    """Whether the yaw rate shows the virtual mass."""
+
+    UNKNOWN = 0
+    KNOWN = 1
+
+
 class Direction(IntEnum):
     """The latency line to which a message refers; BOTH is the sum of the two."""
 

@@ -131,6 +131,14 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("ESTIMATE_STATE", "estimate_state", 50, 2, False, 1, 0, 2, "", None),
         ("CONFIDENCE", "confidence", 52, 7, False, 0.01, 0, 1, "", None),
     )),
+    MessageLayout("MODEL_STATUS", sender="CONTROLLER",
+        can_id=0x30c, length=8, cycle_time_ms=0, data_id=0x530c,
+        signals=_signals(
+        ("STEERING_LAG", "steering_lag_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
+        ("VIRTUAL_MASS", "virtual_mass_kg", 36, 13, False, 10, 0, 81910, "kg", None),
+        ("SHOWN_MASS", "shown_mass_kg", 49, 13, False, 10, 0, 81910, "kg", None),
+        ("SHOWN_MASS_STATE", "shown_mass_state", 62, 2, False, 1, 0, 1, "", None),
+    )),
     MessageLayout("PLANT_STATUS", sender="PLANT",
         can_id=0x310, length=8, cycle_time_ms=100, data_id=0x5310,
         signals=_signals(

@@ -21,6 +21,7 @@ from .enumerations import (
     MotionRequest,
     SafetyState,
     SecondSender,
+    ShownMassState,
     SteeringStatusCode,
     Validity,
 )
@@ -92,6 +93,15 @@ class DelayStatus(NamedTuple):
     echo_state: EchoState
     estimate_state: EstimateState
     confidence: float
+
+
+class ModelStatus(NamedTuple):
+    """Controller to all, optional, for monitoring: the vehicle of the law and of the yaw rate."""
+
+    steering_lag_s: float
+    virtual_mass_kg: float
+    shown_mass_kg: float
+    shown_mass_state: ShownMassState
 
 
 class PlantStatus(NamedTuple):
@@ -212,6 +222,7 @@ Message: TypeAlias = (
     | ControllerStatus
     | ControllerSafety
     | DelayStatus
+    | ModelStatus
     | PlantStatus
     | GroundTruth
     | LatencyConfig

@@ -33,11 +33,13 @@ from steer_by_wire.dbc.messages import (
     LawNumber,
     Message,
     Mode,
+    ModelStatus,
     PathAhead,
     PlantStatus,
     Rejection,
     SafetyState,
     SecondSender,
+    ShownMassState,
     SteeringCommand,
     SteeringPlan,
     SteeringStatus,
@@ -123,6 +125,8 @@ GOLDEN: list[tuple[Message, str, str]] = [
         "308",
         "d8a6 07 a0400a1906",
     ),
+    # 200 = 0xC8; 200 << 12 = 0xC_8000; 254 << 25 = 0x1_FC00_0000; 1 << 38
+    (ModelStatus(0.1, 2000.0, 2540.0, ShownMassState.KNOWN), "30C", "8c99 07 c8800cfc41"),
     # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 30; 2 << 35; 1 << 38: 0x50_8100_0000
     (
         PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING, SecondSender.OWN),

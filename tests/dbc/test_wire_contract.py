@@ -40,13 +40,14 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(e
 PROTECTED = [message for message in DATABASE.messages if message.senders != ["TOOL"]]
 
 # How a unit is written at the end of a name; the longest that fits counts.
-UNIT_AT_THE_END = re.compile(r"_(1_m|n_m|m_s|rad_s|rad|m|n|s)$")
+UNIT_AT_THE_END = re.compile(r"_(1_m|n_m|m_s|rad_s|rad|kg|m|n|s)$")
 UNIT_IN_THE_DBC = {
     "1_m": "1/m",
     "n_m": "N m",
     "m_s": "m/s",
     "rad_s": "rad/s",
     "rad": "rad",
+    "kg": "kg",
     "m": "m",
     "n": "N",
     "s": "s",
@@ -123,6 +124,7 @@ def test_everything_has_a_comment() -> None:
         ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("MODEL_STATUS", 0x30C, "CONTROLLER", {"TOOL"}, None),
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
         ("GROUND_TRUTH", 0x314, "PLANT", {"TOOL"}, None),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
@@ -138,7 +140,7 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
     # Messages also sent on change declare that at the signals that change (test_dbc_attributes).
-    optional = ("STEERING_PLAN", "PATH_AHEAD", "GROUND_TRUTH")
+    optional = ("STEERING_PLAN", "PATH_AHEAD", "MODEL_STATUS", "GROUND_TRUTH")
     unsent = "IfActive" if name in optional else "NoMsgSendType"
     assert definition.send_type == (unsent if cycle_ms is None else "Cyclic")
     for signal in definition.signals:

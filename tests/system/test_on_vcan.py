@@ -27,6 +27,7 @@ from steer_by_wire.dbc.messages import (
     LatencyConfig,
     LateralError,
     Mode,
+    ModelStatus,
     PlantStatus,
     SteeringCommand,
     decode,
@@ -202,7 +203,8 @@ def mostly_active(log: Log) -> bool:
 
 
 def test_the_loop_closes_with_every_message_of_the_contract(run: Run) -> None:
-    by_tools, optional = {LatencyConfig, DisturbanceConfig}, {PathAhead, SteeringPlan, GroundTruth}
+    by_tools = {LatencyConfig, DisturbanceConfig}
+    optional = {PathAhead, SteeringPlan, ModelStatus, GroundTruth}
     expected = set(MESSAGE_TYPES.values()) - by_tools - optional
     assert {kind for kind in expected if messages_in(run.phases.alone, kind)} == expected
     assert mostly_active(run.phases.alone)

@@ -41,6 +41,8 @@ SIGNAL_NAMES = {
     "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
     "estimated_delay_s": ("delay down and up, estimated", "ms", 1e3),
     "delay_confidence": ("confidence of that estimate", "%", 100.0),
+    "steering_lag_s": ("steering lag that the law takes", "ms", 1e3),
+    "virtual_mass_kg": ("virtual mass that the law takes", "kg", 1.0),
 }
 """Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
 _DRAWN = ("lateral_error_m", "steer_rad", "wheel_angle_rad")

@@ -146,7 +146,7 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
         ),
         _pair(
             _value("speed", vehicle and vehicle.speed_m_s, 1.0, 3, "m/s"),
-            blank,
+            _model(view)[:strip_width].ljust(strip_width),
             _value("yaw rate", vehicle and vehicle.yaw_rate_rad_s, _ONE_MS, 1, "mrad/s"),
             view.is_stale("VEHICLE_STATE"),
         ),
@@ -193,6 +193,14 @@ def _delay(view: View) -> str:
     is_observable = delay.estimate_state is EstimateState.OBSERVABLE
     estimate = f"{_ONE_MS * delay.estimated_delay_s:.0f}" if is_observable else "-"
     return f"delay: echo {echo}, est. {estimate} ms"
+
+
+def _model(view: View) -> str:
+    """Return the steering lag and the virtual mass that the law steers by."""
+    model = view.model
+    if model is None:
+        return ""
+    return f"{_ONE_MS * model.steering_lag_s:.0f} ms, {model.virtual_mass_kg:.0f} kg"
 
 
 def _newest(view: View, name: str) -> float | None:

@@ -13,6 +13,7 @@ from steer_by_wire.controller.laws.law_from_settings import LawDesign
 from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, SentCommands
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -21,6 +22,8 @@ from steer_by_wire.dbc.messages import (
     LateralError,
     LawNumber,
     Mode,
+    ModelStatus,
+    ShownMassState,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -80,6 +83,24 @@ def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
     ]
     assert [counter for _, _, counter in statuses] == list(range(10))
     assert statuses[-1][1] == ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0)
+
+
+def test_a_law_with_a_model_says_once_a_second_what_it_takes_its_vehicle_for() -> None:
+    asked = controller_preset("highway_predictor", ["estimator.actuator_lag_s=0.05"])
+    plant = Link(ControllerNode(asked, START_NS))
+    plant.drive(201, 0.01)
+    models = [entry for entry in plant.sent if isinstance(entry[1], ModelStatus)]
+    as_set = ModelStatus(0.05, 2000.0, 0.0, ShownMassState.UNKNOWN)
+    seconds = range(0, 3000, 1000)
+    assert models == [(START_NS + ms * MS_NS, as_set, ms // 1000) for ms in seconds]
+    assert plant.node.report()["believed"] == {"steering_lag_s": 0.05, "virtual_mass_kg": 2000.0}
+
+
+def test_a_law_without_a_model_takes_its_vehicle_for_nothing() -> None:
+    plant = link()
+    plant.drive(101, 0.01)
+    assert not any(isinstance(message, ModelStatus) for _, message, _ in plant.sent)
+    assert plant.node.report()["believed"] is None
 
 
 def test_a_late_tick_keeps_phase_and_counts_what_it_skipped() -> None:

@@ -164,7 +164,10 @@ def test_lag_and_mass_are_measured_together(preset: str) -> None:
         settings = controller_preset(preset, overrides)
         run = run_batch(asked, settings)
         peak_m[measures] = float(np.abs(run.lateral_error_m).max())
-    node = run_virtual_pair(asked, settings, None).plant["node"]
-    assert node["lateral_error_rms_m"] == run.lateral_error_rms_m
+    result = run_virtual_pair(asked, settings, None)
+    assert result.plant["node"]["lateral_error_rms_m"] == run.lateral_error_rms_m
+    believed = result.controller["node"]["believed"]
+    assert believed["steering_lag_s"] == 0.02
+    assert believed["virtual_mass_kg"] / NOMINAL_KG in MASS_RATIOS[-2:]  # 2.5, or its neighbour
     assert 0.02 < peak_m["true", "true"] < 0.7 * peak_m["true", "false"]
     assert peak_m["true", "true"] < 1.06 * peak_m["false", "true"]

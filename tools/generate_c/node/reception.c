@@ -5,13 +5,14 @@
 #define NOTICE_NS INT64_C(1000000000)
 #define PAUSE_NS INT64_C(50000000)
 
-enum { SENT_COUNT = 5, SECURED_LENGTH = 20, CLASSIC_MAX = 8 };
+enum { SENT_COUNT = 6, SECURED_LENGTH = 20, CLASSIC_MAX = 8 };
 
 static const struct message *const RECEIVED[RECEIVED_COUNT] = {
     &LATERAL_ERROR, &STEERING_STATUS, &VEHICLE_STATE, &PATH_AHEAD,
 };
 static const struct message *const SENT[SENT_COUNT] = {
     &STEERING_COMMAND, &STEERING_PLAN, &CONTROLLER_STATUS, &CONTROLLER_SAFETY, &DELAY_STATUS,
+    &MODEL_STATUS,
 };
 /* The contents of each counter, and in caution those that came. */
 static uint8_t classic[A_PATH_AHEAD][2][COUNTERS * CLASSIC_MAX], path[2][COUNTERS * PAYLOAD_MAX];
