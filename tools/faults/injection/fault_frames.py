@@ -8,32 +8,18 @@ import random
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ....dbc.codec.protection import COUNTERS
-from ....dbc.messages import (
-    CAN_IDS,
-    COMMAND_COUNTERS,
-    Decoded,
-    LateralError,
-    Mode,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    decode,
-    encode,
-)
-from ....plant_emulator.faults.effects import with_value
+from ....dbc.messages import COMMAND_COUNTERS
 from ....runtime.frame import ERROR, Frame
 from ....runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ....runtime.node import NEVER_NS, NS_PER_S
+from .forged_frames import ForgedFrames
 from .live_faults import LiveFault, LiveKind
 
 PERIOD_NS = 10_000_000
 """Period of forged and malformed frames unless the magnitude sets it: that of the pair's own."""
 FRAMES_AT_ONCE = 200
 """Limit after a stall of the machine; a flood is limited by the bus alone."""
-_COMMAND_ID = CAN_IDS[SteeringCommand]
 _HIGHEST_PRIORITY_ID = 0x000
-_RECEIVED_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
 """Frames of one place in the sequence."""
 
@@ -91,42 +77,62 @@ class FrameSource:
 
 
 def frame_source(
-    fault: LiveFault, start_ns: int, seed: int, bitrate_bit_s: int, recording: Sequence[Timed] = ()
+    fault: LiveFault,
+    start_ns: int,
+    seed: int,
+    bitrate_bit_s: int,
+    forged: ForgedFrames,
+    recording: Sequence[Timed] = (),
 ) -> FrameSource:
     """Return the source of a fault that acts by frames, not on a process.
 
     ``seed``       of the fault: what is random in it is a function of that and the place
+    ``forged``     makes the frames of a bus
     ``recording``  what a replay sends
     """
     draws = random.Random(seed)  # noqa: S311 it has to be repeatable
     if fault.kind is LiveKind.REPLAY:
         return _replay(fault, start_ns, recording)
     if fault.kind is LiveKind.SPOOF_NEXT:
-        return FrameSource(
-            fault, start_ns, lambda _: (), lambda _: NEVER_NS, lambda one: _next_of(fault, one)
-        )
+
+        def follow(frame: Frame) -> Sequence[Frame]:
+            """Forge the next frame of the sender; the true one then arrives as a repetition."""
+            following = forged.next_of(frame, fault.magnitude)
+            return () if following is None else (following,)
+
+        return FrameSource(fault, start_ns, lambda _: (), lambda _: NEVER_NS, follow)
     if fault.kind is LiveKind.BABBLE:
         return FrameSource(fault, start_ns, _babble, _babble_times(fault, bitrate_bit_s))
     period_ns = PERIOD_NS
     if fault.kind in (LiveKind.NOISE, LiveKind.WRONG_IDENTIFIER):
         period_ns = round(NS_PER_S / fault.magnitude)
-    return FrameSource(fault, start_ns, _producer(fault, draws), lambda index: index * period_ns)
+    produce = _producer(fault, draws, forged)
+    return FrameSource(fault, start_ns, produce, lambda index: index * period_ns)
 
 
-def _producer(fault: LiveFault, draws: random.Random) -> Produce:
+def _producer(fault: LiveFault, draws: random.Random, forged: ForgedFrames) -> Produce:
     first = draws.randrange(COMMAND_COUNTERS)
     if fault.kind is LiveKind.SPOOF:
-        return lambda index: (_command(fault.magnitude, first + index),)
+        return lambda index: (forged.command(fault.magnitude, first + index),)
     if fault.kind is LiveKind.NOISE:
-        return lambda _index: (_noise(draws),)
+        received = forged.command(0.0, 0), forged.measurement(0)
+        return lambda _index: (_noise(draws, received),)
     left = int(fault.magnitude)
     spoils: dict[LiveKind, Callable[[Frame], Frame]] = {
         LiveKind.BIT_FLIPS: lambda frame: _flipped(frame, fault.magnitude, draws),
         LiveKind.WRONG_LENGTH: lambda frame: frame._replace(data=frame.data[:left]),
-        LiveKind.WRONG_IDENTIFIER: _moved,
+        LiveKind.WRONG_IDENTIFIER: forged.moved,
     }
     spoil = spoils[fault.kind]
-    return lambda index: tuple(spoil(frame) for frame in _true_ones(fault.to, first + index))
+
+    def true_ones(number: int) -> Iterator[Frame]:
+        """Yield well-formed frames for the receivers, for a fault to spoil."""
+        if fault.to in ("plant", "both"):
+            yield forged.command(0.0, number)
+        if fault.to in ("controller", "both"):
+            yield forged.measurement(number)
+
+    return lambda index: tuple(map(spoil, true_ones(first + index)))
 
 
 def _replay(fault: LiveFault, start_ns: int, recording: Sequence[Timed]) -> FrameSource:
@@ -155,27 +161,6 @@ def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
     return lambda index: index * period_ns
 
 
-def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
-    """Forge the next frame of the sender; the true one then arrives as a repetition."""
-    if frame.can_id != _COMMAND_ID:
-        return ()
-    forged = with_value(frame, "steer_rad", lambda _name, _value: fault.magnitude, steps=1)
-    return () if forged is None else (forged,)
-
-
-def _command(steer_rad: float, counter: int) -> Frame:
-    message = SteeringCommand(steer_rad, counter % COMMAND_COUNTERS, Mode.ACTIVE)
-    return encode(message, counter % COUNTERS)
-
-
-def _true_ones(to: str, counter: int) -> Iterator[Frame]:
-    """Yield well-formed frames for the receivers, for a fault to spoil."""
-    if to in ("plant", "both"):
-        yield _command(0.0, counter)
-    if to in ("controller", "both"):
-        yield encode(LateralError(0.0, 0.0), counter % COUNTERS)
-
-
 def _flipped(frame: Frame, chance: float, draws: random.Random) -> Frame:
     """Flip each bit with a chance, and at least one: otherwise it would be a spoofed frame."""
     bits = 8 * len(frame.data)
@@ -185,19 +170,11 @@ def _flipped(frame: Frame, chance: float, draws: random.Random) -> Frame:
     return frame._replace(data=word.to_bytes(len(frame.data), "little"))
 
 
-def _moved(frame: Frame) -> Frame:
-    """Return the content of another message under the identifier of this one."""
-    decoded = decode(frame)
-    counter = decoded.counter if isinstance(decoded, Decoded) else 0
-    status = encode(SteeringStatus(0.0, 0, SteeringStatusCode.APPLYING), counter)
-    return frame._replace(data=status.data)
-
-
-def _noise(draws: random.Random) -> Frame:
+def _noise(draws: random.Random, received: Sequence[Frame]) -> Frame:
     # Half of them under identifiers that a node receives: of all identifiers, hardly any is.
     is_received = draws.random() < 0.5
-    can_id = draws.choice(_RECEIVED_IDS) if is_received else draws.randrange(0x800)
-    return Frame(can_id, draws.randbytes(draws.randrange(9)))
+    chosen = draws.choice(received) if is_received else Frame(draws.randrange(0x800), b"")
+    return chosen._replace(data=draws.randbytes(draws.randrange(9)))
 
 
 def recording_of(frames: Sequence[tuple[int, Frame]]) -> list[Timed]:

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
+from steer_by_wire.dbc.dialect.option import add_dialect_argument
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     command_parser,
@@ -29,7 +29,7 @@ from steer_by_wire.runtime.command_line import (
     whole_number,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.frame import FD
+from steer_by_wire.runtime.frame import EXTENDED, FD
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import BusPort, add_bus_arguments, shutting_down
@@ -38,6 +38,7 @@ from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.injection.fault_frames import Timed, frame_source, recording_of
+from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
 from steer_by_wire.tools.faults.injection.live_faults import (
     FRAME_KINDS,
@@ -56,7 +57,6 @@ SEED_MAX = 1 << 32
 REPLAY_FRAMES_MAX = 2_000_000
 """Ten minutes of a full bus."""
 BITRATE_BIT_S = 500_000
-_RECEIVED = frozenset({CAN_IDS[SteeringCommand]})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -74,6 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seed = whole_number(0, SEED_MAX)
     seed_help = "seed of all random numbers (default: %(default)s)"
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help=seed_help)
+    add_dialect_argument(parser, "forge the frames of a car")
     add_json_argument(parser, shows=False)
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
@@ -85,11 +86,12 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.OK
     faults = _faults(options)
     recording = _recording(options, faults)
+    forged = _forged(options.dialect)
     stop = StopRequest()
     with ExitStack() as stack:
         port = None
         if any(fault.kind not in PROCESS_KINDS for fault in faults):
-            opened = open_port(options, _RECEIVED)
+            opened = open_port(options, _received(forged))
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
             _refuse_fd_on_a_classic_bus(options, recording, port)
@@ -99,8 +101,8 @@ def _run(options: argparse.Namespace) -> int:
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = [
-            frame_source(fault, start_ns, options.seed * FAULTS_MAX + place, bitrate, recording)
-            for place, fault in enumerate(faults)
+            frame_source(fault, start_ns, seed, bitrate, forged, recording)
+            for seed, fault in enumerate(faults, options.seed * FAULTS_MAX)
             if fault.kind in FRAME_KINDS
         ]
         deeds: list[Deed] = []
@@ -134,6 +136,22 @@ def _faults(options: argparse.Namespace) -> list[LiveFault]:
         return [parse_fault(text, options.pid or 0) for text in options.faults]
     except ValueError as error:
         raise SettingsError(str(error)) from error
+
+
+def _forged(dialect: Path | None) -> ForgedFrames:
+    if dialect is None:
+        return OurFrames()
+    # Only a dialect needs cantools, which takes a while to import.
+    from steer_by_wire.dbc.dialect.dialect import read_dialect
+    from steer_by_wire.tools.faults.injection.forged_car_frames import CarFrames
+
+    return CarFrames(read_dialect(dialect))
+
+
+def _received(forged: ForgedFrames) -> frozenset[int] | None:
+    """Return the identifiers that it listens to; None: all, for commands of 29 bits."""
+    command = forged.command(0.0, 0)
+    return None if command.flags & EXTENDED else frozenset({command.can_id})
 
 
 def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:

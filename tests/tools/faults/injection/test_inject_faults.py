@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.dbc.dialect.dialect import read_dialect
+from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -27,6 +29,8 @@ from steer_by_wire.tools.faults.injection.fault_frames import (
     frame_source,
     recording_of,
 )
+from steer_by_wire.tools.faults.injection.forged_car_frames import CarFrames
+from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection.live_faults import (
     FRAME_KINDS,
     MAGNITUDES,
@@ -41,8 +45,11 @@ START_NS = 7_000_000_000
 COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
-def source_of(text: str, seed: int = 1, recording: Any = ()) -> FrameSource:
-    return frame_source(parse_fault(text), START_NS, seed, BITRATE_BIT_S, recording)
+def source_of(
+    text: str, seed: int = 1, recording: Any = (), forged: ForgedFrames | None = None
+) -> FrameSource:
+    made = forged or OurFrames()
+    return frame_source(parse_fault(text), START_NS, seed, BITRATE_BIT_S, made, recording)
 
 
 def sent(source: FrameSource, step_ns: int = 1_000_000) -> list[tuple[int, Frame]]:
@@ -276,3 +283,38 @@ def test_a_recording_is_sent_in_its_order_and_at_its_times() -> None:
     source = source_of("replay,magnitude=2", recording=recording)
     assert [frame for _, frame in sent(source)] == [first], "the second is beyond the duration"
     assert recording_of([(0, broken)]) == []
+
+
+# In the messages of a car
+
+
+CAR = Path(__file__).parents[3] / "dbc" / "dialect" / "my_car.toml"
+JUDGED = {
+    "spoof,magnitude=0.1": {},
+    "bit_flips,magnitude=0.1,to=plant": {"bad checksum": 100},
+    "wrong_length,magnitude=5,to=plant": {"wrong length": 100},
+    "wrong_identifier,magnitude=100,to=plant": {"wrong length": 100},
+}
+
+
+@pytest.mark.parametrize("text", JUDGED)
+def test_a_car_is_attacked_in_its_own_frames(text: str) -> None:
+    dialect = read_dialect(CAR)
+    overheard = Overheard(dialect)
+    for now_ns, frame in sent(source_of(text, forged=CarFrames(dialect))):
+        assert frame.can_id == 0x100
+        overheard.hear(frame, now_ns)
+    refused = JUDGED[text]
+    assert overheard.counts("STEER_REQUEST") == (0 if refused else 100, 0, 0, refused)
+
+
+def test_the_next_frame_of_a_car_is_forged() -> None:
+    dialect = read_dialect(CAR)
+    forged, overheard = CarFrames(dialect), Overheard(dialect)
+    source = source_of("spoof_next,magnitude=0.001", forged=forged)
+    true_one, next_one = forged.command(0.0, 15), forged.command(0.0, 16)
+    (follower,) = source.on_frame(true_one, START_NS)
+    for frame in (true_one, follower, next_one):
+        overheard.hear(frame, START_NS)
+    assert overheard.counts("STEER_REQUEST") == (2, 0, 0, {"repeated counter": 1})
+    assert source.on_frame(forged.measurement(0), START_NS) == ()

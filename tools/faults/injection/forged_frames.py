@@ -1,0 +1,65 @@
+"""The frames that an intruder forges; those of a car are in ``forged_car_frames.py``."""
+
+from typing import Protocol
+
+from ....dbc.codec.protection import COUNTERS
+from ....dbc.messages import (
+    CAN_IDS,
+    COMMAND_COUNTERS,
+    Decoded,
+    LateralError,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    decode,
+    encode,
+)
+from ....plant_emulator.faults.effects import with_value
+from ....runtime.frame import Frame
+
+
+class ForgedFrames(Protocol):
+    """Makes frames of a number, each with its checksum and counter."""
+
+    def command(self, steer_rad: float, number: int) -> Frame:
+        """Return a command."""
+        ...
+
+    def measurement(self, number: int) -> Frame:
+        """Return a measurement of 0."""
+        ...
+
+    def next_of(self, frame: Frame, steer_rad: float) -> Frame | None:
+        """Return the command that would follow a frame; None for a frame that is no command."""
+        ...
+
+    def moved(self, frame: Frame) -> Frame:
+        """Return the content of another message under the identifier of this frame."""
+        ...
+
+
+class OurFrames:
+    """Frames of our own messages."""
+
+    def command(self, steer_rad: float, number: int) -> Frame:
+        """Return a command."""
+        message = SteeringCommand(steer_rad, number % COMMAND_COUNTERS, Mode.ACTIVE)
+        return encode(message, number % COUNTERS)
+
+    def measurement(self, number: int) -> Frame:
+        """Return a measurement of 0."""
+        return encode(LateralError(0.0, 0.0), number % COUNTERS)
+
+    def next_of(self, frame: Frame, steer_rad: float) -> Frame | None:
+        """Return the command that would follow a frame; None for a frame that is no command."""
+        if frame.can_id != CAN_IDS[SteeringCommand]:
+            return None
+        return with_value(frame, "steer_rad", lambda _name, _value: steer_rad, steps=1)
+
+    def moved(self, frame: Frame) -> Frame:
+        """Return the content of a status under the identifier of this frame."""
+        decoded = decode(frame)
+        counter = decoded.counter if isinstance(decoded, Decoded) else 0
+        status = encode(SteeringStatus(0.0, 0, SteeringStatusCode.APPLYING), counter)
+        return frame._replace(data=status.data)
