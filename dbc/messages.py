@@ -1,4 +1,4 @@
-"""The messages on the bus to and from frames, as the typed records of ``dbc.contract.records``.
+"""The messages on the bus to and from frames, as the records of ``dbc.contract.message_records``.
 
 Encoding raises for a value that its signal cannot carry, which is a mistake of the program.
 Decoding never raises: a frame that is not a valid message gives a ``Rejection``, to be counted by
@@ -21,8 +21,8 @@ from .codec.layout import SignalRange as SignalRange
 from .codec.protection import COUNTERS, id_mark, mark_in
 from .contract.enumerations import *  # noqa: F403  all are names of this module too
 from .contract.generated_layout import LAYOUTS
-from .contract.records import *  # noqa: F403
-from .contract.records import MESSAGE_TYPES, Message, SteeringCommand
+from .contract.message_records import *  # noqa: F403
+from .contract.message_records import MESSAGE_TYPES, Message, SteeringCommand
 
 
 class Decoded(NamedTuple):

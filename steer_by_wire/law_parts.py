@@ -8,7 +8,7 @@ the others     gains of the sampled vehicle, its estimate and its prediction ove
 """
 
 from .controller.filters.discretization import design_pd
-from .controller.filters.pd import PdParams, pd_at_rest, pd_step
+from .controller.filters.pd_filter import PdParams, pd_at_rest, pd_step
 from .controller.filters.sections import SectionState
 from .controller.history.echo_delay import LoopDelayParams
 from .controller.history.plan import VALUES as PLAN_VALUES

@@ -28,7 +28,7 @@ from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
 from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
-from ...controller.laws.plugin import numbers_or_none
+from ...controller.laws.plugin_law import numbers_or_none
 from ...controller.laws.set_point import (
     FollowedPointParams,
     followed_point_plan,

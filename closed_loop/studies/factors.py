@@ -10,7 +10,6 @@ and each follows from its number.
 
 import math
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError, read_preset
 from .base_settings import PATH, leaves, named_path
 from .study_file import (
-    REPLICATES_MAX,
     DistributionSettings,
     FactorSettings,
     LogUniform,
@@ -253,17 +251,6 @@ def make_design(factors: tuple[Factor, ...], sampling: SamplingSettings) -> Desi
     if not factors:
         return Design(factors, 1, None)
     return Design(factors, count, _uniforms(sampling, count, len(factors)))
-
-
-@lru_cache(REPLICATES_MAX)
-def replicate_seed(study_seed: int, replicate: int) -> int:
-    """Return the seed of the runs of one replicate, from 0 to 2⁶³ − 1.
-
-    It depends on nothing else, so all controllers meet the same network at all points: two rows of
-    a replicate differ because of their factors, not by chance.
-    """
-    words = np.random.SeedSequence((study_seed, replicate)).generate_state(1, np.uint64)
-    return int(words[0]) >> 1
 
 
 def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> FloatArray:

@@ -8,9 +8,11 @@ mean_s; where it is 0 the model becomes constant.
 import json
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import ValidationError
 
 from ...controller.laws.law_from_settings import design_law
@@ -22,14 +24,26 @@ from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..agreed_point import judged_like
 from .base_settings import Tables
-from .factors import Label, replicate_seed
+from .factors import Label
 from .study import Study
+from .study_file import REPLICATES_MAX
 
 FRACTION = ".spread_fraction"
 FRACTION_MAX = 100.0
 DESIGNED_MAX = 100
 CHECKED_MAX = 20_000
 """Scenarios whose settings are checked before a study starts; others are checked when run."""
+
+
+@lru_cache(REPLICATES_MAX)
+def replicate_seed(study_seed: int, replicate: int) -> int:
+    """Return the seed of the runs of one replicate, from 0 to 2⁶³ − 1.
+
+    It depends on nothing else, so all controllers meet the same network at all points: two rows of
+    a replicate differ because of their factors, not by chance.
+    """
+    words = np.random.SeedSequence((study_seed, replicate)).generate_state(1, np.uint64)
+    return int(words[0]) >> 1
 
 
 class Pair(Settings):

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...controller.laws import LAWS
-from ...controller.laws.plugin import place_of
+from ...controller.laws.plugin_law import place_of
 from ...dbc.dialect.dialect import read_dialect
 from ...dbc.dialect.settings import DialectSettings
 from ...plant_emulator.evaluation.run_verdict import VerdictRules

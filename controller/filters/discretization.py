@@ -19,7 +19,7 @@ from math import exp, expm1
 
 from .cdob import CdobParams
 from .dob import DobParams
-from .pd import PdParams
+from .pd_filter import PdParams
 from .sections import IDENTITY, Cascade2, Cascade3, Section
 from .settings import CdobSettings, DobSettings, PdSettings
 from .transfer_function import Factor, TransferFunction

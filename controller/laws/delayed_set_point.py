@@ -39,7 +39,7 @@ from ...dbc.messages import CYCLE_TIMES_MS, LawNumber, VehicleState
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Law, LawInput, LawOutput, LookingBack, LoopDelay

@@ -15,7 +15,7 @@ difference between the two fades out.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import LawInput, LawOutput, LawStep

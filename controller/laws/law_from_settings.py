@@ -13,7 +13,7 @@ from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
 from ..prediction.gains_over_speed import design_schedule, together
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
-from .plugin import Guard
+from .plugin_law import Guard
 from .set_point import (
     FollowedPointParams,
     followed_point_after_hold,

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from ...dbc.messages import LawNumber
 from ..filters.discretization import design_pd
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..law_interface import Law, LawInput, LawOutput, last_command
 

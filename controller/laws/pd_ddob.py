@@ -13,7 +13,7 @@ from ...dbc.messages import LawNumber
 from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
 from ..filters.discretization import design_cdob, design_dob, design_pd
 from ..filters.dob import DobParams, DobState, dob_at_rest, dob_step
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..law_interface import Law, LawInput, LawOutput, last_command
 from .law_from_settings import required

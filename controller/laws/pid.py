@@ -22,7 +22,7 @@ from pydantic import Field
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..filters.discretization import design_pd
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import SectionState
 from ..law_interface import Law, LawInput, LawOutput, last_command, newest_heading_rad
 from .law_from_settings import required

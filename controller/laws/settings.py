@@ -36,7 +36,7 @@ from ..limits.designed_ranges import ValiditySettings
 from ..prediction.gains_over_speed import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings
-from .plugin import NoLawError, find_plugin_law, place_of
+from .plugin_law import NoLawError, find_plugin_law, place_of
 from .set_point import FollowedPoint
 
 _Table = TypeVar("_Table", bound=Settings)

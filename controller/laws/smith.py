@@ -24,7 +24,7 @@ from pydantic import Field
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..filters.discretization import design_compensation, design_pd
-from ..filters.pd import PdParams, pd_at_rest, pd_step
+from ..filters.pd_filter import PdParams, pd_at_rest, pd_step
 from ..filters.sections import (
     Cascade2,
     Cascade2State,

@@ -18,6 +18,13 @@ from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.settings import Settings, load_settings
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_file import (
+    CampaignSettings,
+    CaseSettings,
+    NodeCaseSettings,
+    NodeFaultKind,
+    PointSettings,
+)
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, read_stored
@@ -25,13 +32,6 @@ from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     table_lines,
     write_csv,
-)
-from steer_by_wire.tools.faults.campaign.specification import (
-    CampaignSettings,
-    CaseSettings,
-    NodeCaseSettings,
-    NodeFaultKind,
-    PointSettings,
 )
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 from tests.fuzz.settings_targets import begin_campaign, settled, toml_value

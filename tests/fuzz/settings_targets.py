@@ -34,12 +34,12 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     Scenario,
     controller_settings_of,
     scenarios_of,
 )
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.watched_pair import make_pair
 from tests.fuzz.node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
 from tests.fuzz.traffic import Choices, promise

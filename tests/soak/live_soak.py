@@ -10,7 +10,7 @@ from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from steer_by_wire.tools.faults.live.live_run import CHANNEL, LiveSetup, Running, run_live
+from steer_by_wire.tools.faults.live.recorded_pair import CHANNEL, LiveSetup, Running, run_live
 from tests.soak.soak_logs import BusLog, Frames, read_bus_log, read_own_log
 
 BABBLER = "babbler"

@@ -27,8 +27,8 @@ from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.faults.campaign import watched_pair
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.generate_c.law_source import LAWS
 from tests.support.law_in_c import Target, every_target
 from tests.support.node_in_c import (

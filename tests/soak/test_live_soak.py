@@ -13,7 +13,7 @@ import pytest
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.tools.faults.live.live_run import BROKER, CHANNEL
+from steer_by_wire.tools.faults.live.recorded_pair import BROKER, CHANNEL
 from tests.soak.babbling_node import GAPS, LOWEST_PRIORITY_IDS
 from tests.soak.live_soak import BABBLER, LiveSoak, run_live_soak
 from tests.soak.soak_logs import gaps, is_run

@@ -13,6 +13,14 @@ from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.tools.faults.campaign.campaign_file import (
+    CampaignSettings,
+    CaseSettings,
+    NodeCaseSettings,
+    NodeFaultKind,
+    PointSettings,
+    direction_of,
+)
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
     Scenario,
@@ -21,14 +29,6 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import (
 )
 from steer_by_wire.tools.faults.campaign.detectability import Expectation, Sight, period_s_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.specification import (
-    CampaignSettings,
-    CaseSettings,
-    NodeCaseSettings,
-    NodeFaultKind,
-    PointSettings,
-    direction_of,
-)
 from steer_by_wire.tools.faults.campaign.watched_pair import make_pair, run_pair
 from tests.support.walk_judgement import RECOVERY_S, judge_walk
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
+from steer_by_wire.tools.faults.campaign.campaign_file import BUS, CONTROLLER, PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
     case_of_fault,
@@ -24,7 +25,6 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import (
 from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.node_watch import Watch
-from steer_by_wire.tools.faults.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.watched_pair import Pair
 
 RECOVERY_S = 3.5

@@ -43,7 +43,6 @@ from steer_by_wire.tools.faults.live.live_campaign import (
     outcome_table,
     record_of,
 )
-from steer_by_wire.tools.faults.live.live_run import LiveRun
 from steer_by_wire.tools.faults.live.live_trial import (
     INJECTOR,
     Trial,
@@ -51,6 +50,7 @@ from steer_by_wire.tools.faults.live.live_trial import (
     write_excerpt,
     write_key,
 )
+from steer_by_wire.tools.faults.live.recorded_pair import LiveRun
 
 HELD: dict[str, Any] = {"holdings": 0, "interventions": {}}
 PLANT_NODE: dict[str, Any] = {

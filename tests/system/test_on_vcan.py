@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.process_group import Processes
-from steer_by_wire.dbc.contract.records import PathAhead, SteeringPlan
+from steer_by_wire.dbc.contract.message_records import PathAhead, SteeringPlan
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,

@@ -17,7 +17,7 @@ from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
-from steer_by_wire.controller.laws import LawInput, plugin
+from steer_by_wire.controller.laws import LawInput, plugin_law
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -142,9 +142,9 @@ def test_a_law_without_pd_needs_no_table_pd_and_the_example_does() -> None:
 
 
 def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = EntryPoints([EntryPoint("integral_pd", OWN, plugin.GROUP)])
+    installed = EntryPoints([EntryPoint("integral_pd", OWN, plugin_law.GROUP)])
     monkeypatch.setattr(metadata, "entry_points", installed.select)
-    plugin.place_of.cache_clear()
+    plugin_law.place_of.cache_clear()
     assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
 
 

@@ -38,6 +38,7 @@ from steer_by_wire.runtime.settings import (
     read_preset,
 )
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.execution import (
@@ -53,7 +54,6 @@ from steer_by_wire.tools.faults.campaign.presentation import (
     table_lines,
     write_csv,
 )
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult, run_trial
 from steer_by_wire.tools.faults.live.live_campaign import (
     live_finding,

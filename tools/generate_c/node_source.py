@@ -15,7 +15,7 @@ from steer_by_wire.controller.node.plausibility import nominal_vehicle
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.codec.layout import MessageLayout, SignalLayout
 from steer_by_wire.dbc.contract.generated_layout import LAYOUTS
-from steer_by_wire.dbc.contract.records import MESSAGE_TYPES
+from steer_by_wire.dbc.contract.message_records import MESSAGE_TYPES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.settings import SettingsError

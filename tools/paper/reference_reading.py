@@ -29,7 +29,7 @@ from ...controller.filters.cdob import cdob_at_rest, cdob_step
 from ...controller.filters.discretization import design_cdob, design_dob, design_pd
 from ...controller.filters.dob import dob_at_rest, dob_step
 from ...controller.filters.nominal_model import paper_eq19
-from ...controller.filters.pd import pd_at_rest, pd_step
+from ...controller.filters.pd_filter import pd_at_rest, pd_step
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.limits.steer_limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset

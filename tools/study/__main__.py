@@ -39,7 +39,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError, preset_names
-from steer_by_wire.tools.study.replay import (
+from steer_by_wire.tools.study.repeated_runs import (
     commands,
     live_line,
     open_bus,

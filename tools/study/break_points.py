@@ -32,9 +32,8 @@ from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.studies.compiled_figures import COLUMNS, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
-from ...closed_loop.studies.factors import replicate_seed
 from ...closed_loop.studies.result_reader import Rows, StudyRecord, case_of, read_overrides
-from ...closed_loop.studies.scenario import Scenarios
+from ...closed_loop.studies.scenario import Scenarios, replicate_seed
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.node import NS_PER_S
 from .axes import StudyAxes, is_share

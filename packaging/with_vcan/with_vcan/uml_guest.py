@@ -13,9 +13,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-from .frames import Kind, Unpacker, pack
 from .guard import execute, reap
 from .links import make_links
+from .serial_frames import Kind, Unpacker, pack
 from .system_calls import (
     MS_NODEV,
     MS_NOEXEC,

@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from .frames import Kind, LineFrame, Unpacker, pack
 from .guard import Guard
 from .request import BackendError
+from .serial_frames import Kind, LineFrame, Unpacker, pack
 from .system_calls import Signal
 
 PIECE_BYTES = 2048

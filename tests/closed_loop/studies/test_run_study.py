@@ -28,7 +28,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program
-from steer_by_wire.tools.study import replay
+from steer_by_wire.tools.study import repeated_runs
 from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
 
 RUNS = 3 * 2 * 2 * 2 * 2
@@ -142,7 +142,7 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
         row = whole.find(run)
         assert row is not None
         assert pair_of_row(identity, row) == scenarios.pair(run)
-        made = replay.replay(whole, Computer(scenarios), run)
+        made = repeated_runs.replay(whole, Computer(scenarios), run)
         assert made.differences == []
         assert made.virtual["rms_m"] == row["rms_m"]
         assert {"samples", "commands_sent", "downlink_lost", "uplink_lost"} <= set(made.virtual)
@@ -151,7 +151,8 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
             == made.pair.plant
         )
         assert any(
-            "steer-by-wire run " in command for command in replay.commands(made.pair, made.files)
+            "steer-by-wire run " in command
+            for command in repeated_runs.commands(made.pair, made.files)
         )
 
 
@@ -198,14 +199,14 @@ def test_results_do_not_go_on_with_another_version_of_an_own_law(
 
 
 def test_a_replay_that_differs_says_where(whole: Store) -> None:
-    made = replay.replay(
+    made = repeated_runs.replay(
         whole, Computer(Scenarios(load_study(whole.folder.parent / "study.toml"))), 1
     )
     assert made.stored is not None
     changed = dict(made.stored) | {"rms_m": np.nextafter(made.stored["rms_m"], 1.0)}
     differing = made._replace(stored=changed)
     assert differing.differences == ["rms_m"]
-    marked = [line for line in replay.replay_lines(differing) if "DIFFERS" in line]
+    marked = [line for line in repeated_runs.replay_lines(differing) if "DIFFERS" in line]
     assert [line.split()[0] for line in marked] == ["rms_m"]
 
 
@@ -225,7 +226,7 @@ steer_rad_max = 0.001
     )
     store = open_store(tmp_path, scenarios)
     assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
-    made = replay.replay(store, Computer(scenarios), 0)
+    made = repeated_runs.replay(store, Computer(scenarios), 0)
     assert made.stored is not None
     assert made.stored["verdict"] == "left range"
     assert made.stored["limited_share"] > 0.9
@@ -264,13 +265,16 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
 
 
 def test_a_live_subset_is_spread_evenly() -> None:
-    assert replay.subset(100, 4) == [12, 37, 62, 87]
-    assert replay.subset(3, 10) == [0, 1, 2]
+    assert repeated_runs.subset(100, 4) == [12, 37, 62, 87]
+    assert repeated_runs.subset(3, 10) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("bus", ["nosuchcan0", "udp_multicast:", ":vcan0"])
 def test_a_live_bus_that_cannot_be_is_refused(bus: str, tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=f"--live {bus}: "), replay.open_bus(bus, tmp_path):
+    with (
+        pytest.raises(SettingsError, match=f"--live {bus}: "),
+        repeated_runs.open_bus(bus, tmp_path),
+    ):
         pass
 
 
@@ -303,8 +307,8 @@ def test_the_program_says_sizes_runs_and_replays(
 def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
     whole: Store, monkeypatch: pytest.MonkeyPatch, of_live: int, of_both: int
 ) -> None:
-    def differing(store: Store, computer: Computer, run: int) -> replay.Replay:
-        made = replay.replay(store, computer, run)
+    def differing(store: Store, computer: Computer, run: int) -> repeated_runs.Replay:
+        made = repeated_runs.replay(store, computer, run)
         assert made.stored is not None
         return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
 

@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study.replay import replay
+from steer_by_wire.tools.study.repeated_runs import replay
 from steer_by_wire.tools.study.worst_runs import worst_runs
 from tests.support.compiled_runs import assert_same_as_nodes
 from tests.support.small_study import make_scenarios, never

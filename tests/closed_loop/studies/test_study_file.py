@@ -16,9 +16,8 @@ from steer_by_wire.closed_loop.studies.factors import (
     make_factors,
     quantile_of,
     range_values,
-    replicate_seed,
 )
-from steer_by_wire.closed_loop.studies.scenario import Scenarios
+from steer_by_wire.closed_loop.studies.scenario import Scenarios, replicate_seed
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (
     DistributionSettings,

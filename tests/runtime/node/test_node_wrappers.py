@@ -13,9 +13,9 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrapper
+from steer_by_wire.tools.faults.campaign.campaign_file import PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.node_watch import Bounds, Watch
-from steer_by_wire.tools.faults.campaign.specification import PLANT, NodeFaultKind
 from tests.support.authenticated_ends import COMMAND, plant
 from tests.support.plant_link import START_NS
 

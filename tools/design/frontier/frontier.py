@@ -17,7 +17,7 @@ from ....runtime.output_file import open_text, write_text
 from ....runtime.sealed_record import sealed, unsealed
 from ..law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
-from .published import PUBLISHED, published_points
+from .laws_of_the_paper import PUBLISHED, published_points
 from .settings import STRUCTURES, FrontierSettings
 from .sweep import Point, specification_for, sweep
 from .trials import NOT_TRIED, Trials, try_out, with_map, worst_rms_m

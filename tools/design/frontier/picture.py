@@ -9,7 +9,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ....closed_loop.reports.plot_style import COLOURS
 from .frontier import PREDICTOR, Row
-from .published import FILTERED, PUBLISHED
+from .laws_of_the_paper import FILTERED, PUBLISHED
 from .settings import FrontierSettings
 
 _LOOK: Mapping[str, tuple[str, str]] = {

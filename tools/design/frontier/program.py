@@ -13,8 +13,8 @@ from ....closed_loop.reports.terminal import plain_console, progress_bars
 from ..vehicle_file import VehicleFile
 from ..worker import begin_worker, report_progress, shared_progress
 from .frontier import ALL, Row, compute, write_csv
+from .laws_of_the_paper import PUBLISHED
 from .picture import draw_frontier, draw_trials
-from .published import PUBLISHED
 from .settings import FrontierSettings
 
 WORKERS = 2

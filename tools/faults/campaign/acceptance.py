@@ -11,8 +11,8 @@ is the bound in a run.
 from collections.abc import Iterable, Sequence
 
 from ....closed_loop.reports.findings import Finding
+from .campaign_file import NodeFaultKind
 from .campaign_runs import GOLDEN
-from .specification import NodeFaultKind
 from .virtual_trial import Detection, RunResult
 
 RESIDUAL = 2.0**-16

@@ -11,8 +11,7 @@ from ....plant_emulator.faults.settings import FaultSettings
 from ....plant_emulator.settings import PlantSettings
 from ....runtime.settings import load_settings
 from . import detectability
-from .node_faults import NodeFault
-from .specification import (
+from .campaign_file import (
     BUS,
     CONTROLLER,
     PLANT,
@@ -21,6 +20,7 @@ from .specification import (
     PointSettings,
     direction_of,
 )
+from .node_faults import NodeFault
 
 GOLDEN = "golden"
 _BOTH = "both"

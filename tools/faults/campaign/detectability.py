@@ -38,8 +38,8 @@ from ....plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import design_guard
 from ....runtime.node import NS_PER_S
+from .campaign_file import NodeFaultKind
 from .node_faults import NodeFault
-from .specification import NodeFaultKind
 
 LAW_RAD_MAX = 0.2
 """The largest command that a law is assumed to want, if the limiter allows that much."""

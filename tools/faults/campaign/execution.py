@@ -23,7 +23,7 @@ from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.output_file import write_text
 from ....runtime.sealed_record import sealed, unsealed
 from ....runtime.settings import SettingsError
-from .specification import CampaignSettings
+from .campaign_file import CampaignSettings
 from .virtual_trial import Detection, RunResult
 
 Item = TypeVar("Item")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ....runtime.frame import Frame
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode, Wrapper
-from .specification import NodeFaultKind
+from .campaign_file import NodeFaultKind
 
 SOCKET_FRAMES_MAX = 1000
 """Frames that wait for a paused program; the newest are lost when the queue is full."""

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from ....closed_loop.reports.findings import HOLDS, Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number, page
 from ....runtime.output_file import open_text
+from .campaign_file import CampaignSettings
 from .campaign_runs import GOLDEN, laws_of
 from .case_groups import Group, in_ms, in_percent
-from .specification import CampaignSettings
 from .virtual_trial import FAILURES, RunResult
 
 _FAILED_SHOWN = 50

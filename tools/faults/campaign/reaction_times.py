@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ....runtime.node import NEVER_NS, NS_PER_S
+from .campaign_file import CONTROLLER, PLANT
 from .campaign_runs import FaultCase
 from .detectability import Mechanism, causes_of
 from .node_watch import SAFE_CAUSES, Watch
-from .specification import CONTROLLER, PLANT
 from .watched_pair import Pair
 
 

@@ -28,8 +28,8 @@ from ....dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStat
 from ....plant_emulator.settings import PlantSettings
 from ....plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
 from ....runtime.node import NS_PER_S
+from .campaign_file import PointSettings
 from .node_watch import HELD_CODES, HELD_MODES
-from .specification import PointSettings
 
 SIGMAS = 6.0
 """Multiple of a latency's jitter that is hardly ever exceeded."""

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 from ....plant_emulator.evaluation.run_record import PlantSample
 from ....runtime.node import NS_PER_S
+from .campaign_file import BUS, CONTROLLER, PLANT, NodeFaultKind
 from .campaign_runs import GOLDEN, FaultCase, Scenario
 from .golden_comparison import is_as_golden
 from .reaction_times import times_of
 from .recovery import command_returns, wheel_steps
-from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from .watched_pair import Pair, make_pair, onset_ns_of, run_pair
 
 

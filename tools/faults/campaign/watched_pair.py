@@ -15,13 +15,13 @@ from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time_loop import VirtualTimeExecutor
 from .babbled_bus import BabbledBus
+from .campaign_file import CONTROLLER, PLANT, NodeFaultKind
 from .campaign_runs import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .detectability import Sight, causes_of, sight_of
 from .node_faults import NodeFault, with_node_faults
 from .node_watch import Watch, bounds_of
 from .program_node import ProgramNode
 from .recovery import Way, way_of
-from .specification import CONTROLLER, PLANT, NodeFaultKind
 
 BABBLER_ID = 0x000
 """It wins the arbitration against every frame of the pair."""

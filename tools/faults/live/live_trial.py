@@ -10,8 +10,8 @@ from ....closed_loop.private_folder import private_folder
 from ....dbc.messages import CAN_IDS, SteeringCommand
 from ....plant_emulator.settings import PlantSettings
 from .cases import DURATION_S, ONSET_S, PLANT_ONSET_S, LiveCase
-from .live_run import DURATION_S as MOTION_S
-from .live_run import LiveRun, LiveSetup, Running, run_live
+from .recorded_pair import DURATION_S as MOTION_S
+from .recorded_pair import LiveRun, LiveSetup, Running, run_live
 
 SETTLE_S, RECOVER_S = 1.5, 2.0
 INJECTOR = "injector"

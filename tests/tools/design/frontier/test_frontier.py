@@ -12,7 +12,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.tools.design.frontier import published
+from steer_by_wire.tools.design.frontier import laws_of_the_paper
 from steer_by_wire.tools.design.frontier import sweep as sweep_of_delays
 from steer_by_wire.tools.design.frontier.frontier import Row, compute, write_csv
 from steer_by_wire.tools.design.frontier.picture import draw_frontier
@@ -147,10 +147,10 @@ def test_delays_must_ascend() -> None:
 def test_the_papers_own_laws_are_marks_that_no_line_joins(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(published, "LAWS", {"PD": "paper_pd"})
+    monkeypatch.setattr(laws_of_the_paper, "LAWS", {"PD": "paper_pd"})
     monkeypatch.setattr(sweep_of_delays, "MARGIN_NS_MAX", 60_000_000)
     alone, quick = VehicleFile(vehicle=vehicle().vehicle), asked("course.duration_s=6")
-    points = list(published.published_points(quick, alone))
+    points = list(laws_of_the_paper.published_points(quick, alone))
     # 12.4 ms without the filter, 50 ms with it.
     assert [1.3 * each.delay_ms for each in points] == pytest.approx([12.4, 50.0], abs=0.1)
     lost = points[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)

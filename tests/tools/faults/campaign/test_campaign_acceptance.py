@@ -16,10 +16,10 @@ from steer_by_wire.plant_emulator.steering.hold_and_fallback import GuardMode, g
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair_module
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of, scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.presentation import table_lines
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import (
     FAILURES,
     Detection,

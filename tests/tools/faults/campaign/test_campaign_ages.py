@@ -3,8 +3,8 @@
 import pytest
 
 from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 
 SPECIFICATION = """

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.execution import (
     RESULTS,
     read_stored,
     specification_hash,
     write_result,
 )
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult
 from steer_by_wire.tools.faults.program import main
 from tests.fuzz.campaign_targets import whole_result

@@ -7,6 +7,7 @@ import pytest
 from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
 from steer_by_wire.plant_emulator.faults.effects import with_value
 from steer_by_wire.runtime.settings import Preset, load_settings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     Scenario,
     golden_case,
@@ -15,7 +16,6 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import (
     scenarios_of,
 )
 from steer_by_wire.tools.faults.campaign.detectability import Mechanism, no_effect_chance
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, run_trial
 from steer_by_wire.tools.faults.campaign.watched_pair import make_pair, run_pair
 

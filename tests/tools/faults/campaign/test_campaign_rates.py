@@ -3,13 +3,13 @@
 import pytest
 
 from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenario_sight, scenarios_of
 from steer_by_wire.tools.faults.campaign.detectability import (
     Mechanism,
     no_effect_chance,
     period_s_of,
 )
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, run_trial
 
 FAST = "paper_pd"

@@ -12,6 +12,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     Scenario,
     controller_settings_of,
@@ -28,7 +29,6 @@ from steer_by_wire.tools.faults.campaign.detectability import (
 )
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.virtual_trial import (
     FAILURES,
     Detection,

@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings, NodeFaultKind
 from tests.support.fault_walks import Walk, failure_of, walks
 
 SPEC = load_settings(CampaignSettings, read_preset("steer_by_wire.tools.faults", "default"))

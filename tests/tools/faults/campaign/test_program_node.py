@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
 from steer_by_wire.tools.faults.campaign.execution import specification_hash
-from steer_by_wire.tools.faults.campaign.specification import CampaignSettings
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 from tests.closed_loop.lockstep import lockstep_controller
 

@@ -13,8 +13,8 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.faults.stage import FaultStage
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
+from steer_by_wire.tools.faults.campaign.campaign_file import direction_of
 from steer_by_wire.tools.faults.campaign.detectability import UNRECEIVED
-from steer_by_wire.tools.faults.campaign.specification import direction_of
 
 FIRST_S, LAST_S = 0.95, 1.55
 """Six frames of each of these messages, which come every 100 ms, or some more."""

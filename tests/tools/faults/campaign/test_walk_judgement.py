@@ -8,15 +8,15 @@ import pytest
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
-from steer_by_wire.tools.faults.campaign.detectability import Sight
-from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
-from steer_by_wire.tools.faults.campaign.recovery import way_of
-from steer_by_wire.tools.faults.campaign.specification import (
+from steer_by_wire.tools.faults.campaign.campaign_file import (
     CampaignSettings,
     NodeFaultKind,
     PointSettings,
 )
+from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
+from steer_by_wire.tools.faults.campaign.detectability import Sight
+from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
+from steer_by_wire.tools.faults.campaign.recovery import way_of
 from tests.support.counter_rules import rule
 from tests.support.fault_walks import Walk, WalkFault, failure_of
 from tests.support.walk_judgement import RECOVERY_S, judge_walk

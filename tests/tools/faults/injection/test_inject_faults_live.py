@@ -24,9 +24,9 @@ from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
-from steer_by_wire.tools.faults.campaign.specification import NodeFaultKind
 from steer_by_wire.tools.faults.injection import program as inject_faults
 from steer_by_wire.tools.faults.injection.live_faults import parse_fault
 from steer_by_wire.tools.faults.injection.process_faults import BusOffFault

@@ -1,6 +1,6 @@
 """Frames on the serial lines of a User Mode Linux: they survive any cut of the stream."""
 
-from steer_by_wire.with_vcan.frames import Kind, LineFrame, Unpacker, pack
+from steer_by_wire.with_vcan.serial_frames import Kind, LineFrame, Unpacker, pack
 
 
 def test_frames_are_put_together_from_any_pieces() -> None:
