@@ -13,6 +13,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fnmatch import fnmatch
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,9 @@ from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. It must be set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# python-can looks through all installed packages for each log that it opens.
+metadata.entry_points = cache(metadata.entry_points)  # type: ignore[assignment]
 
 # A suite started in the background may ignore Ctrl-C, and programs that the tests end by it would
 # ignore it too.

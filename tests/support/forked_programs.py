@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.thread import _threads_queues
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from importlib import import_module
+from importlib import import_module, metadata
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -157,6 +157,7 @@ def serve(descriptor: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal reaches it too
     sys.path.remove("")
     sys.modules["matplotlib"] = None  # type: ignore[assignment]  # for cantools' command "plot"
+    metadata.entry_points = cache(metadata.entry_points)  # type: ignore[assignment]  # as in conftest
     for name in PRELOADED:
         import_module(name)
     del sys.modules["matplotlib"]

@@ -14,8 +14,10 @@ from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.runtime.frame import Frame
+from tests.support.unrendered import unrendered as unrendered
 from tests.support.wrong_controllers import RIGHT, WRONG, Change, Changed, late, steers
 
+pytestmark = pytest.mark.usefixtures("unrendered")
 PLANT = {"duration_s": 16.0}
 
 
@@ -53,8 +55,9 @@ def test_each_demand_on_its_conduct_is_switched_off_by_name(
 
 @pytest.mark.parametrize("preset", RIGHT)
 def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
-    sensor_ms = 1.0 if preset == "paper_pd" else 10.0
-    rig = Rig(tmp_path, overrides={**PLANT, "sensor_period_ms": sensor_ms})
+    sensor_ms, duration_s = (1.0, 6.0) if preset == "paper_pd" else (10.0, 16.0)
+    overrides = {"duration_s": duration_s, "sensor_period_ms": sensor_ms}
+    rig = Rig(tmp_path, overrides=overrides)
     rig.run(preset).assert_holds(rms_m=0.1)
 
 
