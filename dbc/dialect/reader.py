@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from ...runtime.frame import Frame
 from .. import messages as ours
-from .car_message import CarMessage, Refused
+from .car_message import CarMessage, Reading, Refused
 from .dialect import Dialect
 from .listening import MessageCounts
 from .settings import CONTROLLER
@@ -23,6 +23,8 @@ class CarReader:
         self.known = {(one.can_id, one.flags): one for one in messages}
         self._commands, self._measurements = FromController(dialect), FromPlant()
         self._newest: dict[str, int] = {}
+        self._newest_accepted: dict[str, int] = {}
+        """Counters, by message."""
         self._accepted, self._missing = Counter[str](), Counter[str]()
         self.refused = defaultdict[str, Counter[str]](Counter)
 
@@ -32,11 +34,15 @@ class CarReader:
 
     def read(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
         """Return what a frame of one of the messages says as frames of ours."""
-        said = self._judged(message, frame, now_ns)
-        if isinstance(said, Refused):
-            self.refused[message.name][said] += 1
-        else:
-            self._accepted[message.name] += 1
+        reading = message.read(frame.data)
+        said = self._judged(message, reading, now_ns)
+        if isinstance(said, Refused) or isinstance(reading, Refused):
+            self.refused[message.name][str(said)] += 1
+            return said
+        self._accepted[message.name] += 1
+        before = self._newest_accepted.get(message.name, reading.counter - 1)
+        self._missing[message.name] += (reading.counter - before - 1) % message.counters
+        self._newest_accepted[message.name] = reading.counter
         return said
 
     def counts(self, name: str) -> MessageCounts:
@@ -49,17 +55,16 @@ class CarReader:
         causes = sum(self.refused.values(), Counter[str]())
         return self._accepted.total(), dict(sorted(causes.items()))
 
-    def _judged(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
-        reading = message.read(frame.data)
+    def _judged(
+        self, message: CarMessage, reading: Reading | Refused, now_ns: int
+    ) -> Sequence[Frame] | Refused:
         if isinstance(reading, Refused):
             return reading
         if message.settings.counter:
-            before = self._newest.get(message.name, reading.counter - 1)
-            skipped = (reading.counter - before - 1) % message.counters
+            before = self._newest.get(message.name)
             self._newest[message.name] = reading.counter
             if before == reading.counter:
                 return Refused.REPEATED
-            self._missing[message.name] += skipped
         is_command = message.settings.sender == CONTROLLER
         translation = self._commands if is_command else self._measurements
         return translation.frames(message, reading.values, now_ns)

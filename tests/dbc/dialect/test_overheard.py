@@ -125,7 +125,10 @@ def test_counters_that_are_skipped_are_missing() -> None:
     values = dict.fromkeys(Quantity, 1.0) | {Quantity.STEER: 0.0}
     for number in (14, 15, 18, 18):
         overheard.hear(request.frame(values, number), 0)
-    assert overheard.counts("STEER_REQUEST") == (3, 2, 0, {"repeated counter": 1})
+    overheard.hear(request.frame(values | {Quantity.STEER: 0.5}, 7), 0)
+    overheard.hear(request.frame(values, 19), 0)
+    refused = {"repeated counter": 1, "too fast": 1}
+    assert overheard.counts("STEER_REQUEST") == (4, 2, 0, refused)
 
 
 def test_a_frame_of_nobody_passes_and_one_of_ours_that_is_not_kept_says_nothing() -> None:
