@@ -99,7 +99,7 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     within = f" within {AVERAGING_S:g} s"
     yield f"  steer to follow it   {reach_rad:.4g} rad, {sweep_rad:.4g} rad{within}"
     guard = design_guard(settings.safety, vehicle, settings.actuator)
-    for row in guard.limiter.rows:
+    for row in guard.limiter.table.rows:
         for needed_rad, allowed_rad, when in (
             (reach_rad, row.reach_rad, ""),
             (sweep_rad, row.sweep_rad, within),

@@ -113,8 +113,10 @@ def guard_command(
     before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, faded_ns = x
     if before == _SAFE_STATE:
         return x, False
-    fading_ns = min(time_ns - faded_ns, p.silence_ns)
-    fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (fading_ns * 1e-9))
+    fade_rad = fade_before_rad
+    if fade_rad:
+        fading_ns = min(time_ns - faded_ns, p.silence_ns)
+        fade_rad = _towards_zero(fade_rad, p.ramp_rad_s * (fading_ns * 1e-9))
     if not is_new:
         if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
             return x, False
@@ -122,7 +124,6 @@ def guard_command(
         state = GuardState(before, limiter, arrived_ns, deadline_ns, run_before, fade_rad, time_ns)
         return state, True
     silence_ns = time_ns - arrived_ns
-    counted_ns = min(silence_ns, p.silence_ns)
     mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1
     if before <= _FOLLOWING or good_run >= p.recovery_frames:
         mode, good_run = _FOLLOWING, 0
@@ -130,7 +131,7 @@ def guard_command(
     elif before == _FALLBACK:
         return GuardState(before, limiter, time_ns, deadline_ns, good_run, 0.0, time_ns), False
     elif run_before > 0:
-        deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
+        deadline_ns = min(deadline_ns + min(silence_ns, p.silence_ns), p.override_ns)
     wanted_rad = steer_rad + fade_rad
     if before == _FALLBACK or (before == _HOLDING and silence_ns >= p.silence_ns):
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)

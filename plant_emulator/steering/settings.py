@@ -11,7 +11,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
 from .hold_and_fallback import OFF_NS, RAMP_PERIOD_NS, GuardParams
-from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
+from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_table
 
 OFF: Literal["off"] = "off"
 _N = TypeVar("_N")
@@ -78,7 +78,7 @@ def design_guard(
         vehicle.front_axle_distance_m,
         vehicle.rear_axle_distance_m,
     )
-    rows = limit_rows(
+    table = limit_table(
         gain_m_s2,
         _bound(settings.angle_rad_max),
         _bound(settings.angle_rate_rad_s_max),
@@ -91,7 +91,7 @@ def design_guard(
     override_s = settings.override_at_s
     return GuardParams(
         limiter=LimiterParams(
-            rows=rows,
+            table=table,
             tolerance_rad=_bound(settings.follow_tolerance_rad),
             follow_ns=round(follow_s * NS_PER_S),
             stop_rad=stop_rad,

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback
-from steer_by_wire.plant_emulator.steering.safety_limiter import LimiterParams, limit_rows
+from steer_by_wire.plant_emulator.steering.safety_limiter import LimiterParams, limit_table
 
 tested = hold_and_fallback
 MS_NS = 1_000_000
@@ -27,7 +27,7 @@ class Guarded:
         plan_ms: float = 300.0,
     ) -> None:
         self.p = tested.GuardParams(
-            limiter=LimiterParams(limit_rows(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
+            limiter=LimiterParams(limit_table(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
             silence_ns=round(silence_ms * MS_NS),
             plan_ns=round(plan_ms * MS_NS),
             hold_ns=round(hold_ms * MS_NS),

@@ -30,8 +30,8 @@ def params(
     jerk: float = INF,
     gain: float = 50.0,
 ) -> safety_limiter.LimiterParams:
-    rows = tested.limit_rows(gain, angle, angle_rate, acceleration, jerk)
-    return tested.LimiterParams(rows, 0.125, 100 * MS_NS, 0.5)
+    table = tested.limit_table(gain, angle, angle_rate, acceleration, jerk)
+    return tested.LimiterParams(table, 0.125, 100 * MS_NS, 0.5)
 
 
 def outputs(
@@ -79,6 +79,14 @@ def test_the_tightest_limit_decides_and_is_the_cause() -> None:
     assert outputs(wide, [(0.0, 3.0)]) == [(0.5, 1)]
     jerky = params(angle_rate=1.0, jerk=2.0, gain=32.0)
     assert outputs(jerky, [(0.0, 3.0), (1.0, -3.0)]) == [(0.03125, 4), (0.0, 4)]
+
+
+def test_of_two_equal_limits_the_first_is_the_cause() -> None:
+    commands = [(0.0, 3.0), (1.0, -3.0)]
+    angles = params(angle=0.0625, acceleration=2.0, gain=32.0)
+    assert outputs(angles, commands) == [(0.0625, 1), (-0.0625, 1)]
+    rates = params(angle_rate=0.0625, jerk=2.0, gain=32.0)
+    assert outputs(rates, commands) == [(0.03125, 2), (0.0, 2)]
 
 
 def test_what_moves_no_further_than_the_limit_in_half_a_second_passes() -> None:
@@ -229,5 +237,13 @@ def test_a_test_notices_every_mutant() -> None:
     # Of two equal values it does not matter which is taken.
     equivalent = {f"{a} < {b}  ->  {a} <= {b}" for a, b in LOWER}
     equivalent |= {f"{a} > {b}  ->  {a} >= {b}" for a, b in HIGHER}
+    # Time does not go back; and what is asked of all rows together is asked of each again.
+    equivalent |= {f"slot > slot_before  ->  slot {sign} slot_before" for sign in (">=", "!=")}
+    equivalent |= {
+        "-least_reach  ->  least_reach",
+        "highest - least_sweep  ->  highest + least_sweep",
+        "lowest + least_sweep  ->  lowest - least_sweep",
+    }
+    equivalent.add("3  ->  4")  # after three slots nothing is left of what was
     assert {text.split(": ")[1] for text in alive} == equivalent
     assert count > 100

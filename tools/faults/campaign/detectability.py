@@ -138,7 +138,7 @@ def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
     ages = (age for age in controller.age_limits if age != NO_LIMIT_NS)
     return Sight(
         max(guard.silence_ns, *ages) / NS_PER_S,
-        min(row.reach_rad for row in guard.limiter.rows),
+        guard.limiter.table.least_reach_rad,
         controller.period_ns / NS_PER_S,
         plant.sensor_period_ns / NS_PER_S,
         plant.counters,
