@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from cantools.database import DecodeError
 from cantools.database.can import Message, Signal
 
 from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
@@ -14,6 +15,7 @@ class Refused(StrEnum):
     """Why a frame of the peer was not taken."""
 
     WRONG_LENGTH = "wrong length"
+    UNKNOWN_MULTIPLEXER = "unknown multiplexer"
     BAD_CHECKSUM = "bad checksum"
     REPEATED = "repeated counter"
     OUT_OF_RANGE = "out of range"
@@ -79,19 +81,24 @@ class CarMessage:
         """Return the quantities in a frame, the mean where several signals carry one."""
         if len(data) != self._length:
             return Refused.WRONG_LENGTH
-        raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
+        try:
+            raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
+        except DecodeError:
+            return Refused.UNKNOWN_MULTIPLEXER
         rule = self.settings.checksum
         if rule is not None:
             bare = bytes(byte & ~own for byte, own in zip(data, self._mask, strict=True))
-            if raw[rule.signal] != rule.compute(self.can_id, bare, self._mask):
+            if raw.get(rule.signal) != rule.compute(self.can_id, bare, self._mask):
                 return Refused.BAD_CHECKSUM
         found: dict[Quantity, list[float]] = {}
         for signal, one in self._carried:
+            if signal.name not in raw:
+                continue  # the multiplexer says that others are here
             scaled = float(raw[signal.name]) * signal.scale + signal.offset
             value = (scaled - one.offset) / (UNITS[one.unit] * one.ratio)
             found.setdefault(one.carries, []).append(value)
         values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
-        return Reading(values, int(raw[self.settings.counter]) if self.settings.counter else 0)
+        return Reading(values, int(raw.get(self.settings.counter, 0)))
 
     def text(self, data: bytes) -> str:
         """Return the signals of an accepted frame in words."""
