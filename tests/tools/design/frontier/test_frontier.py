@@ -51,6 +51,10 @@ FOUND = {
 """By ``steer-by-wire design paper_vehicle --frontier frontier``, for 250 ms."""
 
 
+QUIET = {"k_p": 0.97, "k_d": 0.0073, "derivative_filter": 0.5, "cdob": 2.5, "washout": 2.3}
+"""Of PD + CDOB, with ``--set noise_gain_rad_m_max=1 --set search.starts=1``, for 500 ms."""
+
+
 def asked(*overrides: str) -> FrontierSettings:
     preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
     return load_settings(FrontierSettings, preset, overrides=(*QUICK, *overrides))
@@ -106,6 +110,21 @@ def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> Non
         study(whole, vehicle(), structure, 250.0, True), whole, structure, FOUND[structure]
     )
     assert 1e3 * found.rms_m == pytest.approx(stated_mm, rel=0.01)
+
+
+def test_the_page_states_the_error_of_a_design_at_the_second_level_of_noise() -> None:
+    preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
+    whole = load_settings(FrontierSettings, preset, overrides=("noise_gain_rad_m_max=1",))
+    fine = study(whole, vehicle(), "PD + CDOB", 500.0, True)
+    found = point_of(fine, whole, "PD + CDOB", QUIET)
+    page = (
+        (ROOT / "docs/frontier.md").read_text(encoding="utf-8").split("noise_gain_rad_m_max=1")[1]
+    )
+    line = next(line for line in page.splitlines() if line.startswith("| PD + CDOB |"))
+    assert 1e3 * found.rms_m == pytest.approx(float(line.split("|")[-2]), rel=0.01)
+    assert found.noise_gain_rad_m <= 1.0
+    assert found.peak_sensitivity <= 2.9
+    assert found.margin_ms >= 1.3 * 500.0
 
 
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
