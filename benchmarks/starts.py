@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from benchmarks.measurement import Line, Target
 from steer_by_wire.closed_loop.live_bus import Bus
 from steer_by_wire.closed_loop.process_group import launched_broker
-from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.exit_status import BusError
 
 PROGRAMS = {
     "plant_emulator": ["--preset", "paper_nominal"],

@@ -10,7 +10,7 @@ import can
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.exit_status import cause_of
 from ..runtime.output_file import write_text
-from ..runtime.port.python_can import socketcan_obstacle
+from ..runtime.port.interface_choice import socketcan_obstacle
 from ..runtime.settings import SettingsError
 from ..runtime.settings.toml_text import dump_toml
 from .process_group import launched_broker

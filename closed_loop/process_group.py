@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Self
 
-from ..runtime.port.python_can import BusError
+from ..runtime.exit_status import BusError
 from .private_folder import private_folder
 
 START_TIMEOUT_S = 60.0

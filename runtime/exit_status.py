@@ -30,6 +30,12 @@ class UserError(Exception):
     exit_status = ExitStatus.SETTINGS
 
 
+class BusError(UserError):
+    """The bus cannot be opened or has failed; the text is one line for the user."""
+
+    exit_status = ExitStatus.BUS
+
+
 def one_line(error: BaseException) -> str:
     """Return the text of an error on one line, its type where it has no text."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -38,7 +38,8 @@ from benchmarks.bus.runs import (
 from benchmarks.measurement import Line, Measured
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.runtime.command_line import seconds, whole_number
-from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
+from steer_by_wire.runtime.exit_status import BusError
+from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle
 
 CHANNEL = "benchmark_bus"
 """Channel of the emulated bus."""

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from steer_by_wire.closed_loop.process_group import ProcessError
-from steer_by_wire.runtime.port.python_can import BusError
+from steer_by_wire.runtime.exit_status import BusError
 
 SOURCES = Path(__file__).parent
 CHECKOUT = SOURCES.parents[1]

@@ -30,12 +30,13 @@ from ..bus_model.socketcan_error_frames import (
     UNSPECIFIED,
     error_causes,
 )
+from ..exit_status import BusError
 from ..frame import ERROR, Frame
 from ..node import NEVER_NS, NS_PER_S
 from ..node.real_time_loop import Received
 from .can_state import is_in_bus_off
+from .interface_choice import has_carrier
 from .port import ClosablePort, OpenPort
-from .python_can import BusError, has_carrier
 
 RETRY_S = 0.5
 SETTLED_S = 1.0

@@ -14,9 +14,10 @@ import can
 from can.typechecking import CanFilter
 from can.util import load_config
 
-from ..exit_status import cause_of
+from ..exit_status import BusError, cause_of
 from ..node.real_time_loop import Port
-from .python_can import BusError, BusPort, Choice, Closable, check_openable, choose_bus, open_bus
+from .interface_choice import Choice, choose_bus
+from .python_can import BusPort, Closable, check_openable, open_bus
 from .socketcan import SocketCanPort
 
 AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"

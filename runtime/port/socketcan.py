@@ -20,11 +20,10 @@ from pathlib import Path
 
 from can.typechecking import CanFilter
 
-from ..exit_status import cause_of
+from ..exit_status import BusError, cause_of
 from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ..node import NS_PER_S
 from ..node.real_time_loop import Received
-from .python_can import BusError
 
 # linux/can.h, linux/can/raw.h, asm-generic/socket.h; socket has most of them on Linux only
 _AF_CAN, _CAN_RAW, _SOL_CAN_RAW = 29, 1, 101

@@ -17,7 +17,7 @@ from ..command_line import (
     seconds,
     whole_number,
 )
-from ..port.python_can import add_bus_arguments
+from ..port.interface_choice import add_bus_arguments
 from ..recording.recording import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
 from ..settings.mistakes import setting_keys

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 from ..bus_model.settings import ClockSettings
 from ..command_line import say
-from ..exit_status import ExitStatus
+from ..exit_status import BusError, ExitStatus
 from ..node import NS_PER_S, NS_PER_US, N, Node
 from ..node.drifting_clock import DriftingClock
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
-from ..port.python_can import BusError, shutting_down
+from ..port.python_can import shutting_down
 from ..recording.recording import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError

@@ -17,8 +17,9 @@ import can
 from steer_by_wire.runtime.emulated_bus import protocol
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
+from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.node import NS_PER_US
-from steer_by_wire.runtime.port.python_can import BusError, BusPort
+from steer_by_wire.runtime.port.python_can import BusPort
 from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
 from tests.fuzz.traffic import Choices, Sender, promise
 from tests.support.broker_bench import BITRATE_BIT_S

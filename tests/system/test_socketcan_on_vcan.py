@@ -23,9 +23,9 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import error_causes
-from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.port.python_can import BusError, socketcan_obstacle
+from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.slcan_adapter import AdapterBus

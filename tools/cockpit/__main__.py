@@ -34,8 +34,8 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import open_port
-from steer_by_wire.runtime.port.python_can import add_bus_arguments
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,

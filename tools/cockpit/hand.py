@@ -21,8 +21,9 @@ from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.node.real_time_loop import RealTimeExecutor
+from ...runtime.port.interface_choice import add_bus_arguments
 from ...runtime.port.port import open_port
-from ...runtime.port.python_can import add_bus_arguments, shutting_down
+from ...runtime.port.python_can import shutting_down
 from ...runtime.program.stop_request import StopRequest
 
 PERIOD_NS = 10 * NS_PER_MS

@@ -15,11 +15,10 @@ from typing import Any
 from ...closed_loop.recordings.live_reading import LATE_NS, LiveReader
 from ...dbc.dialect.listening import Listening
 from ...plant_emulator.path.path import Path
-from ...runtime.exit_status import cause_of
+from ...runtime.exit_status import BusError, cause_of
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
-from ...runtime.port.python_can import BusError
 from ...runtime.recording.candump import CandumpLog
 from .sampler import Ghosts, Sampler
 from .signals import ROW_PERIOD_S, packed_row

@@ -14,7 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from ...closed_loop.private_folder import private_folder
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
-from ...runtime.port.python_can import BusError
+from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts

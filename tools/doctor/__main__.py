@@ -25,7 +25,7 @@ from steer_by_wire.runtime.command_line import (
     seconds,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.port.python_can import add_bus_arguments
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.program.node_options import add_real_time_arguments
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.tools.doctor import checks

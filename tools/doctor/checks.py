@@ -16,12 +16,9 @@ from typing import Any, NamedTuple
 
 from ...closed_loop.reports.findings import Finding, finding_lines
 from ...runtime.command_line import DISTRIBUTION
-from ...runtime.port.python_can import (
-    BusError,
-    add_bus_arguments,
-    check_openable,
-    choose_bus,
-)
+from ...runtime.exit_status import BusError
+from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
+from ...runtime.port.python_can import check_openable
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, real_time
 from ...with_vcan import xstate
 from ...with_vcan.__main__ import backends

@@ -16,13 +16,15 @@ from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 from ...closed_loop.process_group import launched_broker
+from ...runtime.exit_status import BusError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.real_time_loop import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationSummary
+from ...runtime.port.interface_choice import choose_bus
 from ...runtime.port.port import OpenPort, open_port
-from ...runtime.port.python_can import BusError, choose_bus, shutting_down
+from ...runtime.port.python_can import shutting_down
 from ...runtime.program.priority_and_memory_lock import HostAnswer, RealTimeRequest, real_time
 from ...runtime.program.stop_request import StopRequest
 from .wake_ups import Sliced, Slices, WakeUps, measure_wake_ups, summary_of

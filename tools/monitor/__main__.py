@@ -24,8 +24,9 @@ from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
-from steer_by_wire.runtime.port.python_can import add_bus_arguments, shutting_down
+from steer_by_wire.runtime.port.python_can import shutting_down
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
 from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...closed_loop.parameter_space.root_count import Polynomial, RootCount, count_roots, on_axis
 from ...controller.analysis.linear_system import polynomials
-from ...controller.filters.discretization import pd_compensator, q_order_2, q_type_2, washout
+from ...controller.filters.continuous_filters import pd_compensator, q_order_2, q_type_2, washout
 from ...controller.filters.settings import CdobSettings, DobSettings
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.law_from_settings import required

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.parameter_space.root_count import on_axis
 from ...closed_loop.parameter_space.uncertainty import paper_box
 from ...closed_loop.reports.plot_style import COLOURS
-from ...controller.filters.discretization import q_order_2, q_type_2
+from ...controller.filters.continuous_filters import q_order_2, q_type_2
 from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
 from ...runtime.array_types import FloatArray

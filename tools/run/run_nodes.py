@@ -22,9 +22,10 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import motion_params
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
+from ...runtime.exit_status import BusError
 from ...runtime.node import NS_PER_S
 from ...runtime.node.real_time_loop import LoopFigures, RealTimeExecutor
-from ...runtime.port.python_can import BusError, BusPort
+from ...runtime.port.python_can import BusPort
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, StealClock, real_time
 from ...runtime.program.report import host_report, loop_report
 from ...runtime.program.run_node import FINISHED

@@ -39,7 +39,7 @@ from ...plant_emulator.evaluation.run_verdict import RunEnd
 from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.output_file import write_text
-from ...runtime.port.python_can import socketcan_obstacle
+from ...runtime.port.interface_choice import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 

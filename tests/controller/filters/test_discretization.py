@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy import signal
 
+from steer_by_wire.controller.filters.continuous_filters import q_order_2, q_type_2, washout
 from steer_by_wire.controller.filters.discretization import (
     design_cdob,
     design_dob,
     design_pd,
     hold_equivalent_order_2,
     hold_equivalent_type_2,
-    q_order_2,
-    q_type_2,
     tustin_sections,
-    washout,
 )
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.controller.filters.sections import Section

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
+from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
@@ -15,7 +16,6 @@ from steer_by_wire.runtime.node.real_time_loop import (
     RealTimeExecutor,
     Received,
 )
-from steer_by_wire.runtime.port.python_can import BusError
 
 MS = 1_000_000
 ANSWER = Frame(0x200, b"answer")

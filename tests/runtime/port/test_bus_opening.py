@@ -13,17 +13,12 @@ from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.controller.program import main
-from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
-from steer_by_wire.runtime.port import python_can as bus_module
-from steer_by_wire.runtime.port.python_can import (
-    BusError,
-    BusPort,
-    OpenBus,
-    add_bus_arguments,
-    open_bus,
-)
+from steer_by_wire.runtime.port import interface_choice
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
+from steer_by_wire.runtime.port.python_can import BusPort, OpenBus, open_bus
 from tests.support.running_program import PATIENCE_S
 
 
@@ -40,7 +35,7 @@ def no_configuration(
     monkeypatch.setattr("can.util.CONFIG_FILES", [])
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
     interfaces = tmp_path_factory.mktemp("net")
-    monkeypatch.setattr(bus_module, "_NETWORK_INTERFACES", interfaces)
+    monkeypatch.setattr(interface_choice, "_NETWORK_INTERFACES", interfaces)
     return interfaces
 
 

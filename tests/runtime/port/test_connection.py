@@ -9,13 +9,13 @@ from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
     FORGED_BUS_OFF,
     RESTARTED,
 )
+from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import connection as connection_module
 from steer_by_wire.runtime.port.connection import REPORTED_OUTAGES_MAX, SETTLED_S, Connection
 from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort
-from steer_by_wire.runtime.port.python_can import BusError
 
 PATIENCE_S = 10.0
 DATA = Frame(0x201, b"data")

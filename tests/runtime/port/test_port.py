@@ -9,12 +9,13 @@ from typing import Any
 import can
 import pytest
 
+from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import message_of
+from steer_by_wire.runtime.port import interface_choice
 from steer_by_wire.runtime.port import port as port_module
-from steer_by_wire.runtime.port import python_can as bus_module
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort, open_port
-from steer_by_wire.runtime.port.python_can import BusError, add_bus_arguments
 
 IDS = [0x210, 0x201]
 FILTERS = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in sorted(IDS)]
@@ -77,7 +78,7 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
     monkeypatch.setattr(Adapter, "opened_with", [])
     monkeypatch.setattr(port_module, "SocketCanPort", FastPort)
     interfaces = tmp_path_factory.mktemp("net")
-    monkeypatch.setattr(bus_module, "_NETWORK_INTERFACES", interfaces)
+    monkeypatch.setattr(interface_choice, "_NETWORK_INTERFACES", interfaces)
     for name in ("can0", "can9"):
         (interfaces / name).mkdir()
         (interfaces / name / "type").write_text("280\n")

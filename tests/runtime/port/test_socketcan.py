@@ -10,11 +10,11 @@ from typing import Any
 import can
 import pytest
 
+from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import socketcan
-from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.port.socketcan import (
     ArrivalClock,
     SocketCanPort,

@@ -14,10 +14,9 @@ import pytest
 
 from steer_by_wire.runtime import command_line
 from steer_by_wire.runtime.command_line import output_file, run_main, say
-from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.port import VIRTUAL_HINT
-from steer_by_wire.runtime.port.python_can import BusError
 from steer_by_wire.runtime.program.node_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.running_program import ORDINARY

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from steer_by_wire.closed_loop.parameter_space.root_count import RootCount, count_roots
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.filters.discretization import (
+from steer_by_wire.controller.filters.continuous_filters import (
     pd_compensator,
     q_order_2,
     q_type_2,

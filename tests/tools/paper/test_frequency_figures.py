@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.filters.discretization import q_order_2
+from steer_by_wire.controller.filters.continuous_filters import q_order_2
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
 from steer_by_wire.tools.paper.frequency_figures import (

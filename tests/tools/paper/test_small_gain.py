@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from steer_by_wire.closed_loop.parameter_space.root_count import on_axis
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.filters.discretization import q_order_2, q_type_2
+from steer_by_wire.controller.filters.continuous_filters import q_order_2, q_type_2
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.laws.law_from_settings import design_law

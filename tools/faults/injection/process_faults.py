@@ -27,10 +27,10 @@ import can
 
 from ....dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from ....runtime.emulated_bus.interface import EmulatedBus
-from ....runtime.exit_status import one_line
+from ....runtime.exit_status import BusError, one_line
 from ....runtime.node import NS_PER_S
 from ....runtime.port.port import ClosablePort
-from ....runtime.port.python_can import BusError, BusPort
+from ....runtime.port.python_can import BusPort
 from ....runtime.settings import SettingsError
 from .live_faults import LiveFault, LiveKind
 

@@ -31,8 +31,9 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import EXTENDED, FD
 from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
-from steer_by_wire.runtime.port.python_can import BusPort, add_bus_arguments, shutting_down
+from steer_by_wire.runtime.port.python_can import BusPort, shutting_down
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest

@@ -14,7 +14,7 @@ from ....closed_loop.pair_result import CONTROLLER, PLANT
 from ....closed_loop.process_group import ProcessError
 from ....closed_loop.reports.findings import Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number
-from ....runtime.port.python_can import BusError
+from ....runtime.exit_status import BusError
 from ....runtime.program.priority_and_memory_lock import StealClock
 from ....runtime.program.report import write_json
 from .cases import LiveCase, live_cases
