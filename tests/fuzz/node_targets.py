@@ -34,6 +34,7 @@ from steer_by_wire.dbc.messages import (
     DelayStatus,
     LateralError,
     Message,
+    ModelStatus,
     PlantStatus,
     Rejection,
     SteeringCommand,
@@ -178,7 +179,7 @@ class Outgoing:
 
 def outgoing_of_controller(settings: ControllerSettings) -> Outgoing:
     """Return what checks the frames of a controller."""
-    directly = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+    directly = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus, ModelStatus)
     return Outgoing(directly, judge=CommandLimits(settings))
 
 

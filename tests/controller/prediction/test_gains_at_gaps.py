@@ -37,7 +37,7 @@ def error_growth(gains: VehicleGains, gap: int) -> float:
     """Return the largest eigenvalue's modulus of the error's matrix from one measurement on."""
     columns = []
     for unit in np.eye(STATES).tolist():
-        x = EstimatorState(0, *unit, 0.0)
+        x = EstimatorState._make([0, *unit, 0.0])
         for _ in range(gap):
             x = model_step(gains, x, 0.0)
         columns.append(correction_step(gains, x, 0.0, 0.0)[1 : 1 + STATES])

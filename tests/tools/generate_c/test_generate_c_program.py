@@ -54,12 +54,13 @@ def test_what_stays_in_python_is_refused_in_one_line(
     assert not (tmp_path / "law").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(
+def test_a_file_in_place_of_the_folder_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "law").write_text("a file")
-    assert main(["--preset", "practical_pd", "--out", str(tmp_path / "law")]) == 4
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert main(["--preset", "practical_pd", "--out", str(tmp_path / "law")]) == 2
+    why = f"--out {tmp_path / 'law'} is a file: give the name of a folder"
+    assert capsys.readouterr().err == f"steer-by-wire generate-c: error: {why}\n"
 
 
 def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
