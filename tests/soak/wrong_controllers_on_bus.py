@@ -3,9 +3,11 @@
     steer-by-wire with-vcan python -m pytest -n 3 tests/soak/wrong_controllers_on_bus.py
 
 On a real vcan0; without with-vcan, on this machine's vcan0 or an emulated bus. Takes half a minute
-for each of 27 where the machine is not busy; on a busy one it shows what the load changes.
+for each of 27 where the machine is not busy; on a busy one it shows what the load changes. Inside
+User Mode Linux no program keeps 1 kHz: there the right paper_pd is red for its rate.
 """
 
+import re
 import sys
 from pathlib import Path
 
@@ -25,7 +27,8 @@ def test_a_wrong_controller_is_red(name: str, tmp_path: Path) -> None:
     )
     with pytest.raises(AssertionError) as caught:
         outcome.assert_holds()
-    assert str(caught.value).startswith(WRONG[name][1])
+    # The words alone: how fast a program floods or doubles depends on the machine.
+    assert str(caught.value).startswith(re.split(r"\d", WRONG[name][1])[0])
 
 
 @pytest.mark.parametrize("preset", RIGHT)
