@@ -17,7 +17,7 @@ from ...dbc.codec.sequence_and_second_sender import (
     SequenceResult,
     SequenceRule,
 )
-from ...dbc.dialect.listening import Listening, MessageCounts, OurMessages
+from ...dbc.dialect.listening import OURS, Listening, MessageCounts
 from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -96,8 +96,8 @@ class BusListener:
     ``error_frames``    which the listener's own CAN controller generates
     """
 
-    def __init__(self, listening: Listening | None = None) -> None:
-        self.listening = listening or OurMessages()
+    def __init__(self, listening: Listening = OURS) -> None:
+        self.listening = listening
         self._checks = {
             name: SequenceCheck(RULE, PERIOD_NS_MIN)
             for kind, name in NAMES.items()

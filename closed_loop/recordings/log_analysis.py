@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from ...dbc import messages
-from ...dbc.dialect.listening import Listening
+from ...dbc.dialect.listening import OURS, Listening
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -96,7 +96,7 @@ class LogAnalysis:
         self,
         rules: VerdictRules | None = None,
         preview_m: float = PREVIEW_M,
-        listening: Listening | None = None,
+        listening: Listening = OURS,
     ) -> None:
         self._held_path = HeldPath(rules or VerdictRules())
         self.listener = BusListener(listening)
@@ -350,7 +350,7 @@ def analyse_files(
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
     rules: VerdictRules | None = None,
     preview_m: float = PREVIEW_M,
-    listening: Listening | None = None,
+    listening: Listening = OURS,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 
@@ -359,7 +359,7 @@ def analyse_files(
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     ``rules``    of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
-    ``listening``  understands the bus; None for our own messages
+    ``listening``  understands the bus
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...controller.node.node import ControllerNode
 from ...dbc.dialect.dialect import read_dialect
-from ...dbc.dialect.listening import OurMessages
+from ...dbc.dialect.listening import OURS
 from ...dbc.dialect.overheard import Overheard
 from ...dbc.messages import LateralError, limits
 from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
@@ -131,7 +131,7 @@ def _ran(pair: Pair, bus: BusSettings) -> Ran:
 def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
     plant, edge = make_virtual_plant(pair.plant)
     dialect = read_dialect(FilePath(pair.dialect)) if pair.dialect else None
-    listening = OurMessages() if dialect is None else Overheard(dialect)
+    listening = OURS if dialect is None else Overheard(dialect)
     listener = DelayListener(pair.plant, pair.controller, listening)
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
         gateways = gateways_of(dialect, edge, controller)

@@ -226,6 +226,7 @@ class ControllerNode:
         ``lost``        frames that never arrived or arrived too late; ``rejected`` by cause
         """
         timer, law, reception = self._control_timer, self._law, self._received.reception
+        belief = law.belief
         return {
             "law": self._law_name,
             "rate_hz": self._rate_hz,
@@ -234,7 +235,7 @@ class ControllerNode:
             "failure": self._failure,
             "contradiction": self._plausibility.contradiction,
             "model": None if self._fit is None else self._fit.report(),
-            "believed": None if law.belief is None else law.belief._asdict(),
+            "believed": None if belief is None else belief._asdict(),
             "commands_sent": self._commands.sent.count,
             "plans_sent": self._commands.plans,
             "peak_steer_rad": self._figures.peak_steer_rad,

@@ -95,3 +95,7 @@ class OurMessages:
     def text(self, name: str, frame: Frame | None) -> str:  # noqa: ARG002
         """Return nothing: nothing here is of a car."""
         return ""
+
+
+OURS: Listening = OurMessages()
+"""The one such bus: it counts nothing, so that all who listen may share it."""

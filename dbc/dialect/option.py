@@ -14,7 +14,7 @@ from ...runtime.settings import Settings, SettingsError
 from ..messages import Message
 from ..secoc.key_option import run_secured_node
 from ..secoc.secured_frame import PLANT, End
-from .listening import Listening, OurMessages
+from .listening import OURS, Listening
 
 
 def add_dialect_argument(
@@ -25,9 +25,9 @@ def add_dialect_argument(
 
 
 def listening_in(dialect: Path | None) -> Listening:
-    """Return how one who only listens understands the bus; None for our own messages."""
+    """Return how one who only listens understands a bus; without a dialect it speaks our own."""
     if dialect is None:
-        return OurMessages()
+        return OURS
     from .dialect import read_dialect
     from .overheard import Overheard
 

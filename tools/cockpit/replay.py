@@ -15,7 +15,7 @@ from typing import Any
 
 from ...closed_loop.recordings.log_file import LogError, open_log
 from ...closed_loop.recordings.status_lights import Light
-from ...dbc.dialect.listening import Listening
+from ...dbc.dialect.listening import OURS, Listening
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lanes import lane_facts
@@ -30,11 +30,11 @@ _LIGHT_CHANGES_MAX = 20_000
 
 
 def read_replay(
-    files: Sequence[Path], channel: str | None = None, listening: Listening | None = None
+    files: Sequence[Path], channel: str | None = None, listening: Listening = OURS
 ) -> bytes:
     """Return the block of a recording, which may be several files; raises LogError.
 
-    ``listening``  understands the bus; None for our own messages
+    ``listening``  understands the bus
     """
     replay = _Replay(listening)
     cut_off = ""
@@ -68,7 +68,7 @@ class _Thinned:
 
 
 class _Replay:
-    def __init__(self, listening: Listening | None) -> None:
+    def __init__(self, listening: Listening) -> None:
         self._sampler = Sampler(0, listening=listening)
         self._start_ns: int | None = None
         self._now_ns = 0

@@ -21,7 +21,7 @@ from ...closed_loop.recordings.status_lights import Known, Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
-from ...dbc.dialect.listening import Listening, OurMessages
+from ...dbc.dialect.listening import OURS, Listening
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -120,7 +120,7 @@ class Sampler:
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
     ``ghosts``    None where no hand steers
-    ``listening``  understands the bus; None for our own messages
+    ``listening``  understands the bus
     """
 
     def __init__(
@@ -128,11 +128,11 @@ class Sampler:
         start_ns: int,
         path: Path | None = None,
         ghosts: Ghosts | None = None,
-        listening: Listening | None = None,
+        listening: Listening = OURS,
     ) -> None:
         self.start_ns = start_ns
-        self._listening = listening or OurMessages()
-        self._watch = BusWatch(start_ns, self._listening)
+        self._listening = listening
+        self._watch = BusWatch(start_ns, listening)
         self._path, self._ghosts = path, ghosts
         self._place = Place(path)
         self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}

@@ -10,7 +10,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from functools import partial
 from typing import NamedTuple
 
@@ -75,7 +75,7 @@ def _run(options: argparse.Namespace) -> int:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns, listening)
         if options.foxglove is not None:
-            server = stack.enter_context(FoxgloveServer(options.foxglove))
+            server = stack.enter_context(closing(FoxgloveServer(options.foxglove)))
             say(NAME, f"Foxglove: open a connection to {server.address}")
             watch = ServedWatch(start_ns, listening, server)
         if sys.stdout.isatty():

@@ -6,8 +6,7 @@ One topic for each message, named as in the DBC, from the first of its messages 
 import logging
 import time
 from importlib import import_module
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from ...closed_loop.recordings.bus_listener import ReceivedMessage, Taken
 from ...closed_loop.recordings.live_view import BusWatch
@@ -21,7 +20,7 @@ HOST = "127.0.0.1"
 
 
 class FoxgloveServer:
-    """Serves on a port of this machine until the end of the block; 0 is any free port.
+    """Serves on a port of this machine until ``close``; 0 is any free port.
 
     Raises SettingsError without the library, or where the port is taken.
     """
@@ -59,22 +58,15 @@ class FoxgloveServer:
         content = json_content(name, received.message)
         self._channels[name].log(content, log_time=self._epoch_ns + time_ns)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Stop serving."""
         self._server.stop()
 
 
 class ServedWatch(BusWatch):
     """A watch whose messages are served too."""
 
-    def __init__(self, start_ns: int, listening: Listening | None, server: FoxgloveServer) -> None:
+    def __init__(self, start_ns: int, listening: Listening, server: FoxgloveServer) -> None:
         super().__init__(start_ns, listening)
         self._server = server
 

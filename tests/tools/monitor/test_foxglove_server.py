@@ -4,6 +4,7 @@ import asyncio
 import json
 import struct
 import time
+from contextlib import closing
 from importlib.util import find_spec
 from itertools import count
 from typing import Any
@@ -12,6 +13,7 @@ import aiohttp
 import pytest
 
 from steer_by_wire.dbc.codec.protection import COUNTERS
+from steer_by_wire.dbc.dialect.listening import OURS
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
@@ -53,7 +55,7 @@ async def first_message(address: str) -> tuple[Any, int, Any]:
 
 
 async def heard_by_a_client(server: FoxgloveServer) -> tuple[Any, int, Any]:
-    sending = asyncio.create_task(keep_sending(ServedWatch(time.monotonic_ns(), None, server)))
+    sending = asyncio.create_task(keep_sending(ServedWatch(time.monotonic_ns(), OURS, server)))
     try:
         return await first_message(server.address)
     finally:
@@ -62,7 +64,7 @@ async def heard_by_a_client(server: FoxgloveServer) -> tuple[Any, int, Any]:
 
 def test_a_client_gets_every_signal_with_its_time_and_names() -> None:
     before_ns = time.time_ns()
-    with FoxgloveServer(0) as server:
+    with closing(FoxgloveServer(0)) as server:
         channel, time_ns, content = asyncio.run(heard_by_a_client(server))
     assert channel["topic"] == "/STEERING_COMMAND"
     assert json.loads(channel["schema"])["properties"]["mode_name"] == {"type": "string"}
@@ -76,7 +78,7 @@ def test_a_client_gets_every_signal_with_its_time_and_names() -> None:
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:
-    with FoxgloveServer(0) as server:
+    with closing(FoxgloveServer(0)) as server:
         port = int(server.address.rpartition(":")[2])
         with pytest.raises(SettingsError, match=rf"--foxglove {port}: .*; 0 takes any free port"):
             FoxgloveServer(port)
