@@ -1,12 +1,11 @@
-"""Pictures over mean latency and jitter: heat maps, one a law, and break-points over jitter.
+"""Pictures over mean latency and jitter: heat maps, one a law.
 
 A cell of a heat map holds the worst over everything else that varies (corners of the box, ...):
 
     RMS     the largest of the medians over replicates
     held    the smallest share of replicates that hold the path
 
-All laws share one scale of colours. Hatched are cells with a run that does not hold. Break-points
-are drawn as the median over seeds, its confidence interval, and what is held.
+All laws share one scale of colours. Hatched are cells with a run that does not hold.
 """
 
 from collections.abc import Sequence

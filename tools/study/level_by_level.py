@@ -4,7 +4,7 @@
 
 Every run is paired with that of the same law, replicate (so the same network, noise and seed) and
 levels of all other factors. Only factors with a few levels are compared. For those that are drawn,
-or belong to the network, see the heat maps and break-points.
+or belong to the network, see the heat maps.
 """
 
 from typing import NamedTuple

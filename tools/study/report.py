@@ -28,7 +28,6 @@ from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
-from .break_points import SEEDS, break_point_section, break_points, draw_break_points
 from .delay_errors import delay_sections
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
@@ -39,7 +38,7 @@ from .worst_runs import draw_worst, worst_runs, worst_section
 PAGE = "report.html"
 
 
-def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
+def write(folder: Path) -> Path:
     """Write page and pictures into the folder of the results; returns the page.
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
@@ -56,8 +55,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows),
     ]
-    if study.scenarios.study.bus is None:  # these run scenarios again, compiled
-        sections.append(_break_points(study, rows, axes, break_point_seeds))
+    if study.scenarios.study.bus is None:  # its runs are made again, compiled
         sections.append(_worst(study, rows))
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)
@@ -87,16 +85,6 @@ def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section | None:
         _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
     ]
     return map_section(axes, pictures)
-
-
-def _break_points(study: StudyRecord, rows: Rows, axes: StudyAxes, seeds: int) -> Section:
-    points = break_points(study, rows, axes, seeds)
-    pictures = (
-        [_save(study, "break_points", lambda: draw_break_points(points, axes, study.names))]
-        if len({point.jitter for point in points}) > 1
-        else []
-    )
-    return break_point_section(study, axes, points, pictures)
 
 
 def _worst(study: StudyRecord, rows: Rows) -> Section:

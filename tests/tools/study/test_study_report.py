@@ -1,11 +1,8 @@
 """The report of a study: what it aggregates by hand, its bounds, and the page as a whole."""
 
-import math
 import re
 import shlex
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -28,14 +25,6 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.against_pd import comparisons
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
-from steer_by_wire.tools.study.break_points import (
-    HELD_SHARE,
-    STEP_NS,
-    break_points,
-    held_bound,
-    largest_held,
-    median_interval,
-)
 from steer_by_wire.tools.study.heat_maps import heat_maps
 from steer_by_wire.tools.study.report import PAGE, write
 from steer_by_wire.tools.study.worst_runs import worst_runs
@@ -69,7 +58,7 @@ replicates = 2
 RUNS = 2 * 2 * 4 * 2 * 2
 PICTURES = (
     *("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held"),
-    *("break_points", "worst_runs"),
+    "worst_runs",
 )
 PNG = b"\x89PNG"
 
@@ -98,7 +87,7 @@ def study(results: Path) -> StudyRecord:
 
 
 def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
-    file = write(results, break_point_seeds=3)
+    file = write(results)
     text = file.read_text(encoding="utf-8")
     root = ET.fromstring(text.partition("\n")[2])  # noqa: S314 - our own page
     assert file == results / PAGE
@@ -151,8 +140,8 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
     assert len(axes.mean.values) <= LEVELS_MAX
     assert axes.mean.values == tuple(sorted(axes.mean.values))
     assert {int(place) for place in axes.mean.place} <= set(range(len(axes.mean.values)))
-    first = write(folder, break_point_seeds=1).read_bytes()
-    assert write(folder, break_point_seeds=1).read_bytes() == first
+    first = write(folder).read_bytes()
+    assert write(folder).read_bytes() == first
 
 
 def test_a_study_without_latencies_has_a_page_too_whose_pictures_are_the_same_bytes_again(
@@ -161,7 +150,6 @@ def test_a_study_without_latencies_has_a_page_too_whose_pictures_are_the_same_by
     bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 20.0", "duration_s = 2.0")
     folder = computed(tmp_path, bare)
     text = write(folder).read_text(encoding="utf-8")
-    assert "varies no mean latency" in text
     assert text.count("data:image/png;base64,") == 1
     assert write(folder).read_text(encoding="utf-8") == text
 
@@ -248,83 +236,3 @@ def test_the_worst_runs_are_the_rows_made_again(study: StudyRecord) -> None:
     for worst in found:
         again_rms_m = np.sqrt(np.mean(worst.run.lateral_error_m**2))
         assert again_rms_m == pytest.approx(rows.rms_m[worst.row], rel=1e-12)
-
-
-# Break-points
-
-
-@pytest.mark.parametrize("edge", [-1, 0, 1, 17, 99, 100])
-@pytest.mark.parametrize("guess", [0, 16, 40, 100, 1000])
-def test_the_search_finds_the_edge_from_anywhere_and_asks_little(edge: int, guess: int) -> None:
-    asked: list[int] = []
-
-    def holds(at: int) -> bool:
-        asked.append(at)
-        return at <= edge
-
-    assert largest_held(holds, guess, 100) == edge
-    assert len(asked) == len(set(asked)) <= 14
-    assert min(asked) >= 0
-    assert max(asked) <= 100
-
-
-def test_the_bound_of_the_lowest_of_29_is_that_of_clopper_and_pearson() -> None:
-    from scipy.stats import beta
-
-    ascending = tuple(float(value) for value in range(29))
-    assert held_bound(ascending, HELD_SHARE, 0.95) == 0.0
-    assert math.isnan(held_bound(ascending[:28], HELD_SHARE, 0.95))
-    assert beta.ppf(0.05, 29, 1) > HELD_SHARE > beta.ppf(0.05, 28, 1)
-
-
-def coverage(draw: Callable[[Any], Any], is_right: Callable[[tuple[float, ...]], bool]) -> float:
-    random = np.random.default_rng(5)
-    return float(np.mean([is_right(tuple(sorted(draw(random).tolist()))) for _ in range(2000)]))
-
-
-def test_the_bounds_are_right_as_often_as_they_say() -> None:
-    """From below: 95 %. From above: what the steps of the binomial allow."""
-    low = coverage(lambda r: r.random(60), lambda b: held_bound(b, 0.9, 0.95) <= 0.1)
-    assert 0.94 < low < 0.99
-
-    def holds_the_median(ascending: tuple[float, ...]) -> bool:
-        first, last = median_interval(ascending, 0.95)
-        return first <= 0.5 <= last
-
-    assert 0.94 < coverage(lambda r: r.random(29), holds_the_median) < 0.99
-    assert median_interval((1.0, 2.0), 0.95) == (-math.inf, math.inf)
-    for count, first in ((5, -math.inf), (6, 1.0), (8, 1.0), (9, 2.0), (10, 2.0)):  # as in tables
-        ascending = tuple(map(float, range(1, count + 1)))
-        assert median_interval(ascending, 0.95)[0] == first
-
-
-def test_a_break_point_lies_between_what_holds_and_what_does_not(study: StudyRecord) -> None:
-    rows = read_rows(study)
-    axes = study_axes(study, rows)
-    points = break_points(study, rows, axes, count=2)
-    assert {(point.controller, point.jitter) for point in points} == {
-        (0, 0),
-        (0, 1),
-        (1, 0),
-        (1, 1),
-    }
-    for point in points:
-        # 100 ms holds at every corner, 900 ms at none.
-        assert all(0.1 <= value < 0.9 for value in point.by_seed_s)
-        steps = np.array(point.by_seed_s) * 1e9 / STEP_NS
-        np.testing.assert_allclose(steps, np.round(steps))
-    without_jitter = [point for point in points if point.jitter == 0]
-    assert all(len(set(point.by_seed_s)) == 1 for point in without_jitter)
-
-
-def test_a_break_point_beyond_the_study_is_found_where_the_law_breaks_first(
-    study: StudyRecord, tmp_path: Path
-) -> None:
-    """Where all runs hold, the slow corners have the largest errors, but the fast ones break."""
-    mild = read_study(computed(tmp_path, STUDY.replace("[0.1, 0.9]", "[0.1, 0.15]")))
-    found = []
-    for one in (study, mild):
-        rows = read_rows(one)
-        found.append(break_points(one, rows, study_axes(one, rows), count=1))
-    assert read_rows(mild).holds.all()
-    assert [point.by_seed_s for point in found[0]] == [point.by_seed_s for point in found[1]]
