@@ -12,7 +12,6 @@ program: handlers of signals, what is to be done at the end, open files.
 """
 
 import atexit
-import fcntl
 import gc
 import inspect
 import json
@@ -244,6 +243,8 @@ def _run(request: Request, descriptors: Sequence[int]) -> NoReturn:
 
 def _place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
     """Give the descriptors these numbers, and close all others."""
+    import fcntl  # only Unix has it, and who forks is on Unix
+
     above = max(*descriptors, *numbers) + 1
     moved = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, above) for descriptor in descriptors]
     for descriptor, number in zip(moved, numbers, strict=True):

@@ -3,8 +3,7 @@
     steer-by-wire study --list
     steer-by-wire study compare --dry-run
     steer-by-wire study STUDY [--out DIR] [--workers N]
-    steer-by-wire study STUDY --replay ID [--live BUS]
-    steer-by-wire study STUDY --live BUS --subset N
+    steer-by-wire study STUDY --replay ID
     steer-by-wire study --report DIR
 
 Ctrl-C ends it and keeps the computed runs; the same command continues from there. The bytes of the
@@ -38,16 +37,8 @@ from steer_by_wire.runtime.command_line import command_parser, run_main, whole_n
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.stop_request import StopRequest
-from steer_by_wire.runtime.settings import SettingsError, preset_names
-from steer_by_wire.tools.study.repeated_runs import (
-    commands,
-    live_line,
-    open_bus,
-    replay,
-    replay_lines,
-    run_live,
-    subset,
-)
+from steer_by_wire.runtime.settings import preset_names
+from steer_by_wire.tools.study.repeated_runs import commands, replay, replay_lines
 
 NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
@@ -85,24 +76,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
     )
-    again = parser.add_argument_group("repeated runs")
-    again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
-    again.add_argument(
-        "--live",
-        metavar="BUS",
-        help="repeat with the real programs in real time: emulated, vcan0 or INTERFACE:CHANNEL",
-    )
-    again.add_argument(
-        "--subset", type=whole_number(1, 4096), metavar="N",
-        help="number of runs of --live, spread evenly",
-    )  # fmt: skip
+    parser.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
     options = parser.parse_args(arguments)
     if (options.study is not None) + options.list + (options.report is not None) != 1:
         parser.error("give one of STUDY, --list and --report DIR")
-    if options.live and options.replay is None and options.subset is None:
-        parser.error("--live needs --subset N or --replay ID")
-    if options.subset is not None and not options.live:
-        parser.error("--subset belongs to --live")
     return run_main(NAME, partial(_run, options))
 
 
@@ -133,15 +110,11 @@ def _run_study(options: argparse.Namespace) -> int:
     if options.dry_run:
         _print_estimate(console, scenarios, _at_once(options))
         return ExitStatus.OK
-    if options.live and scenarios.study.bus is not None:
-        raise SettingsError("--live: a study over a bus runs in virtual time only")
     store.open(options.study.read_text(encoding="utf-8"))
     stop = StopRequest()
     with stop.on_signals():
-        if options.replay is not None or options.live:
-            status = _replay(options, console, store, Computer(scenarios))
-            live = _live(options, console, store, scenarios, stop) if options.live else status
-            return live or status
+        if options.replay is not None:
+            return _replay(options.replay, console, store, Computer(scenarios))
         with _workers(options, scenarios) as workers:
             is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
     if not is_complete:
@@ -238,41 +211,19 @@ def _per_s(rate: float) -> str:
     return f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
 
 
-def _replay(options: argparse.Namespace, console: Console, store: Store, computer: Computer) -> int:
-    if options.replay is None:
-        return ExitStatus.OK
-    made = replay(store, computer, options.replay)
+def _replay(run: int, console: Console, store: Store, computer: Computer) -> int:
+    made = replay(store, computer, run)
     for command in commands(made.pair, made.files):
         console.print(f"again: {command}")
     for line in replay_lines(made):
         console.print(line)
     if made.stored is None:
-        console.print(f"run {options.replay} is not stored yet: computed anew and compared")
+        console.print(f"run {run} is not stored yet: computed anew and compared")
     if made.differences:
         console.print(f"different: {', '.join(made.differences)}")
         return DIFFERENT
     console.print("every figure is the same to the last digit")
     return ExitStatus.OK
-
-
-def _live(
-    options: argparse.Namespace,
-    console: Console,
-    store: Store,
-    scenarios: Scenarios,
-    stop: StopRequest,
-) -> int:
-    runs = scenarios.study.runs
-    ids = [options.replay] if options.replay is not None else subset(runs, options.subset)
-    folder = store.folder / "live"
-    folder.mkdir(parents=True, exist_ok=True)
-    console.print(f"live: {len(ids)} runs on {options.live}, in real time; study -> live")
-    with open_bus(options.live, folder) as bus:
-        computer = Computer(scenarios)
-        done = run_live(computer, ids, bus, folder, lambda one: console.print(live_line(one)), stop)
-    same = sum(one.study["verdict"] == one.live["verdict"] for one in done)
-    console.print(f"live: {same} of {len(done)} verdicts are the same; {folder / 'live.json'}")
-    return ExitStatus.INTERRUPTED if stop() else ExitStatus.OK
 
 
 def _report(console: Console, folder: Path) -> None:

@@ -264,20 +264,6 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
     assert lost.measurements[len(plan.sample_ns)] == report["uplink"]["lost"] > 0
 
 
-def test_a_live_subset_is_spread_evenly() -> None:
-    assert repeated_runs.subset(100, 4) == [12, 37, 62, 87]
-    assert repeated_runs.subset(3, 10) == [0, 1, 2]
-
-
-@pytest.mark.parametrize("bus", ["nosuchcan0", "udp_multicast:", ":vcan0"])
-def test_a_live_bus_that_cannot_be_is_refused(bus: str, tmp_path: Path) -> None:
-    with (
-        pytest.raises(SettingsError, match=f"--live {bus}: "),
-        repeated_runs.open_bus(bus, tmp_path),
-    ):
-        pass
-
-
 def test_the_program_says_sizes_runs_and_replays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,14 +284,12 @@ def test_the_program_says_sizes_runs_and_replays(
     assert "the study has runs 0 to 47" in capsys.readouterr().err
     assert study_program.main(["none.toml"]) == ExitStatus.SETTINGS
     assert "none.toml: cannot be read" in capsys.readouterr().err
+    assert study_program.main(["study.toml", "--out", "study.toml"]) == ExitStatus.SETTINGS
+    assert "--out study.toml is a file: give the name of a folder" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("of_live", "of_both"),
-    [(ExitStatus.OK, study_program.DIFFERENT), (ExitStatus.INTERRUPTED, ExitStatus.INTERRUPTED)],
-)
-def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
-    whole: Store, monkeypatch: pytest.MonkeyPatch, of_live: int, of_both: int
+def test_a_replay_that_differs_ends_with_a_status_of_its_own(
+    whole: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def differing(store: Store, computer: Computer, run: int) -> repeated_runs.Replay:
         made = repeated_runs.replay(store, computer, run)
@@ -313,7 +297,6 @@ def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
         return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
 
     monkeypatch.setattr(study_program, "replay", differing)
-    monkeypatch.setattr(study_program, "_live", lambda *_: of_live)
     study = whole.folder.parent / "study.toml"
-    words = [str(study), "--out", str(whole.folder), "--replay", "1", "--live", "emulated"]
-    assert study_program.main(words) == of_both
+    words = [str(study), "--out", str(whole.folder), "--replay", "1"]
+    assert study_program.main(words) == study_program.DIFFERENT

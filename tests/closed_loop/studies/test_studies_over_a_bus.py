@@ -141,14 +141,6 @@ def test_a_bus_that_cannot_be_is_refused(tmp_path: Path, text: str, complaint: s
         run_study(study_file(tmp_path, text))
 
 
-def test_a_bus_of_virtual_time_is_not_run_live(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = study_file(tmp_path, FACTORS)
-    assert run_program([str(file), "--live", "vcan0", "--subset", "1"]) == ExitStatus.SETTINGS
-    assert "a study over a bus runs in virtual time only" in capsys.readouterr().err
-
-
 def test_two_processes_give_the_same_bytes(
     noisy: Noisy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
