@@ -17,19 +17,8 @@ from steer_by_wire.tools.design.frontier.frontier import Row
 from steer_by_wire.tools.design.frontier.sweep import Point
 from steer_by_wire.tools.design.frontier.trials import Trials
 from steer_by_wire.tools.design.stop_and_resume import KeptCosts
-from steer_by_wire.tools.paper.result import (
-    Comparison,
-    Reproduction,
-    Verdict,
-    read_written,
-    write_reproduction,
-)
 
 COSTS = {f"design {n}": 1.0 / (n + 3) for n in range(4)}
-COMPARISON = Comparison("gain at 1 Hz", "1.25", "1.26", True, "", "")
-REPRODUCTION = Reproduction(
-    "table_2", "Table 2", "a caption", (), (COMPARISON,), Verdict.REPRODUCED, "it is close"
-)
 
 
 class Kept(NamedTuple):
@@ -66,11 +55,6 @@ def write_frontier(folder: Path) -> None:
 
 
 FILES = (
-    Kept(
-        "table_2.json",
-        lambda folder: write_reproduction(REPRODUCTION, folder),
-        lambda folder: read_written(folder, ["table_2"]),
-    ),
     Kept("costs", write_costs, read_costs, is_by_line=True),
     Kept(
         "pd.json",

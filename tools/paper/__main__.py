@@ -3,7 +3,7 @@
     steer-by-wire paper [--figure N ...] [--table N ...] [--all] [--out DIR]
 
 Writes to DIR a PNG and a CSV for each picture and a JSON for each figure. ``index.html``, written
-last, shows published and reproduced values side by side, with a verdict.
+last, shows published and reproduced values of these side by side, with a verdict.
 """
 
 import argparse
@@ -24,14 +24,10 @@ from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_cons
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
+from steer_by_wire.runtime.program.report import refuse_another_run
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
-from steer_by_wire.tools.paper.result import (
-    Reproduction,
-    Written,
-    read_written,
-    write_reproduction,
-)
+from steer_by_wire.tools.paper.result import Reproduction, Written, write_reproduction
 
 
 class Entry(NamedTuple):
@@ -54,15 +50,12 @@ def _figure(number: int, module: str) -> Entry:
 
 
 ENTRIES = (
-    _figure(2, "uncertainty_figure"),
     _figure(7, "parameter_space_figures"),
     _figure(8, "parameter_space_figures"),
     _figure(9, "uncertainty_figure"),
     _figure(10, "frequency_figures"),
     _figure(11, "frequency_figures"),
     _figure(12, "network_figure"),
-    _figure(14, "path_figures"),
-    _figure(15, "path_figures"),
     *(_figure(number, "dob_figures") for number in range(16, 21)),
     Entry("table_2", "table", "2", "table_2", "table_2"),
     *(_figure(number, "delay_figures") for number in range(21, 25)),
@@ -72,7 +65,9 @@ ENTRIES = (
 NOT_COMPUTED = {
     "figure": {
         "1": "a sketch of the vehicle",
+        "2": "the uncertainty box, an input",
         **dict.fromkeys(("3", "4", "5", "6", "13"), "a block diagram"),
+        **dict.fromkeys(("14", "15"), "the path, an ellipse whose axes the text does not say"),
     },
     "table": {"1": "the vehicle's parameters, an input"},
 }
@@ -120,6 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     console = plain_console()
     entries = selected(options.figure, options.table, everything=options.all)
+    refuse_another_run(options.out, {})
     options.out.mkdir(parents=True, exist_ok=True)
     reproduce_all(entries, options.out, console)
     return ExitStatus.OK
@@ -147,6 +143,7 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
     A failure does not keep the others from being written; the first one is raised at the end.
     """
     start_s = time.perf_counter()
+    written: list[Written] = []
     failures: list[BaseException] = []
     tables_first = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
     with worker_pool(min(WORKERS, len(entries))) as pool, counting_bars(console) as bars:
@@ -156,11 +153,12 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
             bars.advance(task)
             failure, key = future.exception(), running[future].key
             if failure is None:
-                console.print(f"{key:18}  {future.result().verdict}")
+                written.append(future.result())
+                console.print(f"{key:18}  {written[-1].verdict}")
             else:
                 console.print(f"{key:18}  failed: {failure}")
                 failures.append(failure)
-    index = write_index(out)
+    index = write_index(out, written)
     elapsed_s = time.perf_counter() - start_s
     console.print(f"{len(entries) - len(failures)} results in {elapsed_s:.0f} s: {index}")
     if failures:
@@ -173,11 +171,12 @@ def reproduce(key: str, out: str) -> Written:
         return write_reproduction(function_of(entry_of(key))(), Path(out))
 
 
-def write_index(out: Path) -> Path:
-    """Write the page of everything in a folder; returns its path."""
-    written = read_written(out, [entry.key for entry in ENTRIES])
+def write_index(out: Path, written: Sequence[Written]) -> Path:
+    """Write the page of what was computed, in the order of the paper; returns its path."""
+    keys = [entry.key for entry in ENTRIES]
+    in_order = sorted(written, key=lambda one: keys.index(one.key))
     index = out / "index.html"
-    page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
+    page = index_page(in_order, lambda name: (out / f"{name}.png").read_bytes())
     write_text(index, page)
     return index
 

@@ -47,7 +47,7 @@ def figure_20() -> Reproduction:
         verdict_of(falls, is_corrected=True),
         "What the text says of it holds, with C_r = 500,000 N/rad as with the printed 50,000. The "
         "disturbance is read as the path's curvature acting on the nominal vehicle, and the path "
-        "is the one inferred for Figure 14. No value of the curves is printed.",
+        "is the one inferred for Table II. No value of the curves is printed.",
     )
 
 
@@ -69,7 +69,7 @@ def _corner_figure(number: int) -> Reproduction:
         verdict_of(comparisons, is_corrected=True),
         "That the DOB reduces the error holds with either C_r. The numbers are unknown: "
         "of the curves nothing is printed but the RMS in Table II. That of the curve without DOB "
-        "comes out within 0.0002 m with C_r = 500,000 N/rad and the path inferred for Figure 14, "
+        "comes out within 0.0002 m with C_r = 500,000 N/rad and the path inferred from it, "
         "and that of the curve with DOB does not: (11) as printed leaves far less error. Table "
         "II has what was tried.",
     )

@@ -1,4 +1,4 @@
-"""Printed results of SAE 2018-01-1086: Table II, and the text on figures 14 to 24.
+"""Printed results of SAE 2018-01-1086: Table II, and the text on figures 16 to 24.
 
 Nothing here is computed. The paper shows the runs themselves only as pictures: its text gives
 neither the axes of the ellipse, nor the duration, nor a value of any curve.
@@ -31,7 +31,6 @@ TABLE_2 = (
 REAR_CORNERING_STIFFNESS_N_RAD = 50_000.0
 """C_r as Table I prints it."""
 
-FIGURE_14 = "an elliptical route (section VIII)"
 FIGURES_16_TO_20 = "with DOB the path following error decreases obviously (section VIII)"
 TABLE_2_CLAIM = "the smaller errors in the presence of disturbance observer (section VIII)"
 FIGURE_20 = "external disturbance is added due to road curvature input (section VIII)"

@@ -1,25 +1,21 @@
 """The reproduction of one figure or table: pictures, data, a verdict, and the files of these.
 
-A PNG and a CSV per picture, and a summary as JSON. The index page is made of the summaries, so that
-figures computed one by one still end up on one page.
+A PNG and a CSV per picture, and a summary as JSON.
 """
 
 import csv
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
-from pydantic import ConfigDict, TypeAdapter
 
 from ...runtime.array_types import FloatArray
 from ...runtime.output_file import open_text, write_text
-from ...runtime.sealed_record import sealed, unsealed
-from ...runtime.settings import SettingsError
 
 
 class Verdict(StrEnum):
@@ -121,9 +117,6 @@ class Written(NamedTuple):
     why: str
 
 
-_RECORD = TypeAdapter(Written, config=ConfigDict(strict=True))
-
-
 def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
     """Write all files of a reproduction, the summary last; raises OSError."""
     for picture in reproduction.pictures:
@@ -134,8 +127,7 @@ def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
     record = written._asdict() | {
         "comparisons": [comparison._asdict() for comparison in written.comparisons]
     }
-    text = json.dumps(sealed(record), indent=1, ensure_ascii=False)
-    write_text(_summary(folder, written.key), text)
+    write_text(folder / f"{written.key}.json", json.dumps(record, indent=1, ensure_ascii=False))
     return written
 
 
@@ -148,26 +140,3 @@ def write_columns(picture: Picture, file: Path) -> None:
             *(values.tolist() for values in picture.columns.values()), fillvalue=math.nan
         )
         writer.writerows(["" if math.isnan(one) else repr(one) for one in row] for row in rows)
-
-
-def read_written(folder: Path, keys: Iterable[str]) -> list[Written]:
-    """Return the summaries in a folder, in the order of ``keys``.
-
-    Raises SettingsError naming an invalid summary.
-    """
-    files = [_summary(folder, key) for key in keys]
-    return [_read(file) for file in files if file.is_file()]
-
-
-def _summary(folder: Path, key: str) -> Path:
-    return folder / f"{key}.json"
-
-
-def _read(file: Path) -> Written:
-    try:
-        content = unsealed(json.loads(file.read_bytes()))
-        return _RECORD.validate_json(json.dumps(content))
-    except (RecursionError, TypeError, ValueError) as error:
-        raise SettingsError(
-            f"{file}: is not a summary of this program; delete it, or choose another --out"
-        ) from error

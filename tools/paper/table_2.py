@@ -16,18 +16,17 @@ from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.settings import controller_preset
 from ...runtime.array_types import FloatArray
 from . import published
-from .continuous_runs import PATH, PD, order_2, table_2_row
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate
 
-DURATION_S = PATH.duration_s
+DURATION_S = 200.0
 CORRECTED, PRINTED = 500e3, published.REAR_CORNERING_STIFFNESS_N_RAD
 TOLERANCE_M = 2e-4
 """Twice the last printed digit: the axes of the ellipse are fitted, and rounded."""
 
 _WHY = (
     "PD row: reproduced with C_r = 500,000 N/rad instead of the printed 50,000, on the ellipse of "
-    "78.2 m by 41.74 m for 200 s (inferred, see Figure 14). With the printed C_r the RMS falls "
+    "78.2 m by 41.74 m for 200 s (inferred). With the printed C_r the RMS falls "
     "with mass where the paper's rises, and it would on any path: a steady turn takes a steer of "
     "l + m V² (c_r l_r - c_f l_f)/(c_f c_r l) times its curvature, and c_r l_r < c_f l_f there. "
     "PD+DOB row: its numbers do not come out. (11) with Q of (20) at 5 rad/s leaves 2 to 4 % of "
@@ -84,8 +83,7 @@ def table_2() -> Reproduction:
         "RMS tracking errors of PD and PD with DOB",
         "K_p = 1.0596, K_d = 0.939, ideal derivative; DOB with G_n of (19) and Q of (20), "
         "ω_c = 5 rad/s; sampled at 1 kHz, no delay. Columns: 4 km/h 1600 kg, 4 km/h 5000 kg, "
-        "7 km/h 1600 kg, 7 km/h 5000 kg. Row “continuous”: the same loop as one rational function, "
-        "without sampling and without the nodes.",
+        "7 km/h 1600 kg, 7 km/h 5000 kg.",
         (Picture("table_2", _draw(pd, dob), _columns([*pd, *dob])),),
         comparisons,
         verdict_of(comparisons, is_corrected=True),
@@ -94,12 +92,10 @@ def table_2() -> Reproduction:
 
 
 def _rows(law: str, preset: str, published_m: Sequence[float]) -> list[Row]:
-    observer = PD if law == "PD" else order_2(5.0)
     return [
         Row(f"{law}, published", tuple(published_m)),
         simulated_row(f"{law}, C_r = 500,000 N/rad", preset, CORRECTED),
         simulated_row(f"{law}, C_r = 50,000 N/rad", preset, PRINTED),
-        Row(f"{law}, C_r = 500,000 N/rad, continuous", table_2_row(observer, PATH)),
     ]
 
 
@@ -177,15 +173,14 @@ def _columns(rows: Sequence[Row]) -> dict[str, FloatArray]:
 def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(10.5, 4.4))
     for axes, rows, law in zip(figure.subplots(1, 2), (pd, dob), ("PD", "PD+DOB"), strict=True):
-        shown = rows[:3]
         colours = ("0.55", *COLOURS[:4])
-        for index, (row, colour) in enumerate(zip(shown, colours, strict=False)):
+        for index, (row, colour) in enumerate(zip(rows, colours, strict=False)):
             places = np.arange(4) + 0.27 * (index - 1)
             bars = axes.bar(places, row.rms_m, 0.25, color=colour, label=row.label.split(", ")[1])
             axes.bar_label(bars, fmt="%.4f", fontsize=7.5, rotation=90, padding=3)
         axes.set_xticks(range(4), _corner_labels())
         axes.set_ylabel("RMS lateral error [m]")
-        axes.set(ylim=(0.0, 1.3 * max(max(row.rms_m) for row in shown)), title=law)
+        axes.set(ylim=(0.0, 1.3 * max(max(row.rms_m) for row in rows)), title=law)
         axes.grid(visible=False, axis="x")
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)

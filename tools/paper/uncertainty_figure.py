@@ -1,6 +1,4 @@
-"""Figures 2 and 9: the uncertainty box, and the small gain condition (23) of the DOB.
-
-The box is V by m/μ. Beside (23) stands what is exact:
+"""Figure 9: the small gain condition (23) of the DOB, and beside it what is exact.
 
     |Q(jω)| < 1/|Δ_m(jω)| for all ω,   Δ_m = (G e^(-sT) - G_n)/G_n
 
@@ -16,7 +14,6 @@ from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.continuous_filters import q_order_2, q_type_2
 from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
-from ...runtime.array_types import FloatArray
 from .continuous_loop import closed_loop_roots, dob_alone
 from .corners import CORNERS, corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
@@ -29,65 +26,6 @@ from .small_gain import (
     largest_uncertainty,
     multiplicative_uncertainty,
 )
-
-
-def figure_2() -> Reproduction:
-    """Return the uncertainty box with its vertices."""
-    box = paper_box()
-    speeds_km_h = np.array([3.6 * vehicle.speed_m_s for vehicle in box.vertices()])
-    masses_kg = np.array([vehicle.virtual_mass_kg for vehicle in box.vertices()])
-    lightest_kg, heaviest_kg = 1600.0 / 1.0, 2000.0 / 0.4
-    figure = _draw_box(speeds_km_h, masses_kg)
-    return Reproduction(
-        key="figure_02",
-        title="Figure 2: parametric uncertainty box",
-        caption="V from 4 to 7 km/h, m from 1600 to 2000 kg, μ from 0.4 to 1; nominal 5 km/h,"
-        " 2000 kg, μ = 1.",
-        pictures=(
-            Picture("figure_02", figure, {"speed_km_h": speeds_km_h, "virtual_mass_kg": masses_kg}),
-        ),
-        comparisons=(
-            Comparison(
-                "virtual mass m/μ",
-                "1600 to 5000 kg",
-                f"{lightest_kg:.0f} to {heaviest_kg:.0f} kg",
-                (masses_kg.min(), masses_kg.max()) == (lightest_kg, heaviest_kg),
-            ),
-        ),
-        verdict=Verdict.REPRODUCED,
-        why="Arithmetic on the text's ranges. Which letter is which vertex is not in the text; here"
-        " they follow the columns of Table II.",
-    )
-
-
-def _draw_box(speeds_km_h: FloatArray, masses_kg: FloatArray) -> Figure:
-    nominal = paper_box().nominal
-    nominal_km_h = 3.6 * nominal.speed_m_s
-    figure = Figure(figsize=(6.4, 4.6))
-    axes = figure.subplots()
-    outline = [0, 1, 3, 2, 0]
-    axes.fill(speeds_km_h[outline], masses_kg[outline], color=COLOURS[1], alpha=0.12)
-    axes.plot(speeds_km_h[outline], masses_kg[outline], color=COLOURS[1])
-    axes.plot(nominal_km_h, nominal.virtual_mass_kg, "kx", ms=8)
-    axes.annotate(
-        f"nominal: {nominal_km_h:.0f} km/h, {nominal.virtual_mass_kg:.0f} kg",
-        (nominal_km_h, nominal.virtual_mass_kg),
-        xytext=(8, 6),
-        textcoords="offset points",
-    )
-    for label, speed_km_h, mass_kg in zip(corner_labels(), speeds_km_h, masses_kg, strict=True):
-        axes.plot(speed_km_h, mass_kg, "o", color=COLOURS[0])
-        axes.annotate(
-            label,
-            (speed_km_h, mass_kg),
-            xytext=(0, 8 if mass_kg > nominal.virtual_mass_kg else -17),
-            textcoords="offset points",
-            ha="center",
-        )
-    axes.set(xlabel="speed V [km/h]", ylabel="virtual mass m/μ [kg]")
-    axes.set(xlim=(3.2, 7.8), ylim=(1000.0, 5600.0), title="Uncertainty box")
-    return figure
-
 
 CUTOFF_RAD_S = 5.0
 """ω_c of section VI.B.1."""

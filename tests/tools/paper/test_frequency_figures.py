@@ -22,7 +22,7 @@ from steer_by_wire.tools.paper.network_figure import (
     network_verdict,
 )
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
-from steer_by_wire.tools.paper.uncertainty_figure import exact_cutoffs, figure_2, figure_9
+from steer_by_wire.tools.paper.uncertainty_figure import exact_cutoffs, figure_9
 
 
 def decibels(ratio: float) -> float:
@@ -40,15 +40,6 @@ def check_form(reproduction: Reproduction, key: str) -> None:
         assert picture.figure.axes[-1].get_xlabel()
     assert reproduction.comparisons
     assert reproduction.why
-
-
-def test_figure_2_is_the_box_of_the_text() -> None:
-    reproduction = figure_2()
-    check_form(reproduction, "figure_02")
-    assert reproduction.verdict is Verdict.REPRODUCED
-    columns = reproduction.pictures[0].columns
-    np.testing.assert_allclose(columns["speed_km_h"], [4.0, 4.0, 7.0, 7.0])
-    np.testing.assert_allclose(columns["virtual_mass_kg"], [1600.0, 5000.0, 1600.0, 5000.0])
 
 
 def test_figure_9_meets_its_condition_at_every_vertex() -> None:

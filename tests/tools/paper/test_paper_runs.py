@@ -13,17 +13,11 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
+from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.paper import published
-from steer_by_wire.tools.paper.continuous_runs import (
-    PATH,
-    DrivenEllipse,
-    Observer,
-    curvature_met,
-    order_2,
-    table_2_row,
-)
-from steer_by_wire.tools.paper.continuous_runs import PD as NO_OBSERVER
 from steer_by_wire.tools.paper.delay_runs import (
     CDOB,
     DDOB,
@@ -38,40 +32,37 @@ from steer_by_wire.tools.paper.delay_runs import (
     mean_before,
     peak,
 )
-from steer_by_wire.tools.paper.simulation import PAPER_DELAY_S, thinned
-from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, corner_run
+from steer_by_wire.tools.paper.simulation import PAPER_DELAY_S, paper_plant, simulate, thinned
+from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, simulated_row
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
 
 
 def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
-    assert table_2_row(NO_OBSERVER, PATH) == pytest.approx(PD_ROW_M, abs=2e-4)
+    assert simulated_row("", "paper_pd", CORRECTED).rms_m == pytest.approx(PD_ROW_M, abs=2e-4)
 
 
 def test_another_ellipse_gives_the_pd_row_too_so_that_it_does_not_report_the_axes() -> None:
-    row_m = table_2_row(NO_OBSERVER, DrivenEllipse(86.8, 32.3, 100.0))
-    assert row_m == pytest.approx(PD_ROW_M, abs=2e-4)
+    ellipse = {"kind": "ellipse", "semi_major_axis_m": 86.8, "semi_minor_axis_m": 32.3}
+    path = EllipseSettings.model_validate(ellipse)
+    for column in published.TABLE_2:
+        plant = paper_plant(f"paper_corner_{column.corner}", "duration_s=100")
+        run = simulate(plant.model_copy(update={"path": path}), controller_preset("paper_pd"))
+        assert rms(run.lateral_error_m) == pytest.approx(column.pd_m, abs=2e-4)
 
 
 def test_the_printed_stiffness_gives_the_mass_trend_the_wrong_sign() -> None:
-    light_slow, heavy_slow, light_fast, heavy_fast = table_2_row(NO_OBSERVER, PATH, PRINTED)
+    row = simulated_row("", "paper_pd", PRINTED)
+    light_slow, heavy_slow, light_fast, heavy_fast = row.rms_m
     assert -0.001 < heavy_slow - light_slow < -0.0003
     assert -0.002 < heavy_fast - light_fast < -0.001
 
 
 def test_the_pd_dob_row_is_a_thirtieth_of_the_pd_row_and_not_half_of_it() -> None:
-    row_m = table_2_row(order_2(5.0), PATH)
-    assert row_m == pytest.approx((0.00135, 0.00135, 0.00176, 0.00178), abs=1e-5)
+    row_m = simulated_row("", "paper_pd_dob", CORRECTED).rms_m
+    assert row_m == pytest.approx((0.00135, 0.00135, 0.00176, 0.00178), abs=3e-5)
     assert all(ours < 0.06 * theirs for ours, theirs in zip(row_m, PD_DOB_ROW_M, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("preset", "observer"), [("paper_pd", NO_OBSERVER), ("paper_pd_dob", order_2(5.0))]
-)
-def test_the_nodes_drive_what_the_continuous_loop_says(preset: str, observer: Observer) -> None:
-    driven_m = rms(corner_run("d", preset, CORRECTED).lateral_error_m)
-    assert driven_m == pytest.approx(table_2_row(observer, PATH)[3], abs=3e-5)
 
 
 def test_a_lap_is_the_circumference_over_the_speed() -> None:
@@ -121,7 +112,9 @@ def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated
     plant = delayed_plant(60.0)
     run = drive([CDOB.changed(*FILTER)], plant)[CDOB.label]
     speed_m_s = plant.vehicle.speed_m_s
-    time_s, rho_1_m = curvature_met(speed_m_s, PATH._replace(duration_s=60.0))
+    path = build_path(plant.path)
+    time_s = np.linspace(0.0, 60.0, 1201)
+    rho_1_m = np.array([curvature(path, speed_m_s * at_s) for at_s in time_s])
     heading_rad = cumulative_trapezoid(speed_m_s * rho_1_m, time_s, initial=0.0)
     unsteered_m = -trapezoid(speed_m_s * heading_rad, time_s)
     assert peak(run.wheel_angle_rad) < 1e-3
