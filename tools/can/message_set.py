@@ -12,7 +12,7 @@ from ...runtime.frame.length_with_stuff_bits import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
-from .response_time_bounds import Traffic, Wire, miss_probability, wire_of, worst_response_ns
+from .response_time_bounds import Traffic, Wire, load, miss_probability, wire_of, worst_response_ns
 
 
 class BusSettings(NamedTuple):
@@ -166,3 +166,8 @@ def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]
         bound_ns = worst_response_ns(message.bound, bounds, wire)
         responses.append(Response(message, bound_ns, miss))
     return responses
+
+
+def load_of(messages: Sequence[SentMessage], bus: BusSettings) -> float:
+    """Return the share of the time that the bus is busy, in the mean."""
+    return load([m.bound._replace(period_ns=m.mean_period_ns) for m in messages], bus.wire())

@@ -3,8 +3,8 @@
     steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 
 Several files share one bus. Messages without a cycle time are left out and named, unless
-``--period NAME=MS`` gives one. Where the set has this project's steering messages, the delay that
-the bus adds to them stands beside what each law tolerates. Exit status 0 whatever it finds.
+``--period NAME=MS`` gives one. ``steer-by-wire check`` says which delay a law tolerates. The exit
+status is 0 whatever it finds.
 """
 
 import argparse
@@ -19,14 +19,9 @@ from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.tools.can.message_set import (
     BusSettings,
     Response,
+    load_of,
     read_messages,
     respond,
-)
-from steer_by_wire.tools.can.steering import (
-    DEFAULT_PRESETS,
-    Steering,
-    Tolerance,
-    steering_of,
 )
 
 if TYPE_CHECKING:
@@ -60,10 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--period", action="append", default=[], metavar="NAME=MS",
         help="the cycle time of a message; may be repeated",
     )  # fmt: skip
-    parser.add_argument(
-        "--preset", action="append", metavar="NAME",
-        help=f"controllers to compare with (default: {', '.join(DEFAULT_PRESETS)})",
-    )  # fmt: skip
     add_json_argument(parser)
 
 
@@ -82,17 +73,15 @@ def run(options: argparse.Namespace) -> int:
     if not messages:
         say(NAME, "no message has a cycle time; give some with --period NAME=MS", sys.stderr)
         return ExitStatus.SETTINGS
-    steering = steering_of(messages, bus, options.preset or DEFAULT_PRESETS)
-    responses = respond(messages, bus)
+    responses, load = respond(messages, bus), load_of(messages, bus)
     console = Console(markup=False, highlight=False)
     console.width = max(console.width, 100)
 
     def show() -> None:
         console.print(response_table(responses, bus))
-        if steering is not None:
-            console.print(steering_text(steering), soft_wrap=True)
+        console.print(f"bus load: {100 * load:.1f} %")
 
-    show_or_write(options.json, record_of(responses, bus, steering), show)
+    show_or_write(options.json, record_of(responses, bus, load), show)
     return ExitStatus.OK
 
 
@@ -119,23 +108,7 @@ def response_table(responses: Sequence[Response], bus: BusSettings) -> "Table":
     return table
 
 
-def steering_text(steering: Steering) -> str:
-    """Return what the bus adds to the steering's delay, and what each law tolerates."""
-    most = "without bound" if steering.most_ns is None else f"at most {_ms(steering.most_ns)} ms"
-    lines = [
-        f"bus load: {100 * steering.load:.1f} %",
-        f"LATERAL_ERROR and STEERING_COMMAND together: {_ms(steering.least_ns)} ms on a free bus, "
-        f"{most}",
-        "Constant delay that the loop of each law tolerates, and the load at which the bus alone "
-        "delays that much, were all other messages sent more often:",
-    ]
-    width = max(len(tolerance.preset) for tolerance in steering.tolerances)
-    return "\n".join([*lines, *(_tolerance(t, width) for t in steering.tolerances)])
-
-
-def record_of(
-    responses: Sequence[Response], bus: BusSettings, steering: Steering | None
-) -> dict[str, Any]:
+def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> dict[str, Any]:
     """Return everything, for another program; times in nanoseconds."""
     return {
         "bus": bus._asdict(),
@@ -150,24 +123,8 @@ def record_of(
             }
             for response in responses
         ],
-        "steering": None
-        if steering is None
-        else steering._asdict() | {"tolerances": [t._asdict() for t in steering.tolerances]},
+        "load": load,
     }
-
-
-def _tolerance(tolerance: Tolerance, width: int) -> str:
-    if tolerance.margin_ns == 0:
-        return f"  {tolerance.preset:{width}}  not stable, even without delay"
-    if tolerance.margin_ns is None:
-        margin = "any delay tried"
-    else:
-        margin = f"{tolerance.margin_ns / 1e6:6.1f} ms"
-    if tolerance.load_max is None:
-        return f"  {tolerance.preset:{width}}  {margin}: the bus alone never delays that much"
-    if tolerance.load_max == 0.0:
-        return f"  {tolerance.preset:{width}}  {margin}: exceeded without any other message"
-    return f"  {tolerance.preset:{width}}  {margin}: at {100 * tolerance.load_max:.1f} % load"
 
 
 def _verdict(response: Response) -> str:
