@@ -31,11 +31,10 @@ from shapely import MultiPolygon, Polygon
 from shapely.affinity import affine_transform
 
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
-from .gain_loops import GainLoop, LawGainLoop, SampledGainLoop
+from .gain_loops import GainLoop, SampledGainLoop
 
 _OVERSHOOT = 1e-5
 """How far an end of a curve is extended beyond the boundary it lies on, in window sides: more than
@@ -135,26 +134,6 @@ def sampled_region(
     """
     loops = (
         SampledGainLoop(plant, period_ns, delay_ns, derivative_filter_rad_s)
-        for plant, delay_ns in product(plants, delays_ns)
-    )
-    return d_stable_region(loops, spec, window)
-
-
-def law_region(
-    settings: LawSettings,
-    plants: Sequence[TransferFunction],
-    period_ns: int,
-    delays_ns: Sequence[int],
-    spec: DStability,
-    window: Window,
-) -> GainRegion:
-    """Return the gains of the PD for which the loop of a whole law is D-stable, as above.
-
-    The observers and N are those of ``settings``; its gains do not matter. Takes much longer than
-    ``sampled_region``: up to a second for each plant and delay.
-    """
-    loops = (
-        LawGainLoop(settings, plant, period_ns, delay_ns)
         for plant, delay_ns in product(plants, delays_ns)
     )
     return d_stable_region(loops, spec, window)

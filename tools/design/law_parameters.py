@@ -16,7 +16,7 @@ import numpy as np
 
 from ...closed_loop.parameter_space.d_stability import DStability, d_stability
 from ...closed_loop.parameter_space.gain_boundaries import Window
-from ...closed_loop.parameter_space.gain_regions import GainRegion, law_region, sampled_region
+from ...closed_loop.parameter_space.gain_regions import GainRegion, sampled_region
 from ...controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...controller.filters.settings import (
     CdobSettings,
@@ -201,23 +201,6 @@ def pd_region(
     table = spec.d_stability
     loops = vehicle.models, spec.period_ns, table.delays_ns, derivative_filter_rad_s
     return sampled_region(*loops, demands or table.demands, window)
-
-
-def settled_region(
-    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings, window: Window
-) -> GainRegion:
-    """Return the gains with which the whole law settles at every corner.
-
-    At no delay, the largest of the range and one half-way; neither cone nor circle are demanded.
-    """
-    last_ns = spec.delays_ns[-1]
-    demands = d_stability(
-        spec.d_stability.settling_1_s,
-        _ALMOST_AN_AXIS_DEG,
-        _SHARE_OF_NYQUIST * math.pi * spec.rate_hz,
-    )
-    delays_ns = sorted({0, last_ns // 2, last_ns})
-    return law_region(settings, vehicle.models, spec.period_ns, delays_ns, demands, window)
 
 
 def why_no_gains(spec: Specification, vehicle: VehicleFile) -> str | None:

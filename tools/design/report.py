@@ -28,7 +28,7 @@ from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand, Judgement
 from .law_design import NUMBER_UNITS, Design, Reason, failed, failure
-from .law_parameters import SETTINGS_KEYS, pd_region, settled_region
+from .law_parameters import SETTINGS_KEYS, pd_region
 from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from .predictor_design import PredictorDesign
 from .specification import ConditionsTable, PredictorTable, Specification
@@ -340,10 +340,8 @@ def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: 
     window = Window(1e-3 * k_p, 3.0 * k_p, 1e-3 * k_d, 4.0 * k_d)
     filter_rad_s = pd.derivative_filter_rad_s or math.inf
     alone = pd_region(spec, vehicle, filter_rad_s, window)
-    whole = settled_region(spec, vehicle, design.settings, window)
     table = spec.d_stability
-    fill_region(axes, alone, "PD alone: σ, θ and R", alpha=0.15)
-    fill_region(axes, whole, f"law: σ at 0 to {spec.delay.ms_max:g} ms", alpha=0.35)
+    fill_region(axes, alone, "PD alone: σ, θ and R", alpha=0.35)
     draw_curves(axes, alone.curves)
     axes.plot(k_p, k_d, "*", ms=14, color="black", label=f"chosen: {k_p:g}, {k_d:g}")
     axes.set(**GAIN_LABELS, xlim=(0.0, window.k_p_max), ylim=(0.0, window.k_d_max))
