@@ -9,7 +9,7 @@ array points to the same memory and has no count, so its owner must outlive it: 
 function that Python calls, which holds the owners as its arguments.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numba
@@ -19,12 +19,13 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ...controller.prediction.vehicle_kalman_filter import VehicleGains
+from ...controller.prediction.vehicle_kalman_filter import Correction, VehicleGains
 
 _types: Any = numba.types
 _cgutils: Any = cgutils
 """Untyped, as numba has no types for them."""
 
+_ROWS = (VehicleGains, Correction)
 KEPT_BYTES = 2048
 """Size of the memory that ``at`` may be given."""
 
@@ -87,21 +88,27 @@ def memory_of(layout: np.dtype[Any]) -> Memory:
 
 
 def with_tables(value: Any) -> tuple[Any, list[NDArray[Any]]]:
-    """Return nested tuples with the address of each list of gains in its place, and the lists."""
-    if isinstance(value, list) and isinstance(value[0], VehicleGains):
-        table = np.array(value, layout_of(value[0]))
-        return table.ctypes.data, [table]
-    if not isinstance(value, tuple):
+    """Return nested tuples with the address of each table of gains in its place, and the tables."""
+    is_table = type(value) in (list, tuple) and value and isinstance(value[0], _ROWS)
+    if not is_table and not isinstance(value, tuple):
         return value, []
-    fields, tables = zip(*map(with_tables, value), strict=True) if value else ((), ())
-    return unpacked(fields, value), [table for each in tables for table in each]
+    fields, inner = zip(*map(with_tables, value), strict=True) if value else ((), ())
+    tables = [table for each in inner for table in each]
+    if not is_table:
+        return _alike(fields, value), tables
+    table = np.array(list(fields), layout_of(fields[0]))
+    return table.ctypes.data, [table, *tables]
 
 
 def unpacked(values: Any, like: Any) -> Any:
     """Return nested tuples in the types of another record of their kind."""
     if not isinstance(like, tuple):
         return values
-    fields = map(unpacked, values, like)
+    return _alike(map(unpacked, values, like), like)
+
+
+def _alike(fields: Iterable[Any], like: Any) -> Any:
+    """Return a tuple of the type of another one."""
     return type(like)(*fields) if hasattr(like, "_fields") else tuple(fields)
 
 

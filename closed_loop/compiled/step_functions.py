@@ -36,7 +36,12 @@ from ...controller.laws.set_point import (
 )
 from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
-from ...controller.prediction.vehicle_kalman_filter import VehicleGains, row_of
+from ...controller.prediction.vehicle_kalman_filter import (
+    Correction,
+    VehicleGains,
+    correction_of,
+    row_of,
+)
 from ...dbc.messages import LawNumber
 from ...plant_emulator.network.loss import loss_step
 from ...plant_emulator.path.cg_deviation import deviation_behind_m
@@ -89,7 +94,10 @@ _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
 _INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 """The entries for callers in C and in Python are not needed and take long to compile."""
-_SOME_GAINS = VehicleGains(*[0.0] * len(VehicleGains._fields))
+_SOME_K = Correction(*[0.0] * len(Correction._fields))
+_K_BYTES = layout_of(_SOME_K).itemsize
+_SOME_GAINS = VehicleGains._make([*[0.0] * (len(VehicleGains._fields) - 1), 0])
+"""As compiled code has them: with the address of the corrections."""
 _GAINS_BYTES = layout_of(_SOME_GAINS).itemsize
 _laws: dict[type, Law] = {}
 """Registered laws, by the type of their params."""
@@ -180,6 +188,16 @@ def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
 
     def at_address(table: Any, index: Any) -> Any:
         return read(at(table + index * _GAINS_BYTES, _SOME_GAINS))
+
+    return at_address if isinstance(table, types.Integer) else None
+
+
+@overload(correction_of, jit_options=_INLINE)
+def _correction_at(table: Any, index: Any) -> Any:  # noqa: ARG001
+    """Read one row of a table of corrections, which compiled code knows by its address."""
+
+    def at_address(table: Any, index: Any) -> Any:
+        return read(at(table + index * _K_BYTES, _SOME_K))
 
     return at_address if isinstance(table, types.Integer) else None
 

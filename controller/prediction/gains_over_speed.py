@@ -8,9 +8,10 @@ with a steering offset d and the wheel's lag T_a:
     δ'  = (u - δ)/T_a,  or δ = u without a lag
 
 The model is sampled exactly for a held command. The filter is the steady-state one for white noise
-on β', r' and the two random walks, and for the noise of the two measurements. The feedback
-minimises the cost (k y_p)² + (u - u_ss)², with the weight k in steer per metre and the deviation
-y_p of the followed point, d behind the preview point:
+on β', r' and the two random walks, and for the noise of the two measurements; after a gap its gain
+is K_n = P_n Hᵀ (H P_n Hᵀ + R)⁻¹, with the covariance P_n that n samples without a measurement leave
+of the steady state's. The feedback minimises the cost (k y_p)² + (u - u_ss)², with the weight k in
+steer per metre and the deviation y_p of the followed point, d behind the preview point:
 
     y_p = y - d Δψ - d² ρ/2
 
@@ -30,8 +31,8 @@ from pydantic import Field, model_validator
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
 from .matrices import Matrix, zero_order_hold
-from .riccati_equation import UnsolvableError, feedback_gain, filter_gain
-from .vehicle_kalman_filter import VehicleGains
+from .riccati_equation import UnsolvableError, feedback_gain, filter_gains
+from .vehicle_kalman_filter import GAP_DOUBLINGS, Correction, VehicleGains
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8
@@ -94,10 +95,15 @@ class Feedback(NamedTuple):
 
 
 class GainSchedule(NamedTuple):
-    """Gains at rising speeds [m/s]."""
+    """Gains at rising speeds [m/s]; ``rows`` has the numbers of each, shape (speeds, numbers)."""
 
     speeds_m_s: Sequence[float]
-    gains: Sequence[VehicleGains]
+    rows: Matrix
+
+    @property
+    def gains(self) -> list[VehicleGains]:
+        """The gains at each speed."""
+        return [_gains_of(row) for row in self.rows.tolist()]
 
 
 def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[VehicleGains, ...]]:
@@ -106,8 +112,8 @@ def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[Vehic
     Outside the table the gains are those at its nearer end.
     """
     tables = list(schedules)
-    speeds_m_s, size = tables[0].speeds_m_s, len(VehicleGains._fields)
-    rows = np.concatenate([np.array(table.gains) for table in tables], axis=1)
+    speeds_m_s, size = tables[0].speeds_m_s, tables[0].rows.shape[1]
+    rows = np.concatenate([table.rows for table in tables], axis=1)
 
     def at(speed_m_s: float) -> tuple[VehicleGains, ...]:
         after = bisect_right(speeds_m_s, speed_m_s)
@@ -118,10 +124,17 @@ def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[Vehic
             row = before + (speed_m_s - low) / (high - low) * (row - before)
         values = row.tolist()
         return tuple(
-            VehicleGains(*values[first : first + size]) for first in range(0, len(values), size)
+            _gains_of(values[first : first + size]) for first in range(0, len(values), size)
         )
 
     return at
+
+
+def _gains_of(row: Sequence[float]) -> VehicleGains:
+    """Return gains from their numbers, those of K last."""
+    model, size = len(VehicleGains._fields) - 1, len(Correction._fields)
+    each = [row[first : first + size] for first in range(model, len(row), size)]
+    return VehicleGains._make([*row[:model], tuple(map(Correction._make, each))])
 
 
 def design_schedule(
@@ -142,13 +155,13 @@ def design_schedule(
     beyond = max(0, round(_SPEEDS_PER_DOUBLING * log(SPEED_M_S_MAX / high, 2.0)))
     speeds = [low * (high / low) ** (step / steps) for step in range(steps + beyond + 1)]
     try:
-        gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
+        rows = _rows(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
     except UnsolvableError as error:
         raise SettingsError(
             f"[estimator] has no gains at {speeds[error.place]:.4g} m/s: {error}; take noise and"
             " walks nearer to their defaults, or another range of speeds"
         ) from error
-    return GainSchedule(speeds, gains)
+    return GainSchedule(speeds, rows)
 
 
 def steady_turn_rad(
@@ -199,19 +212,19 @@ def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tu
     return q, r
 
 
-def _gains(
+def _rows(
     settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
     speeds_m_s: Sequence[float],
     period_s: float,
     sensor_period_s: float,
     feedback: Feedback | None,
-) -> list[VehicleGains]:
-    """Return the gains at each speed; raises UnsolvableError."""
+) -> Matrix:
+    """Return the numbers of the gains at each speed; raises UnsolvableError."""
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
-    k = filter_gain(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r)
+    each_k = filter_gains(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r, GAP_DOUBLINGS)
     steer = np.zeros((len(speeds_m_s), 7))
     if feedback is not None:
         steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
@@ -222,8 +235,8 @@ def _gains(
         *((Y, (BETA, R, PSI, RHO, D, DELTA)), (DELTA, (DELTA,))),
     )
     model = [part for row, of in entries for part in (f[:, row, of], g[:, row, np.newaxis])]
-    table = np.concatenate([*model, k.reshape(len(k), -1), steer], axis=1)
-    return [VehicleGains(*row) for row in table.tolist()]
+    corrections = [k.reshape(len(k), -1) for k in each_k]
+    return np.concatenate([*model, steer, *corrections], axis=1)
 
 
 def _feedback(

@@ -64,11 +64,25 @@ def feedback_gain(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
     return quotient(r + product(forward, b), product(forward, a))
 
 
-def filter_gain(a: Matrix, h: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return the steady-state K, (..., n, m), of the correction x ← x + K (z - H x).
+def filter_gains(a: Matrix, h: Matrix, q: Matrix, r: Matrix, doublings: int = 0) -> list[Matrix]:
+    """Return K, (..., n, m), of the correction x ← x + K (z - H x) after 1, 2, 4 ... periods.
 
+    Before, there was a measurement in every period: the first K is the steady-state one.
     ``q`` and ``r`` are the covariances of the state's noise over a period and of the measurement.
     """
     p = solve_riccati(transposed(a), transposed(h), q, r)
+    gains = [_gain(p, h, r)]
+    for _ in range(doublings):  # A and Q of a period, then of 2, 4 ...
+        p, q, a = _later(a, p, q), _later(a, q, q), product(a, a)
+        gains.append(_gain(p, h, r))
+    return gains
+
+
+def _gain(p: Matrix, h: Matrix, r: Matrix) -> Matrix:
     observed = product(h, p)
     return transposed(quotient(r + product(observed, transposed(h)), observed))
+
+
+def _later(a: Matrix, p: Matrix, q: Matrix) -> Matrix:
+    """Return A P Aᵀ + Q."""
+    return product(product(a, p), transposed(a)) + q

@@ -9,7 +9,10 @@ State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2
     x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
     x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
 
-K is the filter's steady-state gain at each speed (``controller.prediction.gains_over_speed``).
+K at each speed (``controller.prediction.gains_over_speed``) is the steady-state gain where the
+sample before was measured, too. After a gap it weighs the measurement as what the model has lost
+by then, for the next of 2, 4 ... ``GAP_MAX`` samples: the steady-state gain would let the error
+grow where only every third or fourth measurement comes.
 u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
 the wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator
 lag the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
@@ -31,10 +34,35 @@ STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
 
 
+GAP_DOUBLINGS = 6
+GAP_MAX = 2**GAP_DOUBLINGS
+"""Samples from one measurement to the next for which there is a gain: as long as a controller
+without measurements holds its command. The error decays at every gap up to 77."""
+
+
+class Correction(NamedTuple):
+    """K after a gap, by row and column."""
+
+    beta_from_y: float
+    beta_from_psi: float
+    r_from_y: float
+    r_from_psi: float
+    psi_from_y: float
+    psi_from_psi: float
+    y_from_y: float
+    y_from_psi: float
+    rho_from_y: float
+    rho_from_psi: float
+    d_from_y: float
+    d_from_psi: float
+
+
 class VehicleGains(NamedTuple):
-    """F, G and K at one speed, by row and column; and the feedback, zeros where there is none.
+    """F and G at one speed, by row and column; the feedback, zeros where there is none; and K.
 
     Entries of F that are 0 or 1 for every vehicle are omitted.
+
+    ``corrections``  K after gaps of 1, 2, 4 ... ``GAP_MAX`` samples
     """
 
     beta_beta: float
@@ -62,18 +90,6 @@ class VehicleGains(NamedTuple):
     y_u: float
     delta_delta: float
     delta_u: float
-    beta_from_y: float
-    beta_from_psi: float
-    r_from_y: float
-    r_from_psi: float
-    psi_from_y: float
-    psi_from_psi: float
-    y_from_y: float
-    y_from_psi: float
-    rho_from_y: float
-    rho_from_psi: float
-    d_from_y: float
-    d_from_psi: float
     steer_beta: float
     steer_r: float
     steer_psi: float
@@ -81,10 +97,16 @@ class VehicleGains(NamedTuple):
     steer_delta: float
     steer_rho: float
     steer_d: float
+    corrections: tuple[Correction, ...]
 
 
 def row_of(table: Sequence[VehicleGains], index: int) -> VehicleGains:
     """Return one of many gains; compiled code has the table's address in its place."""
+    return table[index]
+
+
+def correction_of(table: Sequence[Correction], index: int) -> Correction:
+    """Return one of many corrections; compiled code has the table's address in its place."""
     return table[index]
 
 
@@ -159,20 +181,30 @@ def step_on_path(
     return model_step(g, x, command_rad, change_1_m)
 
 
+def correction_at(g: VehicleGains, history: History, sample: int) -> Correction:
+    """Return K for a sample, by the samples since the measurement before it."""
+    gap, row, reach = 1, 0, 1
+    while gap < GAP_MAX and not history.has_error[(sample - gap) & history.sample_mask]:
+        gap += 1
+        if gap > reach:
+            row, reach = row + 1, 2 * reach
+    return correction_of(g.corrections, row)
+
+
 def correction_step(
-    g: VehicleGains, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
+    k: Correction, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
 ) -> EstimatorState:
     """Return the state corrected by the measurement of its sample."""
     sample, beta, r, psi, y, rho, d, delta = x
     e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
     corrected = (
         sample,
-        beta + (g.beta_from_y * e_y + g.beta_from_psi * e_psi),
-        r + (g.r_from_y * e_y + g.r_from_psi * e_psi),
-        psi + (g.psi_from_y * e_y + g.psi_from_psi * e_psi),
-        y + (g.y_from_y * e_y + g.y_from_psi * e_psi),
-        rho + (g.rho_from_y * e_y + g.rho_from_psi * e_psi),
-        d + (g.d_from_y * e_y + g.d_from_psi * e_psi),
+        beta + (k.beta_from_y * e_y + k.beta_from_psi * e_psi),
+        r + (k.r_from_y * e_y + k.r_from_psi * e_psi),
+        psi + (k.psi_from_y * e_y + k.psi_from_psi * e_psi),
+        y + (k.y_from_y * e_y + k.y_from_psi * e_psi),
+        rho + (k.rho_from_y * e_y + k.rho_from_psi * e_psi),
+        d + (k.d_from_y * e_y + k.d_from_psi * e_psi),
         delta,
     )
     return new_record(EstimatorState, corrected)
@@ -255,8 +287,9 @@ def estimate_to(
         x = step_on_path(g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample))
         index = x.sample & history.sample_mask
         if history.has_error[index]:
+            k = correction_at(g, history, x.sample)
             x = correction_step(
-                g, x, history.lateral_error_m[index], history.heading_error_rad[index]
+                k, x, history.lateral_error_m[index], history.heading_error_rad[index]
             )
     return x
 

@@ -1,7 +1,7 @@
 """The predictor's parts against independent views: model, commands in effect, prediction."""
 
 import math
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     STARTS_ANEW_AFTER,
+    Correction,
     EstimatorState,
     VehicleGains,
     command_from,
@@ -49,6 +50,11 @@ def gains(speed_m_s: float, lag_s: float = 0.0, sensor_period_s: float = 0.01) -
     """Return the gains at one speed, which is made the lowest of the table."""
     settings = EstimatorSettings(actuator_lag_s=lag_s, speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
     return design_schedule(settings, VEHICLE, 0.01, sensor_period_s, Feedback(1.0, 0.0)).gains[0]
+
+
+def numbers(of: VehicleGains) -> np.ndarray:
+    """Return all gains in one row."""
+    return np.array([*of[:-1], *chain(*of.corrections)])
 
 
 # The model
@@ -146,24 +152,26 @@ def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
     gains_at = together([schedule])
     low, high = schedule.speeds_m_s[10:12]
     middle = gains_at(0.25 * low + 0.75 * high)[0]
-    expected = 0.25 * np.array(schedule.gains[10]) + 0.75 * np.array(schedule.gains[11])
-    np.testing.assert_allclose(middle, expected)
+    expected = 0.25 * numbers(schedule.gains[10]) + 0.75 * numbers(schedule.gains[11])
+    np.testing.assert_allclose(numbers(middle), expected)
     assert gains_at(0.0)[0] == schedule.gains[0]
     assert gains_at(1e3)[0] == schedule.gains[-1]
 
 
 def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
-    """That much only where one crosses zero; of the larger of its two neighbours."""
+    """5 for K after a gap; that much only where one crosses zero; of the larger neighbour."""
     settings = EstimatorSettings()
     schedule = design_schedule(settings, VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
     gains_at = together([schedule])
     of_settings = [v for v in schedule.speeds_m_s if v < 1.01 * settings.speed_m_s_max]
     assert len(of_settings) > 40
+    limits = np.full(len(numbers(schedule.gains[0])), 0.05)
+    limits[: len(VehicleGains._fields) - 1 + len(Correction._fields)] = 0.03
     for low, high in pairwise(of_settings):
         speed_m_s = 0.5 * (low + high)
-        off = np.abs(np.subtract(gains_at(speed_m_s)[0], gains(speed_m_s)))
-        larger = np.maximum(np.abs(gains_at(low)[0]), np.abs(gains_at(high)[0]))
-        assert (off <= 0.03 * larger).all()
+        off = np.abs(numbers(gains_at(speed_m_s)[0]) - numbers(gains(speed_m_s)))
+        larger = np.maximum(*(np.abs(numbers(gains_at(end)[0])) for end in (low, high)))
+        assert (off <= limits * larger).all()
 
 
 def test_beyond_the_speeds_of_the_settings_the_weight_falls_with_the_square_of_the_speed() -> None:
@@ -178,7 +186,7 @@ def test_beyond_the_speeds_of_the_settings_the_weight_falls_with_the_square_of_t
     weight = (settings.speed_m_s_max / last) ** 2
     beyond = settings.model_copy(update={"speed_m_s_min": last, "speed_m_s_max": 2.0 * last})
     expected = design_schedule(beyond, VEHICLE, 0.01, 0.01, Feedback(weight, 0.0, last)).gains[0]
-    np.testing.assert_allclose(schedule.gains[-1], expected, rtol=1e-6)
+    np.testing.assert_allclose(numbers(schedule.gains[-1]), numbers(expected), rtol=1e-6)
 
 
 def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:

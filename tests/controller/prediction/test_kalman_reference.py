@@ -9,6 +9,8 @@ update converge from covariances as large as the first metres of a run: a way to
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
+from math import ceil, log2
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,9 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     sampled_vehicles,
 )
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
+    GAP_DOUBLINGS,
+    GAP_MAX,
+    Correction,
     EstimatorState,
     VehicleGains,
     correction_step,
@@ -62,10 +67,10 @@ def vehicle() -> VehicleModelSettings:
     return model
 
 
-def gain_matrix(gains: VehicleGains) -> np.ndarray:
+def gain_matrix(k: Correction) -> np.ndarray:
     return np.array(
         [
-            [getattr(gains, f"{state}_from_{observed}") for observed in ("y", "psi")]
+            [getattr(k, f"{state}_from_{observed}") for observed in ("y", "psi")]
             for state in (*FILTERED,)
         ]
     )
@@ -102,8 +107,19 @@ def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_
     schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None)
     reference = reference_filter(settings, speed_m_s)
     gain = settled_gain(reference)
-    np.testing.assert_allclose(gain[:6], gain_matrix(schedule.gains[0]), rtol=1e-9, atol=1e-12)
+    corrections = schedule.gains[0].corrections
+    np.testing.assert_allclose(gain[:6], gain_matrix(corrections[0]), rtol=1e-9, atol=1e-12)
     assert (gain[6] == 0.0).all()  # the wheel is where the commands have put it
+    assert len(corrections) == GAP_DOUBLINGS + 1
+    after = {2**doubling: k for doubling, k in enumerate(corrections)}
+    for gap in range(1, GAP_MAX + 1):
+        reference.predict()
+        if gap in after:
+            waiting = deepcopy(reference)
+            waiting.update(np.zeros((2, 1)))
+            np.testing.assert_allclose(
+                waiting.K[:6], gain_matrix(after[gap]), rtol=1e-9, atol=1e-12
+            )
 
 
 # A record with losses, late measurements and echoes
@@ -160,13 +176,18 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     gains = params(node._received.vehicle.speed_m_s).gains
     reference = reference_filter(settings.estimator, node._received.vehicle.speed_m_s)
     reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
-    reference.K = np.vstack([gain_matrix(gains), np.zeros(2)])
     reference.x = np.array(estimates[first][1:])[:, None]
+    gap = 0
     for sample, command_rad, measured in zip(
         range(first + 1, last + 1), commands_rad, measurements, strict=True
     ):
         reference.predict_steadystate(np.array([[command_rad]]))
+        gap += 1
+        correction = gains.corrections[ceil(log2(gap))]
+        reference.K = np.vstack([gain_matrix(correction), np.zeros(2)])
         reference.update_steadystate(None if measured is None else np.array(measured))
+        if measured is not None:
+            gap = 0
         if sample in estimates:
             np.testing.assert_allclose(
                 estimates[sample][1:], reference.x[:, 0], rtol=1e-9, atol=1e-12
@@ -226,7 +247,7 @@ def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_the
         x = model_step(gains, x, command_rad)
         y_m, psi_rad = truth[3] + noise[index, 0], truth[2] + noise[index, 1]
         innovations[index] = y_m - x.lateral_error_m, psi_rad - x.heading_error_rad
-        x = correction_step(gains, x, y_m, psi_rad)
+        x = correction_step(gains.corrections[0], x, y_m, psi_rad)
     innovations = innovations[500:]
     whitened = np.linalg.solve(np.linalg.cholesky(reference.S), innovations.T)
     covariance = whitened @ whitened.T / len(innovations)

@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_are
 from steer_by_wire.controller.prediction.matrices import Matrix
 from steer_by_wire.controller.prediction.riccati_equation import (
     feedback_gain,
-    filter_gain,
+    filter_gains,
     solve_riccati,
 )
 
@@ -45,7 +45,7 @@ def test_the_filter_gain_is_that_of_scipys_solution_and_the_error_decays(seed: i
     a, c, q, r = system(seed)
     f, h = a.T, c.T
     p = solve_discrete_are(f.T, h.T, q, r)
-    k = filter_gain(f, h, q, r)
+    k = filter_gains(f, h, q, r)[0]
     np.testing.assert_allclose(k, p @ h.T @ np.linalg.inv(h @ p @ h.T + r), rtol=1e-8, atol=1e-10)
     assert np.abs(np.linalg.eigvals(f - k @ h @ f)).max() < 1.0
 
@@ -55,7 +55,7 @@ def test_a_slow_random_walk_settles() -> None:
     q, r = 1e-10 * np.eye(1), np.eye(1)
     one = np.eye(1)
     p = 0.5 * (q + np.sqrt(q**2 + 4.0 * q * r))
-    np.testing.assert_allclose(filter_gain(one, one, q, r), p / (p + r), rtol=1e-9)
+    np.testing.assert_allclose(filter_gains(one, one, q, r)[0], p / (p + r), rtol=1e-9)
 
 
 def test_what_grows_and_cannot_be_steered_is_refused() -> None:
@@ -67,14 +67,14 @@ def test_what_grows_and_cannot_be_steered_is_refused() -> None:
 def test_what_grows_and_is_not_seen_is_refused() -> None:
     f, h = np.diag([1.2, 0.5]), np.array([[0.0, 1.0]])
     with pytest.raises(ValueError, match="no stabilising solution"):
-        filter_gain(f, h, np.eye(2), np.eye(1))
+        filter_gains(f, h, np.eye(2), np.eye(1))
 
 
 def test_a_walk_that_nothing_drives_and_nobody_sees_is_refused() -> None:
     """Its covariance grows for ever, though only linearly."""
     f, h = np.diag([1.0, 0.5]), np.array([[0.0, 1.0]])
     with pytest.raises(ValueError, match="no stabilising solution"):
-        filter_gain(f, h, np.eye(2), np.eye(1))
+        filter_gains(f, h, np.eye(2), np.eye(1))
 
 
 def test_what_grows_and_costs_nothing_is_refused() -> None:
