@@ -3,34 +3,24 @@
 from collections.abc import Sequence
 
 from ...runtime.node import NS_PER_S
-from .wake_ups import Figures, WakeUps
+from .wake_ups import WakeUps
 
 LATENESS_SHARE_MAX = 0.1
 """Share of the period, for 99 of 100 wake-ups: beyond it, the law's samples are no longer equally
 spaced."""
 DONE_SHARE_MAX = 0.5
 """Share of the period, for 99 of 100 ticks: the other half is for frames, and a reserve."""
-UNDISTURBED_SHARE_MIN = 0.5
-"""Share of all periods; with fewer, stolen time is the normal state of this machine."""
 MISSED_SHARE_MAX = 0.001
 """Share of all periods: any machine stalls at times, and a controller continues on its grid."""
 RULE = (
     "a rate is kept if at most one period in a thousand is missed, 99 of 100 wake-ups are late by "
-    "at most a tenth of the period, and 99 of 100 ticks are done within half of it; slices in "
-    "which the host took time are left out unless they are most"
+    "at most a tenth of the period, and 99 of 100 ticks are done within half of it"
 )
-
-
-def judged(wake_ups: WakeUps) -> Figures:
-    """Return the figures that count."""
-    samples = wake_ups.everything.lateness.samples
-    enough = wake_ups.undisturbed.lateness.samples >= UNDISTURBED_SHARE_MIN * samples
-    return wake_ups.undisturbed if enough else wake_ups.everything
 
 
 def is_kept(wake_ups: WakeUps) -> bool:
     """Whether the machine keeps this rate."""
-    figures, period_ns = judged(wake_ups), NS_PER_S / wake_ups.rate_hz
+    figures, period_ns = wake_ups.figures, NS_PER_S / wake_ups.rate_hz
     served = figures.lateness.samples
     return (
         served > 0

@@ -25,9 +25,14 @@ from ...runtime.node.statistics import DurationSummary
 from ...runtime.port.interface_choice import choose_bus
 from ...runtime.port.port import OpenPort, open_port
 from ...runtime.port.python_can import shutting_down
-from ...runtime.program.priority_and_memory_lock import HostAnswer, RealTimeRequest, real_time
+from ...runtime.program.priority_and_memory_lock import (
+    HostAnswer,
+    RealTimeRequest,
+    StealClock,
+    real_time,
+)
 from ...runtime.program.stop_request import StopRequest
-from .wake_ups import Sliced, Slices, WakeUps, measure_wake_ups, summary_of
+from .wake_ups import WakeUps, measure_wake_ups, summary_of
 
 REQUEST_ID, ECHO_ID = 0x7FE, 0x7FF
 PERIOD_NS = 10 * NS_PER_MS
@@ -38,8 +43,7 @@ END_S_MAX = 10.0
 class RoundTrip(NamedTuple):
     """Round trips at 100 a second; ``unanswered`` ones had no echo before the next request."""
 
-    everything: DurationSummary
-    undisturbed: DurationSummary
+    times: DurationSummary
     unanswered: int
     steal_fraction: float | None
 
@@ -69,7 +73,7 @@ class RequestNode:
         self._end_ns = end_ns
         self._clock_ns = clock_ns
         self._asked: tuple[bytes, int] | None = None
-        self._slices: Slices[int] = Slices()
+        self.times_ns: list[int] = []
         self.unanswered = 0
 
     @property
@@ -85,8 +89,7 @@ class RequestNode:
     def on_frame(self, frame: Frame, _now_ns: int) -> Sequence[Frame]:
         """Time an answer: up to now, when it can be used, and not to its arrival in the kernel."""
         if self._asked is not None and frame.can_id == ECHO_ID and frame.data == self._asked[0]:
-            now_ns = self._clock_ns()
-            self._slices.add(now_ns - self._asked[1], now_ns)
+            self.times_ns.append(self._clock_ns() - self._asked[1])
             self._asked = None
         return ()
 
@@ -97,23 +100,14 @@ class RequestNode:
         self._asked = (data, self._clock_ns())
         return (Frame(REQUEST_ID, data),)
 
-    def result(self) -> Sliced[int]:
-        """Return what was measured."""
-        return self._slices.result()
-
 
 def measure_round_trip(port: Port, seconds: float, spin_ns: int) -> RoundTrip:
     """Send requests to the echo for ``seconds``; raises BusError."""
     start_ns = time.monotonic_ns() + PERIOD_NS
     node = RequestNode(start_ns, start_ns + round(seconds * NS_PER_S))
+    steal = StealClock()
     RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
-    sliced = node.result()
-    return RoundTrip(
-        summary_of(sliced.samples),
-        summary_of(sliced.undisturbed),
-        node.unanswered,
-        sliced.steal_fraction,
-    )
+    return RoundTrip(summary_of(node.times_ns), node.unanswered, steal.fraction())
 
 
 @contextmanager

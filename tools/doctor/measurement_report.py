@@ -14,9 +14,9 @@ from rich.table import Table
 from ...runtime.command_line import say
 from ...runtime.node import NS_PER_MS
 from ...runtime.node.statistics import DurationSummary, durations_report
-from .kept_rate import RULE, is_kept, judged, rate_kept_hz
+from .kept_rate import RULE, is_kept, rate_kept_hz
 from .measurement import REAL_TIME, Measured, Measurement, measure, steps
-from .wake_ups import Figures, WakeUps
+from .wake_ups import Figures
 
 WIDTH_MIN = 95
 """Width of the table, whose figures are no use cut short."""
@@ -54,11 +54,8 @@ def show(measured: Measurement) -> None:
         console.print(sentence, soft_wrap=True)
 
 
-UNDISTURBED = "  where nothing was stolen"
-
-
 def table_of(measured: Sequence[Measured]) -> Table:
-    """Return everything measured, in milliseconds; disturbed measurements have a second row."""
+    """Return everything measured, in milliseconds."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("times in ms", no_wrap=True)
     for heading in ("samples", "p50", "p99", "max", "done p99", "missed", "stolen"):
@@ -69,15 +66,11 @@ def table_of(measured: Sequence[Measured]) -> Table:
             name = f"wake-up, {wake_ups.rate_hz} Hz, {each.rights}"
             kept = "yes" if is_kept(wake_ups) else "no"
             steal = _percent(wake_ups.steal_fraction)
-            table.add_row(name, *_wake_up_cells(wake_ups.everything), steal, kept)
-            if wake_ups.steal_fraction:
-                table.add_row(UNDISTURBED, *_wake_up_cells(wake_ups.undisturbed))
+            table.add_row(name, *_wake_up_cells(wake_ups.figures), steal, kept)
         trip = each.round_trip
         if trip is not None:
-            cells = (*_cells(trip.everything), "", str(trip.unanswered))
+            cells = (*_cells(trip.times), "", str(trip.unanswered))
             table.add_row(f"round trip, {each.rights}", *cells, _percent(trip.steal_fraction))
-            if trip.steal_fraction:
-                table.add_row(UNDISTURBED, *_cells(trip.undisturbed))
         table.add_section()
     return table
 
@@ -87,7 +80,7 @@ def sentences(measurement: Measurement) -> Iterator[str]:
     for measured in measurement.measured:
         if measured.obstacle:
             yield f"no round trip, {measured.rights}: {measured.obstacle}"
-        elif measured.round_trip is not None and not measured.round_trip.everything.samples:
+        elif measured.round_trip is not None and not measured.round_trip.times.samples:
             yield f"no echo, {measured.rights}: is there anybody to acknowledge frames?"
     if measurement.refused:
         yield f"no measurement with real-time rights: {measurement.refused}"
@@ -123,15 +116,10 @@ def _measured_record(measured: Measured) -> dict[str, Any]:
         "is_real_time": measured.rights == REAL_TIME,
         "answers": _plain(measured.answers),
         "rate_kept_hz": rate_kept_hz(measured.wake_ups),
-        "wake_ups": [_wake_ups_record(wake_ups) for wake_ups in measured.wake_ups],
+        "wake_ups": [{**_plain(one), "is_kept": is_kept(one)} for one in measured.wake_ups],
         "round_trip": _plain(measured.round_trip),
         "round_trip_obstacle": measured.obstacle or None,
     }
-
-
-def _wake_ups_record(wake_ups: WakeUps) -> dict[str, Any]:
-    by = "undisturbed" if judged(wake_ups) is wake_ups.undisturbed else "everything"
-    return {**_plain(wake_ups), "is_kept": is_kept(wake_ups), "judged_by": by}
 
 
 def _plain(value: Any) -> Any:

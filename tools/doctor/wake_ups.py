@@ -4,31 +4,25 @@ The executor is the one that the programs use, waiting on the real port. Its nod
 controller does in a period, with a measurement that it makes up and a command that it does not
 send: a measurement must not disturb a bus in use.
 
-Separates measurements taken while the host gave processor time to another machine.
-
-A virtual machine that is stopped cannot be on time. Linux counts the time stolen from it, coarsely;
-so time is cut into slices, and a slice in which any was stolen is disturbed as a whole.
+A virtual machine that is stopped cannot be on time: how much time its host took is measured too.
 """
 
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import LateralError, encode
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.node.real_time_loop import Port, RealTimeExecutor
 from ...runtime.node.statistics import DurationStatistics, DurationSummary
 from ...runtime.program.priority_and_memory_lock import StealClock
 
-SLICE_NS = 200 * NS_PER_MS
 AMPLITUDE_M, STEP_RAD = 0.01, 0.1
-
-T = TypeVar("T")
 
 
 def measurements() -> list[Frame]:
@@ -40,50 +34,6 @@ def measurements() -> list[Frame]:
         encode(LateralError(AMPLITUDE_M * math.sin(STEP_RAD * counter), 0.0), counter)
         for counter in range(COUNTERS)
     ]
-
-
-class Sliced(NamedTuple, Generic[T]):
-    """What was measured.
-
-    ``undisturbed``     samples of the slices without stolen time, as far as it is known
-    ``steal_fraction``  of all processors' time, 0 to 1; None where the platform does not report it
-    """
-
-    samples: list[T]
-    undisturbed: list[T]
-    steal_fraction: float | None
-
-
-class Slices(Generic[T]):
-    """Takes samples of any kind, as they are measured."""
-
-    def __init__(self, make_clock: Callable[[], StealClock] = StealClock) -> None:
-        self._make_clock = make_clock
-        self._whole = self._clock = make_clock()
-        self._samples: list[T] = []
-        self._undisturbed: list[T] = []
-        self._begin = 0  # of the slice, in samples
-        self._end_ns: int | None = None
-
-    def add(self, sample: T, now_ns: int) -> None:
-        """Take a sample that ended at ``now_ns``."""
-        self._samples.append(sample)
-        if self._end_ns is None:
-            self._end_ns = now_ns + SLICE_NS
-        elif now_ns >= self._end_ns:
-            self._cut()
-            self._end_ns = now_ns + SLICE_NS
-
-    def result(self) -> Sliced[T]:
-        """End the last slice."""
-        self._cut()
-        return Sliced(self._samples, self._undisturbed, self._whole.fraction())
-
-    def _cut(self) -> None:
-        if not self._clock.fraction():
-            self._undisturbed += self._samples[self._begin :]
-        self._begin = len(self._samples)
-        self._clock = self._make_clock()
 
 
 PRESET = "practical_pd_ddob"
@@ -108,12 +58,11 @@ class Figures(NamedTuple):
 class WakeUps(NamedTuple):
     """A measurement at one rate.
 
-    ``undisturbed``  the same without the slices in which the host took time
+    ``steal_fraction``  of all processors' time, 0 to 1; None where the platform does not report it
     """
 
     rate_hz: int
-    everything: Figures
-    undisturbed: Figures
+    figures: Figures
     steal_fraction: float | None
 
 
@@ -132,7 +81,7 @@ class WorkingNode:
         self._end_ns = end_ns
         self._clock_ns = clock_ns
         self._ticks = 0
-        self._slices: Slices[Sample] = Slices()
+        self.samples: list[Sample] = []
 
     @property
     def deadline_ns(self) -> int:
@@ -155,12 +104,8 @@ class WorkingNode:
         self._controller.on_tick(now_ns)
         self._ticks += 1
         done_ns = self._clock_ns()
-        self._slices.add(Sample(now_ns - deadline_ns, done_ns - deadline_ns), done_ns)
+        self.samples.append(Sample(now_ns - deadline_ns, done_ns - deadline_ns))
         return ()
-
-    def result(self) -> Sliced[Sample]:
-        """Return what was measured."""
-        return self._slices.result()
 
 
 def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> WakeUps:
@@ -168,15 +113,9 @@ def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> 
     settings = controller_preset(PRESET, [f"rate_hz={rate_hz}"])
     start_ns = time.monotonic_ns() + NS_PER_S // 10  # the design of the law takes milliseconds
     node = WorkingNode(settings, start_ns, start_ns + round(seconds * NS_PER_S))
+    steal = StealClock()
     RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
-    sliced = node.result()
-    period_ns = settings.period_ns
-    return WakeUps(
-        rate_hz,
-        figures_of(sliced.samples, period_ns),
-        figures_of(sliced.undisturbed, period_ns),
-        sliced.steal_fraction,
-    )
+    return WakeUps(rate_hz, figures_of(node.samples, settings.period_ns), steal.fraction())
 
 
 def figures_of(samples: Sequence[Sample], period_ns: int) -> Figures:

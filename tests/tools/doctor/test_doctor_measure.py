@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -13,8 +12,8 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.statistics import DurationSummary
-from steer_by_wire.runtime.program.priority_and_memory_lock import HostAnswer, StealClock
-from steer_by_wire.tools.doctor.kept_rate import is_kept, judged, rate_kept_hz
+from steer_by_wire.runtime.program.priority_and_memory_lock import HostAnswer
+from steer_by_wire.tools.doctor.kept_rate import is_kept, rate_kept_hz
 from steer_by_wire.tools.doctor.measurement import (
     ECHO_ID,
     ORDINARY,
@@ -31,10 +30,8 @@ from steer_by_wire.tools.doctor.measurement import (
 from steer_by_wire.tools.doctor.measurement_report import record_of, sentences
 from steer_by_wire.tools.doctor.wake_ups import (
     PRESET,
-    SLICE_NS,
     Figures,
     Sample,
-    Slices,
     WakeUps,
     WorkingNode,
     figures_of,
@@ -56,20 +53,6 @@ class Clock:
         return self.now_ns
 
 
-def steal_clocks(*answers: Sequence[float | None]) -> Callable[[], StealClock]:
-    """Make steal clocks that return the given values in turn."""
-
-    class Told(StealClock):
-        def __init__(self, mine: Sequence[float | None]) -> None:
-            self._mine = iter(mine)
-
-        def fraction(self) -> float | None:
-            return next(self._mine)
-
-    clocks = iter([Told(mine) for mine in answers] + [Told([])])
-    return lambda: next(clocks)
-
-
 def summary(samples: int, p99_ns: int) -> DurationSummary:
     return DurationSummary(samples, 0.0, 0, p99_ns, p99_ns)
 
@@ -83,25 +66,7 @@ def wake_ups(
         summary(served, round(done_share * period_ns)),
         missed,
     )
-    return WakeUps(rate_hz, figures, figures, 0.0)
-
-
-# --- steal --------------------------------------------------------------------------------------
-
-
-def test_a_slice_in_which_the_host_took_time_is_left_out_as_a_whole() -> None:
-    slices: Slices[str] = Slices(steal_clocks([0.0, 0.1], [0.2], [None]))
-    for number, now_ns in enumerate((0, SLICE_NS, SLICE_NS + 1, 2 * SLICE_NS, 2 * SLICE_NS + 1)):
-        slices.add("abcde"[number], now_ns)
-    result = slices.result()
-    assert result.samples == list("abcde")
-    assert result.undisturbed == list("abe")
-    assert result.steal_fraction == 0.1
-
-
-def test_without_samples_there_is_nothing() -> None:
-    result = Slices[int](steal_clocks([None, None])).result()
-    assert (result.samples, result.undisturbed, result.steal_fraction) == ([], [], None)
+    return WakeUps(rate_hz, figures, 0.0)
 
 
 # --- nodes --------------------------------------------------------------------------------------
@@ -116,8 +81,7 @@ def test_the_working_node_works_each_period_and_sends_nothing(rate_hz: int) -> N
     while not node.finished:
         clock.now_ns = node.deadline_ns + 5000
         assert node.on_tick(node.deadline_ns + 4000) == ()
-    result = node.result()
-    assert result.samples == [Sample(4000, 6000)] * 20
+    assert node.samples == [Sample(4000, 6000)] * 20
 
 
 def test_missed_periods_are_distinguished_from_lateness() -> None:
@@ -149,7 +113,7 @@ def test_a_round_trip_ends_with_the_echo_of_the_last_request() -> None:
     node.on_tick(3 * PERIOD_NS)
     finished.append(node.finished)
     assert finished == [False, True]
-    assert node.result().samples == [41_000]
+    assert node.times_ns == [41_000]
     assert node.unanswered == 2
 
 
@@ -182,21 +146,11 @@ def test_a_rate_counts_only_with_all_lower_ones() -> None:
     assert rate_kept_hz([wake_ups(100, *bad), wake_ups(500, *good)]) is None
 
 
-def test_undisturbed_slices_are_judged_unless_they_are_few() -> None:
-    everything = wake_ups(100, 0.5, 0.9)
-    undisturbed = wake_ups(100, 0.01, 0.1, served=501).everything
-    enough = everything._replace(undisturbed=undisturbed)
-    assert judged(enough) is undisturbed
-    assert is_kept(enough)
-    few = everything._replace(undisturbed=wake_ups(100, 0.01, 0.1, served=499).everything)
-    assert not is_kept(few)
-
-
 # --- the report ---------------------------------------------------------------------------------
 
 
 def measured(rights: str, **changes: Any) -> Measured:
-    trip = RoundTrip(summary(9, 1000), summary(9, 1000), 0, None)
+    trip = RoundTrip(summary(9, 1000), 0, None)
     return Measured(
         rights,
         [HostAnswer("timer slack", True, "1 ns"), HostAnswer("memory lock", False, "no")],
@@ -217,7 +171,7 @@ def test_what_was_refused_is_said_and_the_rule_with_the_verdict() -> None:
 
 
 def test_a_round_trip_that_could_not_be_measured_says_why() -> None:
-    silent = RoundTrip(summary(0, 0), summary(0, 0), 99, None)
+    silent = RoundTrip(summary(0, 0), 99, None)
     probe = Measurement(
         "a bus",
         "AF_CAN",
@@ -262,14 +216,13 @@ def test_the_record_has_every_figure(probed: tuple[str, dict[str, Any]]) -> None
     assert ordinary["is_real_time"] is False
     assert [each["rate_hz"] for each in ordinary["wake_ups"]] == list(RATES_HZ)
     for each in ordinary["wake_ups"]:
-        for figures in (each["everything"], each["undisturbed"]):
-            assert {"samples", "p50_s", "p99_s", "max_s"} <= figures["lateness"].keys()
-            assert figures["done"]["samples"] == figures["lateness"]["samples"]
-        everything = each["everything"]
-        periods = everything["lateness"]["samples"] + everything["missed"]
+        figures = each["figures"]
+        assert {"samples", "p50_s", "p99_s", "max_s"} <= figures["lateness"].keys()
+        assert figures["done"]["samples"] == figures["lateness"]["samples"]
+        periods = figures["lateness"]["samples"] + figures["missed"]
         assert periods >= round(0.1 * each["rate_hz"])
     trip = ordinary["round_trip"]
-    assert trip["everything"]["samples"] + trip["unanswered"] <= round(0.1 * NS_PER_S / PERIOD_NS)
+    assert trip["times"]["samples"] + trip["unanswered"] <= round(0.1 * NS_PER_S / PERIOD_NS)
 
 
 def test_the_program_ends_with_its_verdict(probed: tuple[str, dict[str, Any]]) -> None:
