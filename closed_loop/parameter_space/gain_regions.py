@@ -14,7 +14,7 @@ For gains of one region and delays:
 
     spec = paper_d_stability()
     region = sampled_region(plants, period_ns, delays_ns, 20.0, spec, Window(0.0, 3.0, 0.0, 2.0))
-    k_p, k_d = well_centred_gains(region)
+    region.contains(0.94, 0.44)
 """
 
 from __future__ import annotations
@@ -71,18 +71,6 @@ class GainRegion(NamedTuple):
         """Whether the gains are inside."""
         return bool(shapely.contains_xy(self.polygon, k_p, k_d))
 
-    def relative_distance(self, k_p: float, k_d: float) -> float:
-        """Return the distance to the edge with each gain in units of its own value; both ≠ 0.
-
-        Positive inside, negative outside; -inf where the region is empty. The frame of the window
-        counts as an edge where it cuts the region off.
-        """
-        if self.polygon.is_empty:
-            return -math.inf
-        scaled = _scaled(self.polygon, 1.0 / k_p, 1.0 / k_d)
-        distance = shapely.distance(scaled.boundary, shapely.Point(1.0, 1.0))
-        return float(distance) if self.contains(k_p, k_d) else -float(distance)
-
     def margins(self, k_p: float, k_d: float) -> tuple[Margin, ...]:
         """Return the distance to each kind of boundary on the edge of the region, nearest first."""
         edge = shapely.buffer(self.polygon.boundary, 1e-5 * float(min(self.window.sides)))
@@ -137,22 +125,6 @@ def sampled_region(
         for plant, delay_ns in product(plants, delays_ns)
     )
     return d_stable_region(loops, spec, window)
-
-
-def well_centred_gains(region: GainRegion) -> tuple[float, float]:
-    """Return the gains (K_p, K_d) farthest from the edge of the region.
-
-    Distances are measured with the region stretched to a square, since the two gains differ in
-    unit. Raises ValueError for an empty region.
-    """
-    if region.polygon.is_empty:
-        raise ValueError("the region is empty: no gains in the window meet the specification")
-    k_p_min, k_d_min, k_p_max, k_d_max = region.polygon.bounds
-    k_p_side, k_d_side = k_p_max - k_p_min, k_d_max - k_d_min
-    square = _scaled(region.polygon, 1.0 / k_p_side, 1.0 / k_d_side)
-    radius = shapely.maximum_inscribed_circle(square, tolerance=1e-4)
-    x, y = radius.coords[0]
-    return x * k_p_side, y * k_d_side
 
 
 def _faces(

@@ -46,7 +46,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
-    "tools.study.__main__": ("closed_loop.studies.result_files.Store.open", "._print_estimate"),
+    "tools.study.__main__": ("closed_loop.studies.result_files.Store.open",),
     "with_vcan.__main__": (".choose",),
 }  # fmt: skip
 """Every program that takes arguments, and where it is stopped; a dot stands for its own module."""

@@ -55,7 +55,7 @@ PROGRAMS: Mapping[str, tuple[str, Sequence[str]]] = {
     "replay": ("cockpit", ("../log/candump.log", "--export", "page.html")),
     "generate-c": ("generate_c", ("--out", "c")),
     "study": ("study", ("../study.toml", "--out", "study", "--no-report", "--workers", "1")),
-    "analyze": ("analyze", ("../log/candump.log", "--out", "an", "--mcap", "--no-parquet")),
+    "analyze": ("analyze", ("../log/candump.log", "--out", "an", "--mcap")),
 }
 RECORDINGS = (".log", ".asc", ".csv", ".trc", ".blf")
 FRAMES = 200

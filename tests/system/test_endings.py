@@ -59,7 +59,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_log_is_judged_by_its_measured_error(log: Path, tmp_path: Path, capsys: Capture) -> None:
-    analyze = [str(log), "--out", str(tmp_path), "--no-parquet"]
+    analyze = [str(log), "--out", str(tmp_path)]
     assert analyze_main([*analyze, "--fail-if", "rms_m > 0.5"]) == ExitStatus.OK
     assert last_line(capsys).startswith("verdict: holds: preview point at most ")
     held = json.loads((tmp_path / "candump" / "figures.json").read_text())["held_path"]
@@ -86,7 +86,7 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
         (said,) = (
             line for line in capsys.readouterr().out.splitlines() if line.startswith("verdict ")
         )
-        log = [str(out / "candump.log"), "--out", str(out), "--no-parquet"]
+        log = [str(out / "candump.log"), "--out", str(out)]
         assert analyze_main(log) == ExitStatus.OK
         line = last_line(capsys)
         verdict = line.removeprefix("verdict: ").split(":")[0]
@@ -101,7 +101,7 @@ def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsy
     file = tmp_path / "plant_only.log"
     lines = log.read_text(encoding="ascii").splitlines(keepends=True)
     file.write_text("".join(line for line in lines if " 100#" not in line), encoding="ascii")
-    assert analyze_main([str(file), "--out", str(tmp_path), "--no-parquet"]) == ExitStatus.OK
+    assert analyze_main([str(file), "--out", str(tmp_path)]) == ExitStatus.OK
     assert last_line(capsys) == "verdict: no start: no command ever reached the plant"
 
 

@@ -4,8 +4,8 @@
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
 
 Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
-For each FILE it writes a folder below --out: report.html, figures.json and signals.csv;
-signals.parquet where pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE
+For each FILE it writes a folder below --out: report.html, figures.json and signals.csv; with --mcap
+signals.mcap too (Foxglove, PlotJuggler). A FILE
 that cannot be read as a log is reported and skipped; the exit status is then 2. The last line is
 the verdict on how the path was held, by the measured error.
 """
@@ -56,7 +56,7 @@ from steer_by_wire.runtime.settings import (
 from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html, verdict_of
 from steer_by_wire.tools.analyze.result import Result, print_results
-from steer_by_wire.tools.analyze.signal_tables import CsvTable, MissingLibraryError, ParquetTable
+from steer_by_wire.tools.analyze.signal_tables import CsvTable
 
 if TYPE_CHECKING:
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
@@ -102,12 +102,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--channel", help="the channel to read, if the log has several (default: all)"
     )
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
-    parser.add_argument(
-        "--parquet",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="also write signals.parquet (default: if pyarrow is installed)",
-    )
     parser.add_argument(
         "--smooth",
         type=Path,
@@ -251,17 +245,8 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
 
 
 def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
-    exports: list[Export] = []
-    if options.mcap:
-        exports.append(McapFile(folder / "signals.mcap"))
-    try:
-        if options.parquet is not False:
-            exports.append(ParquetTable(folder / "signals.parquet"))
-    except MissingLibraryError:
-        if options.parquet:
-            raise
-    exports.append(CsvTable(folder / "signals.csv"))
-    return exports
+    mcap: list[Export] = [McapFile(folder / "signals.mcap")] if options.mcap else []
+    return [*mcap, CsvTable(folder / "signals.csv")]
 
 
 @contextmanager

@@ -13,17 +13,17 @@ from ...closed_loop.recordings.message_as_json import json_content, json_schema
 from ...dbc.messages import MESSAGE_TYPES
 from ...runtime.command_line import installation
 from ...runtime.output_file import open_binary
-from .signal_tables import MissingLibraryError
+from ...runtime.settings import SettingsError
 
 
 class McapFile:
-    """Writes one MCAP file; raises MissingLibraryError without the library."""
+    """Writes one MCAP file; raises SettingsError without the library."""
 
     def __init__(self, path: Path) -> None:
         try:
             writer: Any = import_module("mcap.writer")
         except ImportError as error:
-            raise MissingLibraryError(f"MCAP needs mcap: {installation('mcap')}") from error
+            raise SettingsError(f"MCAP needs mcap: {installation('mcap')}") from error
         self._file = open_binary(path)
         self._writer = writer.Writer(self._file)
         self._writer.start(profile="", library="steer-by-wire-emulator")

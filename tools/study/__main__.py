@@ -27,8 +27,8 @@ from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.closed_loop.studies.compiled_figures import short_windows
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
-from steer_by_wire.closed_loop.studies.result_files import CHUNK_RUNS, Store
-from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import read_study
@@ -44,8 +44,6 @@ NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
 DIFFERENT = 1
 """Exit status of a replay whose figures differ from those stored."""
-ROW_BYTES = 150
-"""Approximate size of a row in a Parquet file."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -108,7 +106,6 @@ def _run_study(options: argparse.Namespace) -> int:
     if warning:
         console.print(f"warning: {warning}")
     if options.dry_run:
-        _print_estimate(console, scenarios, _at_once(options))
         return ExitStatus.OK
     store.open(options.study.read_text(encoding="utf-8"))
     stop = StopRequest()
@@ -150,28 +147,10 @@ def _sizes(scenarios: Scenarios) -> list[str]:
     return lines
 
 
-def _print_estimate(console: Console, scenarios: Scenarios, threads: int) -> None:
-    runs = scenarios.study.runs
-    measured = estimate(scenarios)
-    seconds = runs * measured.seconds_a_run
-    console.print(
-        f"results: {-(-runs // CHUNK_RUNS):,} chunks, about {runs * ROW_BYTES / 1e6:.1f} MB"
-    )
-    console.print(
-        f"time: {1e3 * measured.seconds_a_run:.2f} ms a run (mean of {measured.runs}), so "
-        f"{_duration(seconds)} on one thread, {_duration(seconds / threads)} on {threads} "
-        "if each has a processor to itself"
-    )
-
-
-def _at_once(options: argparse.Namespace) -> int:
-    return int(options.workers or os.cpu_count() or 1)
-
-
 def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
     if options.scheduler:
         return dask_workers(scenarios.study, options.scheduler)
-    count = min(_at_once(options), scenarios.study.runs)
+    count = min(options.workers or os.cpu_count() or 1, scenarios.study.runs)
     if scenarios.study.bus is not None and count > 1:
         return nullcontext(Processes(scenarios.study, count))
     return nullcontext(Threads(scenarios, count))

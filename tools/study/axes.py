@@ -65,11 +65,6 @@ def same_levels(key: IntArray, rows: Rows, factors: Sequence[str]) -> IntArray:
     return np.asarray(key, dtype=np.int64)
 
 
-def is_share(axis: Axis) -> bool:
-    """Whether the jitter is a share of the mean latency."""
-    return any(key.endswith("spread_fraction") for key in axis.keys)
-
-
 def _factor(factors: Sequence[FactorRecord], endings: tuple[str, ...]) -> FactorRecord | None:
     def is_of(key: str) -> bool:
         return key.startswith(LATENCY) and key.rpartition(".")[2] in endings

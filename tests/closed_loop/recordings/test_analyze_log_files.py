@@ -2,12 +2,10 @@
 
 import csv
 import json
-import math
 import re
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
@@ -58,23 +56,6 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("unrendered")
-@NEEDS_PYARROW
-def test_parquet_holds_the_same_as_csv(varying: Run, tmp_path: Path) -> None:
-    import pyarrow.parquet
-
-    figures = written(tmp_path / "out", varying.log, "--parquet")
-    folder = tmp_path / "out" / "run"
-    table = pyarrow.parquet.read_table(folder / "signals.parquet")
-    rows = rows_of(folder / "signals.csv")
-    assert table.num_rows == len(rows) == sum(m["accepted"] for m in figures["messages"].values())
-    assert table.column_names == list(rows[0])
-    for name in ("time_s", "lateral_error.lateral_error_m", "steering_status.applied_counter"):
-        values = [math.nan if v is None else v for v in table[name].to_pylist()]
-        wanted = [float(row[name] or "nan") for row in rows]
-        np.testing.assert_allclose(values, wanted, atol=1e-6)
-
-
-@pytest.mark.usefixtures("unrendered")
 @NEEDS_MCAP
 def test_mcap_holds_every_message_with_its_time_schema_and_names(
     varying: Run, tmp_path: Path
@@ -100,27 +81,12 @@ def test_mcap_holds_every_message_with_its_time_schema_and_names(
     assert last_ns <= entries_of(varying.log)[-1].time_ns
 
 
-@pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize(
-    ("library", "option", "extra"),
-    [("pyarrow", "--parquet", "tools"), ("mcap.writer", "--mcap", "mcap")],
-)
 def test_a_missing_library_is_one_clear_line_that_names_the_extra(
-    constant: Run,
-    tmp_path: Path,
-    capsys: Capture,
-    monkeypatch: pytest.MonkeyPatch,
-    library: str,
-    option: str,
-    extra: str,
+    constant: Run, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, library, None)
-    arguments = [str(constant.log), "--out", str(tmp_path)]
-    assert main([*arguments, option]) == ExitStatus.SETTINGS
-    assert f"pip install '.[{extra}]'" in capsys.readouterr().err
-    if option == "--parquet":
-        assert main(arguments) == ExitStatus.OK
-        assert not (tmp_path / "run" / "signals.parquet").exists()
+    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
+    assert main([str(constant.log), "--out", str(tmp_path), "--mcap"]) == ExitStatus.SETTINGS
+    assert "pip install '.[mcap]'" in capsys.readouterr().err
 
 
 def test_the_report_needs_nothing_but_itself(varying: Run, tmp_path: Path) -> None:
@@ -175,7 +141,7 @@ def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report
 def test_its_json_is_the_file_and_its_folder_takes_no_other_log(
     constant: Run, varying: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = ["--out", str(tmp_path / "out"), "--no-parquet"]
+    out = ["--out", str(tmp_path / "out")]
     assert main([str(constant.log), *out, "--json", "-"]) == ExitStatus.OK
     (folder,) = (tmp_path / "out").iterdir()
     before = (folder / "figures.json").read_text(encoding="utf-8")

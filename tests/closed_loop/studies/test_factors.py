@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.reports.page import page
-from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
-from steer_by_wire.closed_loop.studies.run_study import estimate, run_missing
+from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.against_pd import comparisons
@@ -129,31 +128,3 @@ def test_a_normal_distribution_without_an_end_is_refused_with_a_hint(tmp_path: P
     with pytest.raises(SettingsError) as raised:
         make_scenarios(tmp_path, text % '{ kind = "uniform", low = -1.0, high = 1.0 }').check()
     assert "without an end" not in str(raised.value)
-
-
-def test_an_estimate_warms_each_kind_of_law_before_the_clock_starts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kinds = STUDY.replace("controller.pd.derivative_filter_rad_s", "controller.law").replace(
-        "values = [20.0, 40.0]", 'values = ["pd", "pd_dob"]'
-    )
-    kinds = kinds.replace('controllers = ["practical_pd", "practical_pd_dob"]', "controllers = %s")
-    scenarios = make_scenarios(tmp_path, kinds % '["practical_pd_dob"]')
-    events: list[list[int] | str] = []
-
-    def compute(_: Computer, ids: list[int], __: object) -> None:
-        events.append(ids)
-
-    def clock_s() -> float:
-        events.append("clock")
-        return float(len(events))
-
-    monkeypatch.setattr(Computer, "compute", compute)
-    found = estimate(scenarios, clock_s)
-    warmed, begin, counted = events[:3]
-    assert isinstance(warmed, list)
-    laws = [scenarios.pair(run).controller.law for run in warmed]
-    assert sorted(laws) == ["pd", "pd_dob"]
-    assert begin == "clock"
-    assert counted == list(range(16))
-    assert found.runs == 16

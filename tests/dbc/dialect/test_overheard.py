@@ -147,7 +147,7 @@ def test_any_frame_is_heard(data: bytes, flags: int, can_id: int) -> None:
 def test_analyze_judges_a_log_in_a_dialect(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = [str(log), "--dialect", str(CAR), "--out", str(tmp_path), "--no-parquet"]
+    words = [str(log), "--dialect", str(CAR), "--out", str(tmp_path)]
     assert analyze(words) == 0
     *_, verdict = capsys.readouterr().out.splitlines()
     assert verdict.startswith("verdict: holds")
