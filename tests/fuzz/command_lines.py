@@ -41,7 +41,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
         "tools.doctor.checks.examine", "tools.doctor.measurement_report.measure",
     ),
     "tools.faults.program": (
-        ".run_all", ".run_live_campaign",
+        ".execute", ".run_live_campaign",
     ),
     "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
     "tools.monitor.__main__": (".open_port",),

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tests.fuzz.bus_targets import fuzz_broker, fuzz_bus_client
-from tests.fuzz.campaign_targets import fuzz_specification
+from tests.fuzz.campaign_targets import fuzz_results, fuzz_specification
 from tests.fuzz.command_lines import fuzz_command_line
 from tests.fuzz.log_targets import fuzz_log
 from tests.fuzz.node_targets import fuzz_authentication, fuzz_controller, fuzz_plant
@@ -16,7 +16,7 @@ from tests.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoint
 
 _FUZZERS: tuple[Callable[[bytes], None], ...] = (
     *(fuzz_authentication, fuzz_broker, fuzz_bus_client, fuzz_command_line),
-    *(fuzz_controller, fuzz_log, fuzz_plant),
+    *(fuzz_controller, fuzz_log, fuzz_plant, fuzz_results),
     *(fuzz_settings, fuzz_specification, fuzz_trace, fuzz_waypoints),
 )
 TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(

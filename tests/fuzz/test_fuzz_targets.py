@@ -20,6 +20,7 @@ EXAMPLES = {
     "controller": 60,
     "log": 60,
     "plant": 30,
+    "results": 20,
     "settings": 75,
     "specification": 20,
     "trace": 20,

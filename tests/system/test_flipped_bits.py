@@ -17,7 +17,10 @@ from steer_by_wire.tools.design.frontier.frontier import Row
 from steer_by_wire.tools.design.frontier.sweep import Point
 from steer_by_wire.tools.design.frontier.trials import Trials
 from steer_by_wire.tools.design.stop_and_resume import KeptCosts
+from steer_by_wire.tools.faults.campaign.execution import keep_only, read_stored
+from tests.fuzz.campaign_targets import whole_result
 
+RESULT = whole_result()
 COSTS = {f"design {n}": 1.0 / (n + 3) for n in range(4)}
 
 
@@ -55,6 +58,12 @@ def write_frontier(folder: Path) -> None:
 
 
 FILES = (
+    Kept(
+        "results.jsonl",
+        lambda folder: keep_only(folder, "a", [RESULT, RESULT._replace(seed=RESULT.seed + 1)]),
+        lambda folder: [result for of, result in read_stored(folder).results if of == "a"],
+        is_by_line=True,
+    ),
     Kept("costs", write_costs, read_costs, is_by_line=True),
     Kept(
         "pd.json",

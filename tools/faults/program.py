@@ -4,18 +4,20 @@
     steer-by-wire faults --live
 
 Runs every fault of the specification at every operating point with every law, and runs without a
-fault. Leaves specification.toml, results.csv, campaign.json and index.html in DIR. With --live some
-of the faults are also injected into real processes on the emulated bus, which takes seven minutes
-more. The exit status is 1 where an acceptance fails.
+fault. Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it
+continues where it stopped. A folder with results of another specification, or of programs that have
+changed since, is rejected. With --live some of the faults are also injected into real processes on
+the emulated bus, which takes seven minutes more. The exit status is 1 where an
+acceptance fails.
 """
 
 import argparse
+import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.closed_loop.parallel_work import worker_pool
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
@@ -23,22 +25,30 @@ from steer_by_wire.runtime.command_line import (
     add_out_argument,
     command_parser,
     run_main,
+    say,
     whole_number,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.report import refuse_another_run, write_json
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,
     preset_names,
     read_preset,
 )
-from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
-from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
+from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import group
+from steer_by_wire.tools.faults.campaign.execution import (
+    RESULTS,
+    execute,
+    keep_only,
+    read_stored,
+    specification_hash,
+    write_result,
+)
 from steer_by_wire.tools.faults.campaign.presentation import (
     campaign_page,
     table_lines,
@@ -53,8 +63,6 @@ from steer_by_wire.tools.faults.live.live_campaign import (
 
 NAME = "steer-by-wire faults"
 FAILED = 1
-SPECIFICATION = "specification.toml"
-"""Says what the results in a folder are of."""
 _EXAMPLES = ("inject --list", "--set golden_seeds=1")
 
 
@@ -100,16 +108,13 @@ def _run(options: argparse.Namespace) -> int:
     for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
-    folder, text = options.out, dump_toml(spec)
-    refuse_another_run(folder, {SPECIFICATION: text})
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / SPECIFICATION, text)
     begin_s = time.perf_counter()
-    results = run_all(list(scenarios_of(spec)), options.workers)
+    results = _results(spec, options)
     findings = findings_of(results, spec.ftti_ms)
-    live = run_live_campaign(folder / "live", spec.seed) if options.live else []
+    live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
     findings += [live_finding(live)] if live else []
     groups = group(results)
+    folder = options.out
     write_csv(folder / "results.csv", results)
     write_json(
         folder / "campaign.json",
@@ -128,18 +133,40 @@ def _run(options: argparse.Namespace) -> int:
     return _status(findings)
 
 
-def run_all(scenarios: Sequence[Scenario], workers: int) -> list[RunResult]:
-    """Run the scenarios in as many processes, and return their results in order."""
-    results = []
-    with counting_bars(plain_console()) as bars, worker_pool(workers) as pool:
-        task = bars.add_task("", total=len(scenarios))
-        made: Iterable[RunResult] = map(run_trial, scenarios)
-        if workers > 1:
-            made = pool.map(run_trial, scenarios)
-        for result in made:
-            results.append(result)
-            bars.advance(task)
-    return results
+def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunResult]:
+    scenarios = list(scenarios_of(spec))
+    spec_hash = specification_hash(spec)
+    stored = read_stored(options.out, spec_hash)
+    if stored.others:
+        raise SettingsError(
+            f"{options.out / RESULTS}: has {stored.others} results of another specification, or of"
+            " programs that have changed since; give --out another folder, or remove this one"
+        )
+    if stored.not_whole:
+        what = f"{stored.not_whole} lines that are no whole results are left out"
+        say(NAME, f"{options.out / RESULTS}: {what}", sys.stderr)
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = {result.name: result for _, result in stored.results}
+    keep_only(options.out, spec_hash, done.values())
+    left = [scenario for scenario in scenarios if scenario.name not in done]
+    if done:
+        print(f"{len(done)} of {len(scenarios)} runs are there already")
+
+    try:
+        with counting_bars(plain_console()) as bars:
+            task = bars.add_task("", total=len(left))
+
+            def take(result: RunResult) -> None:
+                done[result.name] = result
+                write_result(options.out, spec_hash, result)
+                bars.advance(task)
+
+            execute(run_trial, left, options.workers, take)
+    except KeyboardInterrupt:
+        kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
+        say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
+        raise
+    return [done[scenario.name] for scenario in scenarios]
 
 
 def _status(findings: Sequence[Finding]) -> int:

@@ -1,6 +1,5 @@
 """The fault campaign: classification beforehand, a small campaign."""
 
-import csv
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +27,7 @@ from steer_by_wire.tools.faults.campaign.detectability import (
     expect_fault,
     expect_node_fault,
 )
+from steer_by_wire.tools.faults.campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.virtual_trial import (
     FAILURES,
@@ -254,14 +254,21 @@ def test_groups_have_every_run_once(results: list[RunResult]) -> None:
     assert sum(row.runs for row in group(results)) == len(results)
 
 
-def test_the_program_leaves_a_page_and_a_line_for_each_run(
-    spec_file: Path, tmp_path: Path, results: list[RunResult]
+def test_the_program_goes_on_where_it_was_left(
+    spec_file: Path, tmp_path: Path, results: list[RunResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """All but two runs are there already, and one line is torn."""
     few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--workers", "1"]
-    assert main([str(spec_file), *few, "--out", str(tmp_path / "now")]) == 0
-    with (tmp_path / "now" / "results.csv").open(newline="", encoding="utf-8") as lines:
-        names = {line["name"] for line in csv.DictReader(lines)}
-    assert names <= {one.name for one in results}
+    arguments = [str(spec_file), *few, "--out", str(tmp_path / "now")]
+    assert main(arguments) == 0
+    lines = (tmp_path / "now" / RESULTS).read_text().splitlines()
+    (tmp_path / "now" / RESULTS).write_text("\n".join([*lines[:-2], lines[-2][:40]]))
+    capsys.readouterr()
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
+    now = read_stored(tmp_path / "now").results
+    assert {one.name for _, one in now} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
     assert page.getroot().tag == "html"
 
@@ -297,6 +304,32 @@ def test_a_number_that_is_none_is_reported_with_its_range(
     with pytest.raises(SystemExit, match="2"):
         main([f"--workers={value}"])
     assert "argument --workers: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_results_of_programs_that_have_changed_are_none_of_these(
+    spec: CampaignSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "step.py").write_text("GAIN = 1.0")
+    monkeypatch.setattr(
+        "steer_by_wire.tools.faults.campaign.execution.files", lambda _package: tmp_path
+    )
+    before = specification_hash(spec)
+    assert specification_hash(spec) == before
+    (tmp_path / "step.py").write_text("GAIN = 2.0")
+    assert specification_hash(spec) != before
+
+
+def test_results_on_waypoints_that_have_changed_are_none_of_these(tmp_path: Path) -> None:
+    road = tmp_path / "road.csv"
+    spec = load_settings(
+        CampaignSettings,
+        overrides=[f'points=[{{name="road",path={{kind="waypoints",file="{road}"}}}}]'],
+    )
+    road.write_text("x_m,y_m\n0,0\n9,0\n")
+    before = specification_hash(spec)
+    assert specification_hash(spec) == before
+    road.write_text("x_m,y_m\n0,0\n9,1\n")
+    assert specification_hash(spec) != before
 
 
 def test_a_node_that_does_not_look_at_counters_fails_the_campaign(

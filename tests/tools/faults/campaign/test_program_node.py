@@ -8,6 +8,7 @@ from pathlib import Path
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
+from steer_by_wire.tools.faults.campaign.execution import specification_hash
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 from tests.closed_loop.lockstep import lockstep_controller
 
@@ -65,3 +66,13 @@ def test_one_that_fails_is_unsafe_and_says_why(tmp_path: Path) -> None:
     (_, golden), *_ = trials(tmp_path, [sys.executable, "-c", "raise SystemExit('no board')"])
     assert golden.verdict == Detection.UNSAFE
     assert golden.unsafe.endswith("ended with status 1; its last line: no board")
+
+
+def test_results_of_another_program_belong_to_another_specification(tmp_path: Path) -> None:
+    program = tmp_path / "firmware"
+    spec = CampaignSettings(command=(str(program),))
+    program.write_text("one", encoding="utf-8")
+    before = specification_hash(spec)
+    assert specification_hash(spec) == before
+    program.write_text("two", encoding="utf-8")
+    assert specification_hash(spec) != before
