@@ -253,14 +253,23 @@ needs_a_c_compiler = pytest.mark.skipif(
 )
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the layout in C is generated, and each program compiled, once."""
+    folder = tmp_path_factory.mktemp("controller_in_c")
+    generate = [sys.executable, "-m", "cantools", "generate_c_source", str(DBC)]
+    subprocess.run(generate, cwd=folder, check=True, capture_output=True)
+    return folder
+
+
 @needs_a_c_compiler
-def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
+def test_the_controller_in_c_sends_the_same_bytes(folder: Path) -> None:
     tests: Any = import_module("test_controller")
     _, node = foreign_run()
     spoilt = [Frame(0x110, bytes(8)), Frame(0x100, node.said[0]), Frame(0x110, bytes(1))]
     heard = [Frame(0x110, data) for data in node.heard]
     said: list[Arrival] = []
-    with LockstepProgram([tests.build(tmp_path, "on_lockstep")]) as program:
+    with LockstepProgram([tests.build(folder, "on_lockstep")]) as program:
         for frame in (*spoilt, *heard, heard[-1]):  # the last one is a repetition
             said += program.exchange(Record(FRAMES, 0, [(0, frame)])).frames
     assert [frame for _, frame in said] == [Frame(0x100, data) for data in node.said]
@@ -271,11 +280,11 @@ def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
     shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-system-arm") is None,
     reason="no arm-none-eabi-gcc or qemu-system-arm: nothing ran on a Cortex-M7",
 )
-def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path) -> None:
+def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path, folder: Path) -> None:
     tests: Any = import_module("test_controller")
     rig = Rig(tmp_path, overrides={"duration_s": 1.0, "latency.downlink.mean_s": 0.02})
-    host = rig.run([tests.build(tmp_path, "on_lockstep")], lockstep=True)
-    m7 = rig.run([*QEMU_M7, tests.build(tmp_path, "on_m7.elf")], lockstep=True)
+    host = rig.run([tests.build(folder, "on_lockstep")], lockstep=True)
+    m7 = rig.run([*QEMU_M7, tests.build(folder, "on_m7.elf")], lockstep=True)
     assert host.ending == m7.ending == ""
     assert m7.files.candump_log.read_bytes() == host.files.candump_log.read_bytes()
     assert m7.report["accepted"] > 60
@@ -283,20 +292,18 @@ def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path) -> None:
 
 @needs_a_c_compiler
 @pytest.mark.vcan
-def test_the_rig_drives_the_controller_in_c_and_finds_the_broken_one(
-    pytester: pytest.Pytester,
-) -> None:
-    run_its_own_tests(pytester, "not virtual_time")
+def test_the_rig_drives_the_controller_in_c_on_a_bus(tmp_path: Path, folder: Path) -> None:
+    tests: Any = import_module("test_controller")
+    rig = Rig(tmp_path, overrides={"duration_s": 2.0, "safety.ftti_ms": "off"})
+    rig.run([tests.build(folder, "on_vcan"), "{channel}"]).assert_holds(rms_m=0.1)
 
 
 @needs_a_c_compiler
-def test_the_rig_drives_the_controller_in_c_in_virtual_time(pytester: pytest.Pytester) -> None:
-    run_its_own_tests(pytester, "virtual_time")
-
-
-def run_its_own_tests(pytester: pytest.Pytester, which: str) -> None:
+def test_the_rig_drives_the_controller_in_c_and_finds_the_broken_one(
+    pytester: pytest.Pytester,
+) -> None:
     file = EXAMPLES / "foreign_controller_c" / "test_controller.py"
     without = ("xdist", "cacheprovider", "_hypothesis_pytestplugin")
     options = [word for plugin in without for word in ("-p", f"no:{plugin}")]
-    result = pytester.runpytest_inprocess(str(file), "-k", which, *options)
-    result.assert_outcomes(passed=2, deselected=2)
+    result = pytester.runpytest_inprocess(str(file), "-k", "virtual_time", *options)
+    result.assert_outcomes(passed=3, deselected=1)
