@@ -35,7 +35,7 @@ from typing import Any, NamedTuple, NoReturn
 from steer_by_wire.with_vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
-FORKED = ("steer_by_wire", "can", "cantools", "pytest")
+FORKED = ("steer_by_wire", "can", "cantools", "pytest", "tests")
 STREAMS = (0, 1, 2)
 PRELOADED = (
     "can",

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
 from steer_by_wire.tools.analyze.__main__ import main
 
-DURATION_S = 12.0
+DURATION_S = 6.0
 DOWNLINK_S, UPLINK_S = 0.08, 0.02
 SPREAD_S = 0.003
 """So small against the period that hardly a measurement overtakes another."""
@@ -60,10 +61,22 @@ def varying(tmp_path_factory: pytest.TempPathFactory) -> Run:
     )
 
 
+@pytest.fixture(scope="module")
+def beginning(varying: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a log of the first quarter of ``varying``."""
+    entries = entries_of(varying.log)
+    return write_log(tmp_path_factory.mktemp("beginning") / "run.log", entries[: len(entries) // 4])
+
+
 def analyse(*paths: Path) -> dict[str, Any]:
-    """Return the figures as they would be written."""
-    figures: dict[str, Any] = json.loads(json.dumps(analyse_files(paths).figures))
+    """Return the figures as they would be written; of a log as it was, those of before."""
+    figures: dict[str, Any] = json.loads(_analysed(*((p, p.stat().st_mtime_ns) for p in paths)))
     return figures
+
+
+@cache
+def _analysed(*versions: tuple[Path, int]) -> str:
+    return json.dumps(analyse_files([path for path, _ in versions]).figures)
 
 
 def written(out: Path, *arguments: Path | str) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.tools.run.__main__ import main
 from tests.support.random_frames import sendable_frames
 
-OURS = [sys.executable, str(Path(__file__).with_name("lockstep_controller.py"))]
+OURS = [sys.executable, "-m", "tests.closed_loop.lockstep.lockstep_controller"]
 ECHO = f"""
 import sys
 while record := sys.stdin.buffer.read({RECORD_BYTES}):
@@ -72,7 +72,7 @@ def test_any_bytes_are_a_record_or_an_error(content: bytes, count: int) -> None:
 
 @pytest.mark.parametrize("preset", ["practical_pd_ddob", "practical_predictor"])
 def test_our_node_in_a_program_of_its_own_makes_the_same_run(preset: str, tmp_path: Path) -> None:
-    network = {"latency.downlink.mean_s": 0.05, "duration_s": 3.0}
+    network = {"latency.downlink.mean_s": 0.05, "duration_s": 1.5}
     rig = Rig(tmp_path, "paper_nominal", network, seed=5)
     inside = rig.run(preset)
     outside = rig.run([*OURS, preset], lockstep=True)
@@ -203,12 +203,12 @@ def test_one_that_fails_on_the_way_is_one_line_with_the_time(name: str, tmp_path
 
 
 def test_a_slow_program_makes_the_same_run(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, "paper_nominal", {"duration_s": 1.0})
+    rig = Rig(tmp_path, "paper_nominal", {"duration_s": 0.5})
     slow = [*OURS, "practical_pd", "0.003"]
-    runs = [rig.run(words, lockstep=True) for words in (slow[:-1], slow, slow)]
-    first, *others = (run.files.candump_log.read_bytes() for run in runs)
-    assert others == [first, first]
-    assert runs[0].report["accepted"] > 90
+    runs = [rig.run(words, lockstep=True) for words in (slow[:-1], slow)]
+    quick, slowed = (run.files.candump_log.read_bytes() for run in runs)
+    assert quick == slowed
+    assert runs[0].report["accepted"] > 40
 
 
 def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:

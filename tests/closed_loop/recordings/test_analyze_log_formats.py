@@ -11,13 +11,13 @@ from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REM
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.logged_run import (
     START_NS,
-    Run,
     analyse,
     convert,
     entries_of,
     same_but_for_times,
     written,
 )
+from tests.support.logged_run import beginning as beginning
 from tests.support.logged_run import varying as varying
 from tests.support.unrendered import unrendered as unrendered
 
@@ -33,12 +33,12 @@ NEEDS_ASAMMDF = pytest.mark.skipif(
     [".log", ".asc", ".blf", ".csv", ".db", ".trc", pytest.param(".mf4", marks=NEEDS_ASAMMDF)],
 )
 def test_every_format_of_python_can_gives_the_same_figures(
-    varying: Run, tmp_path: Path, suffix: str
+    beginning: Path, tmp_path: Path, suffix: str
 ) -> None:
-    entries = entries_of(varying.log)
+    entries = entries_of(beginning)
     figures = analyse(convert(entries, tmp_path / f"converted{suffix}"))
     assert figures["frames"] == len(entries)
-    same_but_for_times(analyse(varying.log), figures)
+    same_but_for_times(analyse(beginning), figures)
 
 
 def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
@@ -52,8 +52,8 @@ def seconds(time_ns: int) -> str:
 
 
 @pytest.mark.parametrize("way", ["-ta", "-tz", "-td", "-td -x"])
-def test_what_candump_prints_gives_the_same_figures(varying: Run, tmp_path: Path, way: str) -> None:
-    entries = entries_of(varying.log)
+def test_what_candump_prints_gives_the_same_figures(beginning: Path, tmp_path: Path, way: str) -> None:
+    entries = entries_of(beginning)
     lines = []
     before_ns = entries[0].time_ns
     for entry in entries:
@@ -67,13 +67,13 @@ def test_what_candump_prints_gives_the_same_figures(varying: Run, tmp_path: Path
     path.write_text("".join(lines))
     figures = analyse(path)
     assert figures["unreadable"] == 0
-    same_but_for_times(analyse(varying.log), figures)
+    same_but_for_times(analyse(beginning), figures)
 
 
-def test_without_times_there_are_counts_and_signals_only(varying: Run, tmp_path: Path) -> None:
+def test_without_times_there_are_counts_and_signals_only(beginning: Path, tmp_path: Path) -> None:
     path = tmp_path / "printed"
-    path.write_text("".join(plain(entry, "") for entry in entries_of(varying.log)))
-    figures, known = written(tmp_path / "out", path), analyse(varying.log)
+    path.write_text("".join(plain(entry, "") for entry in entries_of(beginning)))
+    figures, known = written(tmp_path / "out", path), analyse(beginning)
     assert (figures["has_times"], figures["duration_s"]) == (False, None)
     assert figures["latency"]["round_trip"]["samples"] == 0
     for name in known["messages"]:

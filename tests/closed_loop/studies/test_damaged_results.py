@@ -213,7 +213,7 @@ def test_no_flipped_bit_makes_another_figure(scenarios: Scenarios, tmp_path: Pat
     expected = repr(read_rows(study))
     written = store.results.read_bytes()
     refused = 0
-    for bit in random.integers(0, 8 * len(written), 400).tolist():
+    for bit in random.integers(0, 8 * len(written), 150).tolist():
         damaged = bytearray(written)
         damaged[bit // 8] ^= 1 << bit % 8
         store.results.write_bytes(damaged)
@@ -223,7 +223,7 @@ def test_no_flipped_bit_makes_another_figure(scenarios: Scenarios, tmp_path: Pat
             refused += 1
             continue
         assert repr(rows) == expected, bit
-    assert refused > 100  # of the columns that are read
+    assert refused > 40  # of the columns that are read
 
 
 def test_another_process_does_not_write_into_the_same_folder(

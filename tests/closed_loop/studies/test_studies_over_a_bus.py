@@ -40,11 +40,11 @@ duration_s = 0.5
 [base.plant.latency.downlink]
 mean_s = 0.02
 """
-OURS = str(Path(__file__).parents[1] / "lockstep" / "lockstep_controller.py")
+OURS = [sys.executable, "-m", "tests.closed_loop.lockstep.lockstep_controller", "practical_pd"]
 OUTSIDE = f"""
 [base.variants.outside]
 preset = "practical_pd"
-command = {json.dumps([sys.executable, OURS, "practical_pd"])}
+command = {json.dumps(OURS)}
 """
 FACTORS = """
 [[factors]]
