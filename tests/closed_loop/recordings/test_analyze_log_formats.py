@@ -52,7 +52,9 @@ def seconds(time_ns: int) -> str:
 
 
 @pytest.mark.parametrize("way", ["-ta", "-tz", "-td", "-td -x"])
-def test_what_candump_prints_gives_the_same_figures(beginning: Path, tmp_path: Path, way: str) -> None:
+def test_what_candump_prints_gives_the_same_figures(
+    beginning: Path, tmp_path: Path, way: str
+) -> None:
     entries = entries_of(beginning)
     lines = []
     before_ns = entries[0].time_ns
