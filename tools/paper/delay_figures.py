@@ -4,9 +4,8 @@ Each figure's statement is checked with three variants: the laws as published, w
 derivative, and with what keeps them on the path (`delay_runs` gives the reasons).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -19,21 +18,13 @@ from .delay_runs import (
     CDOB_AND_DDOB,
     DDOB,
     DURATION_S,
-    FILTER,
     PD,
     PD_AND_CDOB,
     SETTINGS_CAPTION,
     STEER_RAD_MAX,
-    TYPE_2,
-    WASHOUT,
     Compared,
-    Law,
     compare,
-    delayed_plant,
-    drive,
     error_text,
-    lap_s,
-    mean_before,
     steer_text,
 )
 from .reference_reading import (
@@ -46,7 +37,7 @@ from .reference_reading import (
     picture,
     smaller,
 )
-from .result import CLAIM, Comparison, Picture, Reproduction, unpublished, verdict_of
+from .result import CLAIM, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, thinned
 
 LINEAR_M = 0.1
@@ -55,7 +46,7 @@ LINEAR_M = 0.1
 STEER_SHOWN_S = 10.0
 """Only the first seconds of the steer are drawn: later, a limit cycle is a filled area."""
 
-_ERROR_STEP_S, _STEER_STEP_S, _LAP_STEP_S = 0.02, 0.005, 0.1
+_ERROR_STEP_S, _STEER_STEP_S = 0.02, 0.005
 _COLUMN = {False: "lateral_error_m", True: "wheel_angle_rad"}
 _COLOUR_OF = {
     "PD": COLOURS[0],
@@ -81,8 +72,7 @@ _WHY_CDOB = (
 
 
 _STEER_CAPTION = (
-    f"The first {STEER_SHOWN_S:g} s and two laps; the RMS is over {DURATION_S:g} s. The same runs "
-    "as in Figure"
+    f"The first {STEER_SHOWN_S:g} s; the RMS is over {DURATION_S:g} s. The same runs as in Figure"
 )
 _NOTABLY = 0.1
 """Threshold for "smaller" and "similar" steer: by more, or by less, than a tenth."""
@@ -95,7 +85,6 @@ _CURVATURE = "curvature as a disturbance"
 def figure_21() -> Reproduction:
     """Return the lateral deviation of PD and PD+CDOB."""
     compared = compare(PD_AND_CDOB)
-    laps, comparisons = _two_laps("figure_21_two_laps", _PD_CDOB_LAPS, steer=False)
     deciding = (
         *(_errors(item, published.FIGURE_21) for item in compared),
         *smaller(published.FIGURE_21, ERROR, (PD, CDOB)),
@@ -103,14 +92,13 @@ def figure_21() -> Reproduction:
     return Reproduction(
         "figure_21",
         "Lateral deviation with and without CDOB for time delay",
-        f"{SETTINGS_CAPTION} The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
+        f"{SETTINGS_CAPTION} The first {DURATION_S:g} s; "
         f"the scale of the error is linear within ±0.1 m. {CAPTION}",
         (
             panels("figure_21", compared, steer=False),
             picture("figure_21_reference", "r - y [m]", ERROR, (PD, CDOB)),
-            laps,
         ),
-        (*deciding, *comparisons),
+        deciding,
         verdict_of(deciding, is_corrected=True),
         _WHY_CDOB + WHY.lstrip(),
     )
@@ -119,7 +107,6 @@ def figure_21() -> Reproduction:
 def figure_22() -> Reproduction:
     """Return the steer of PD and PD+CDOB."""
     compared = compare(PD_AND_CDOB)
-    laps, _ = _two_laps("figure_22_two_laps", _PD_CDOB_LAPS, steer=True)
     deciding = (
         *(_steers(item, published.FIGURE_22) for item in compared),
         *smaller(published.FIGURE_22, STEER, (PD, CDOB)),
@@ -131,7 +118,6 @@ def figure_22() -> Reproduction:
         (
             panels("figure_22", compared, steer=True),
             picture("figure_22_reference", "steering angle [rad]", STEER, (PD, CDOB)),
-            laps,
         ),
         deciding,
         verdict_of(deciding, is_corrected=True),
@@ -144,16 +130,15 @@ def figure_22() -> Reproduction:
 def figure_23() -> Reproduction:
     """Return the lateral deviation of PD+CDOB and DDOB."""
     compared = compare(CDOB_AND_DDOB)
-    laps, comparisons = _two_laps("figure_23_two_laps", _CDOB_DDOB_LAPS, steer=False)
     deciding = tuple(_errors(item, published.FIGURE_23) for item in compared)
     return Reproduction(
         "figure_23",
         "Lateral deviation of CDOB and DDOB compensated system",
         f"{SETTINGS_CAPTION} The disturbance is the curvature, as in Figure 20. "
-        f"The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
+        f"The first {DURATION_S:g} s; "
         "the scale of the error is linear within ±0.1 m.",
-        (panels("figure_23", compared, steer=False), laps),
-        (*deciding, *comparisons),
+        (panels("figure_23", compared, steer=False),),
+        deciding,
         verdict_of(deciding, is_corrected=True),
         "That DDOB has the smaller error holds in every variant. Corrected is the derivative "
         "(filter N = 30 rad/s instead of none, with which both end in a limit cycle) and C_r. But "
@@ -165,7 +150,6 @@ def figure_23() -> Reproduction:
 def figure_24() -> Reproduction:
     """Return the steer of PD+CDOB and DDOB, and the speed."""
     compared = compare(CDOB_AND_DDOB)
-    laps, _ = _two_laps("figure_24_two_laps", _CDOB_DDOB_LAPS, steer=True)
     deciding = (
         *(_steers_alike(item) for item in compared),
         *alike(published.FIGURE_24_STEER, STEER, (CDOB, DDOB)),
@@ -180,7 +164,6 @@ def figure_24() -> Reproduction:
             panels("figure_24", compared, steer=True),
             picture("figure_24_reference", "steering angle [rad]", STEER, (CDOB, DDOB)),
             picture("figure_24_reference_rate", "steering rate [rad/s]", STEER_RATE, (CDOB, DDOB)),
-            laps,
         ),
         (*deciding, *(rate._replace(decides="", agrees=None) for rate in rates)),
         verdict_of(deciding, is_corrected=True),
@@ -188,21 +171,6 @@ def figure_24() -> Reproduction:
         "PD+CDOB hardly steers with a filtered derivative, and with the ideal one both go from "
         "limit to limit." + WHY,
     )
-
-
-_CDOB_LAPS = (
-    (Law("PD+CDOB, no washout", CDOB.preset), 0.0),
-    (Law("PD+CDOB, washout", CDOB.preset, WASHOUT), 2.0),
-)
-"""Laws and how many laps they drive; 0: as long as the wire can carry the error."""
-_PD_CDOB_LAPS = ((PD, 2.0), *_CDOB_LAPS)
-_CDOB_DDOB_LAPS = (
-    *_CDOB_LAPS,
-    (Law("DDOB, no washout", DDOB.preset), 2.0),
-    (Law("DDOB, no washout, type-2 Q", DDOB.preset, TYPE_2), 2.0),
-    (Law("DDOB, washout", DDOB.preset, WASHOUT), 2.0),
-    (Law("DDOB, washout, type-2 Q", DDOB.preset, (*WASHOUT, *TYPE_2)), 2.0),
-)
 
 
 def _errors(item: Compared, statement: str) -> Comparison:
@@ -241,36 +209,6 @@ def _steers_alike(item: Compared) -> Comparison:
     )
 
 
-def _two_laps(
-    name: str, laws: tuple[tuple[Law, float], ...], *, steer: bool
-) -> tuple[Picture, list[Comparison]]:
-    """Run laws with a filtered derivative, draw them, and say how far each drifts."""
-    lap = lap_s(delayed_plant(DURATION_S))
-    runs: dict[str, History] = {}
-    comparisons = []
-    for law, laps in laws:
-        plant = delayed_plant(laps * lap if laps else DURATION_S)
-        runs |= drive([law.changed(*FILTER)], plant)
-        comparisons.append(_drift(law.label, runs[law.label], lap if laps else None))
-    return two_laps(name, runs, lap, steer=steer), comparisons
-
-
-def _drift(label: str, run: History, lap: float | None) -> Comparison:
-    if lap is None:
-        middle_m, end_m = run.lateral_error_m[run.time_s.size // 2], run.lateral_error_m[-1]
-        text = (
-            f"{middle_m:.1f} m after {0.5 * DURATION_S:g} s, {end_m:.1f} m after {DURATION_S:g} s; "
-            "the wire carries no more than 83.9 m"
-        )
-    else:
-        first_m, second_m = mean_before(run, lap), mean_before(run, 2.0 * lap)
-        text = (
-            f"{first_m:+.4f} m at the end of the first lap ({lap:.0f} s), {second_m:+.4f} m of the "
-            f"second: {1e3 * (second_m - first_m) / lap:+.3f} mm/s"
-        )
-    return unpublished(f"error over a full lap, N = 30 rad/s, {label}", text)
-
-
 def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
     """Draw lateral errors, or steers, of several variants, on one scale."""
     figure = Figure(figsize=(12.0, 4.6))
@@ -288,36 +226,6 @@ def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
         axes.set_title(variant.title, fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=1)
     _scale(figure.axes[0], steer)
-    return Picture(name, figure, columns)
-
-
-def two_laps(name: str, runs: Mapping[str, History], lap_s: float, *, steer: bool) -> Picture:
-    """Draw two laps; runs may end earlier, their cells are then empty."""
-    figure = Figure(figsize=(10.5, 5.0))
-    axes = figure.subplots()
-    few = {label: thinned(run, _LAP_STEP_S) for label, run in runs.items()}
-    longest = max(few.values(), key=lambda run: run.time_s.size)
-    columns = {"time_s": longest.time_s}
-    for label, run in few.items():
-        values = np.full(longest.time_s.size, np.nan)
-        values[: run.time_s.size] = _values(run, steer)
-        columns[f"{label} {_COLUMN[steer]}"] = values
-        axes.plot(longest.time_s, values, color=_COLOUR_OF[label], lw=1.0, label=label)
-    for lap in (1, 2):
-        axes.axvline(lap * lap_s, color="0.4", lw=0.9, ls="-.")
-        axes.annotate(
-            f"end of lap {lap}",
-            (lap * lap_s, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(-4, 2),
-            textcoords="offset points",
-            ha="right",
-            fontsize=9,
-            color="0.3",
-        )
-    axes.set(xlabel="time [s]")
-    _scale(axes, steer)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3)
     return Picture(name, figure, columns)
 
 

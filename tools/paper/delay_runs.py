@@ -18,7 +18,6 @@ import numpy as np
 
 from ...closed_loop.pair_result import rms
 from ...controller.settings import controller_preset
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from .simulation import PAPER_DELAY_S, History, paper_plant, simulate
@@ -27,8 +26,6 @@ STEER_RAD_MAX = 0.6
 """Limit on every command, not in the paper: what a road vehicle's wheels can do."""
 
 DURATION_S = 60.0
-END_S = 5.0
-"""The reported error at the end of a lap is the mean over this time."""
 
 FILTER_RAD_S = 30.0
 WASHOUT_RAD_S = 3.0
@@ -114,17 +111,6 @@ def drive(laws: Sequence[Law], plant: PlantSettings) -> dict[str, History]:
     return {
         law.label: simulate(plant, controller_preset(law.preset, law.overrides)) for law in laws
     }
-
-
-def lap_s(plant: PlantSettings) -> float:
-    """Return how long one lap takes [s]."""
-    return build_path(plant.path).length_m / (plant.vehicle.speed_m_s)
-
-
-def mean_before(run: History, time_s: float) -> float:
-    """Return the mean lateral error over the END_S before a time [m]."""
-    window = (run.time_s > time_s - END_S) & (run.time_s <= time_s)
-    return float(np.mean(run.lateral_error_m[window]))
 
 
 def peak(values: FloatArray) -> float:

@@ -28,11 +28,15 @@ from steer_by_wire.tools.paper.delay_runs import (
     Law,
     delayed_plant,
     drive,
-    lap_s,
-    mean_before,
     peak,
 )
-from steer_by_wire.tools.paper.simulation import PAPER_DELAY_S, paper_plant, simulate, thinned
+from steer_by_wire.tools.paper.simulation import (
+    PAPER_DELAY_S,
+    History,
+    paper_plant,
+    simulate,
+    thinned,
+)
 from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, simulated_row
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
@@ -65,10 +69,14 @@ def test_the_pd_dob_row_is_a_thirtieth_of_the_pd_row_and_not_half_of_it() -> Non
     assert all(ours < 0.06 * theirs for ours, theirs in zip(row_m, PD_DOB_ROW_M, strict=True))
 
 
-def test_a_lap_is_the_circumference_over_the_speed() -> None:
+def lap_s() -> float:
     a, b = 78.2, 41.74
-    circumference_m = 4.0 * a * float(ellipe(1.0 - (b / a) ** 2))
-    assert lap_s(delayed_plant(1.0)) == pytest.approx(circumference_m / (5.0 / 3.6), rel=1e-6)
+    return 4.0 * a * float(ellipe(1.0 - (b / a) ** 2)) / (5.0 / 3.6)
+
+
+def mean_before(run: History, time_s: float) -> float:
+    window = (run.time_s > time_s - 5.0) & (run.time_s <= time_s)
+    return float(np.mean(run.lateral_error_m[window]))
 
 
 def is_stable_at_the_papers_delay(law: Law, filter_rad_s: float) -> bool:
@@ -123,7 +131,7 @@ def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated
 
 def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> None:
     """Drift: (13) towards rest, G_n/G (1 - Q) = G_n/G 2s/ω_D, of (5), with the mean curvature."""
-    lap = lap_s(delayed_plant(1.0))
+    lap = lap_s()
     plant = delayed_plant(2.0 * lap)
     speed_m_s = plant.vehicle.speed_m_s
     mean_curvature_1_m = 2.0 * math.pi / (lap * speed_m_s)
