@@ -1,4 +1,4 @@
-"""Show the bus in a terminal, and change the latency with keys.
+"""Show the bus in a terminal.
 
 Not here: what the frames say (``closed_loop.recordings.live_view``). Begin with ``screen.py``.
 """

@@ -2,8 +2,8 @@
 
     steer-by-wire monitor -i socketcan -c vcan0
 
-Keys change the latency that the plant injects, by LATENCY_CONFIG. Without a terminal it prints one
-line a second. With --foxglove it also serves every message to Foxglove, live.
+Ctrl-C ends it. Without a terminal it prints one line a second. With --foxglove it also serves every
+message to Foxglove, live. ``cockpit --allow-control`` changes the latency that the plant injects.
 """
 
 import argparse
@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
-from typing import NamedTuple
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -20,7 +19,6 @@ from rich.live import Live
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
-from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
@@ -29,23 +27,15 @@ from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import shutting_down
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
-from steer_by_wire.tools.monitor.keys import QUIT_KEYS, LatencyChoice, pressed, terminal_keys
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
 """Refreshes of the screen; each sends some kilobytes over ssh."""
 _WAIT_S = 0.05
-"""Longest time until a key takes effect."""
+"""Longest time until a signal takes effect."""
 _FRAMES_PER_TURN_MAX = 1000
-"""A flood must not keep the monitor from drawing, nor from reading keys."""
-
-
-class _Settings(NamedTuple):
-    """The latency that the keys have set, and how often it was sent."""
-
-    choice: LatencyChoice = LatencyChoice()
-    sent: int = 0
+"""A flood must not keep the monitor from drawing."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -91,28 +81,19 @@ def _show(
     watch: BusWatch,
     stop: Callable[[], bool],
 ) -> None:
-    """Draw the screen until a key or a signal ends it; the terminal is restored then."""
+    """Draw the screen until a signal ends it; the terminal is restored then."""
     console = Console()
     plain_ascii = not console.encoding.lower().startswith("utf")
-    settings = _Settings()
     reader = LiveReader(port)
     period_ns = NS_PER_S // REFRESHES_PER_S
     draw_ns = 0
-    with (
-        terminal_keys() as read_keys,
-        Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live,
-    ):
+    with Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         while not stop():
             now_ns = _listen(reader, watch, _WAIT_S)
-            keys = read_keys()
-            if any(key in QUIT_KEYS for key in keys):
-                return
-            settings = _take_keys(keys, settings, port, watch)
-            if keys or now_ns >= draw_ns:
+            if now_ns >= draw_ns:
                 draw_ns = now_ns + period_ns
-                lines = screen_lines(
-                    watch.view(now_ns), *settings, bus, console.width, plain_ascii=plain_ascii
-                )
+                view = watch.view(now_ns)
+                lines = screen_lines(view, bus, console.width, plain_ascii=plain_ascii)
                 live.update(Group(*lines), refresh=True)
 
 
@@ -144,21 +125,6 @@ def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
         if now_ns >= end_ns:
             break
     return now_ns
-
-
-def _take_keys(
-    keys: Sequence[str], settings: _Settings, port: ClosablePort, watch: BusWatch
-) -> _Settings:
-    choice, sent = settings
-    for key in keys:
-        changed = pressed(choice, key)
-        if changed is not None:
-            choice = changed
-            frame = encode(choice.message(), 0)
-            if port.send(frame):
-                sent += 1
-                watch.on_frame(frame, time.monotonic_ns())  # a bus returns no own frames
-    return _Settings(choice, sent)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""From a view to lines of text: 24 of them, as wide as the terminal, 80 columns at least."""
+"""From a view to lines of text: 22 of them, as wide as the terminal, 80 columns at least."""
 
 import math
 
@@ -15,7 +15,6 @@ from ...closed_loop.recordings.status_lights import (
     measurements_that_are,
 )
 from ...dbc.messages import EchoState, EstimateState, Freshness, SecondSender
-from .keys import LatencyChoice
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
@@ -26,16 +25,13 @@ _STYLES = {GOOD: "bold green", NOTICE: "bold yellow", BAD: "bold red", OFF: "bol
 
 def screen_lines(
     view: View,
-    choice: LatencyChoice,
-    sent: int,
     bus: str,
     width: int = WIDTH_MIN,
     *,
     plain_ascii: bool = False,
 ) -> list[Text]:
-    """Return the LINES lines of the screen, none wider than ``width``.
+    """Return the lines of the screen, none wider than ``width``.
 
-    ``sent``         how often a latency was sent
     ``plain_ascii``  for a terminal that has no block characters
     """
     blocks = _ASCII_BLOCKS if plain_ascii else _BLOCKS
@@ -44,7 +40,7 @@ def screen_lines(
     lines += _signals(view, strip_width, blocks)
     lines += _latency(view, strip_width, blocks)
     lines += [Text(_HEAD, style="bold"), *_messages(view)]
-    lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
+    lines.append(_refused(view))
     for line in lines:
         line.truncate(width)
     return lines
@@ -277,21 +273,6 @@ def _second_senders(view: View) -> str:
         for name, bits in notices.items()
         if any(one & bit for one, bit in zip(seen, bits, strict=True))
     )
-
-
-def _choice(choice: LatencyChoice, sent: int) -> Text:
-    text = Text("latency asked for: ")
-    if not sent:
-        return text.append("none yet; a key sends it at once")
-    text.append(
-        f"{choice.direction.name} {choice.model.name} {_ONE_MS * choice.mean_s:.0f} ms, "
-        f"spread {_ONE_MS * choice.spread_s:.0f} ms, {100 * choice.loss:.0f} % lost",
-        style="bold",
-    )
-    return text.append(f" (sent {sent})")
-
-
-_KEYS = "+ - mean  [ ] spread  < > loss  m model  d direction  0 no latency  q quit"
 
 
 def _pair_ms(values_s: tuple[float, ...]) -> str:

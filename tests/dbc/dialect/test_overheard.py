@@ -41,7 +41,6 @@ from steer_by_wire.tools.cockpit.hand import HandFile, HandNode, behind_gateway
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.monitor import __main__ as monitor
-from steer_by_wire.tools.monitor.keys import LatencyChoice
 from steer_by_wire.tools.monitor.screen import screen_lines
 
 CAR = Path(__file__).with_name("my_car.toml")
@@ -174,7 +173,7 @@ def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
     heard = {one.name for one in view.messages if one.accepted > 90}
     assert heard == {"STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"}
     assert view.foreign_frames == 0
-    screen = "\n".join(line.plain for line in screen_lines(view, LatencyChoice(), 0, "can0"))
+    screen = "\n".join(line.plain for line in screen_lines(view, "can0"))
     assert not re.search("|".join(MESSAGE_TYPES), screen)
 
 

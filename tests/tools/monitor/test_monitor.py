@@ -1,4 +1,4 @@
-"""The monitor: what it makes of frames, what it shows of them, and what its keys ask for."""
+"""The monitor: what it makes of frames, and what it shows of them."""
 
 import re
 from collections.abc import Sequence
@@ -19,9 +19,6 @@ from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,
-    Direction,
-    LatencyConfig,
-    LatencyModel,
     LateralError,
     LawNumber,
     Mode,
@@ -32,13 +29,11 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     decode,
     encode,
-    limits,
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
-from steer_by_wire.tools.monitor.keys import LatencyChoice, keys_in, pressed
 from steer_by_wire.tools.monitor.screen import one_line, scaled_strip, screen_lines, strip_text
 
 NS = 1_000_000_000
@@ -178,7 +173,7 @@ def test_a_second_sender_is_named_by_the_node_whose_messages_it_sends(
     status = PlantStatus(0.0, 0.0, 0, 0, SafetyState.HOLDING, second_sender)
     watch.on_frame(encode(status, 0), NS)
     view = watch.view(NS)
-    for text in (as_text(screen_lines(view, LatencyChoice(), 0, BUS, 80)), one_line(view)):
+    for text in (as_text(screen_lines(view, BUS, 80)), one_line(view)):
         assert f", TWO SENDERS as {name}" in text
 
 
@@ -211,7 +206,7 @@ def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> No
     now_ns = 0
     for now_ns, frame in sorted(frames, key=lambda timed: timed[0]):
         watch.on_frame(frame, now_ns)
-    assert len(screen_lines(watch.view(now_ns), LatencyChoice(), 0, BUS)) == 24
+    assert len(screen_lines(watch.view(now_ns), BUS)) == 22
 
 
 # From a view to text
@@ -221,23 +216,21 @@ def as_text(lines: Sequence[Text]) -> str:
     return "\n".join(line.plain for line in lines)
 
 
-def text_of(view: View, width: int = 80, choice: LatencyChoice | None = None) -> str:
-    return as_text(
-        screen_lines(view, choice or LatencyChoice(), int(choice is not None), BUS, width)
-    )
+def text_of(view: View, width: int = 80) -> str:
+    return as_text(screen_lines(view, BUS, width))
 
 
 @pytest.mark.parametrize("width", [80, 81, 100, 132, 200])
-def test_the_screen_has_24_lines_that_fit(entries: list[LogEntry], width: int) -> None:
+def test_the_screen_has_22_lines_that_fit(entries: list[LogEntry], width: int) -> None:
     for view in (view_of(entries), BusWatch(0).view(0)):
-        lines = screen_lines(view, LatencyChoice(), 0, BUS, width)
-        assert len(lines) == 24
+        lines = screen_lines(view, BUS, width)
+        assert len(lines) == 22
         assert all(line.cell_len <= width for line in lines)
 
 
 @pytest.mark.parametrize("width", [1, 20, 79])
 def test_a_narrower_terminal_gets_lines_that_are_cut(entries: list[LogEntry], width: int) -> None:
-    lines = screen_lines(view_of(entries), LatencyChoice(), 0, BUS, width)
+    lines = screen_lines(view_of(entries), BUS, width)
     assert all(line.cell_len <= width for line in lines)
 
 
@@ -255,7 +248,6 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
         "m/s",
         "1/m",
         "refused: 0; foreign 0; error frames 0; lost/refused: plant 0/0, controller 0/0",
-        "q quit",
         "0:00:20",
     ):
         assert shown in text
@@ -264,7 +256,7 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
 
 
 def test_a_terminal_without_block_characters_gets_ascii(entries: list[LogEntry]) -> None:
-    lines = screen_lines(view_of(entries), LatencyChoice(), 0, BUS, plain_ascii=True)
+    lines = screen_lines(view_of(entries), BUS, plain_ascii=True)
     assert as_text(lines).isascii()
 
 
@@ -275,13 +267,6 @@ def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
     text = text_of(watch.view(entries[-1].time_ns + 3 * NS))
     assert text.count("stays away") == 8
     assert "0 frames/s" in text
-
-
-def test_the_screen_says_which_latency_was_asked_for() -> None:
-    view = BusWatch(0).view(0)
-    assert "none yet; a key sends it at once" in text_of(view)
-    choice = LatencyChoice(Direction.UPLINK, LatencyModel.GAMMA, 0.12, 0.03, 0.05)
-    assert "UPLINK GAMMA 120 ms, spread 30 ms, 5 % lost (sent 1)" in text_of(view, 80, choice)
 
 
 def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:
@@ -323,45 +308,3 @@ def test_a_strip_keeps_the_largest_of_what_falls_together() -> None:
     strip = strip_of(ages_ns, np.array([0.1, -0.4, 0.2, 0.3, 9.0]))
     assert strip[-2:] == (0.3, -0.4)
     assert set(strip[:-2]) == {None}
-
-
-# Keys
-
-
-def choice_after(keys: str, choice: LatencyChoice | None = None) -> LatencyChoice:
-    choice = choice or LatencyChoice()
-    for key in keys:
-        changed = pressed(choice, key)
-        assert changed is not None
-        choice = changed
-    return choice
-
-
-def test_keys_change_the_latency() -> None:
-    assert choice_after("+++") == LatencyChoice(mean_s=0.03)
-    assert choice_after("+++-") == LatencyChoice(mean_s=0.02)
-    assert choice_after("-[<") == LatencyChoice()  # nothing below zero
-    assert choice_after("]]>>>") == LatencyChoice(spread_s=0.02, loss=0.03)
-    assert choice_after("m").model is LatencyModel.LOGNORMAL
-    assert choice_after("mmmmm").model is LatencyChoice().model
-    assert [choice_after("d" * n).direction for n in (1, 2, 3)] == [
-        Direction.DOWNLINK, Direction.UPLINK, Direction.BOTH,
-    ]  # fmt: skip
-    assert choice_after("d+]>0") == LatencyChoice(Direction.DOWNLINK)
-    assert pressed(LatencyChoice(), "up") == LatencyChoice(mean_s=0.01)
-    assert pressed(LatencyChoice(), "x") is None
-
-
-@given(st.text(alphabet="+-=[]<>,.md0", max_size=30), st.integers(0, 700))
-def test_whatever_is_pressed_can_be_sent(keys: str, tens: int) -> None:
-    start = LatencyChoice(mean_s=min(tens / 100, limits(LatencyConfig)["mean_s"].maximum))
-    choice = choice_after(keys, start)
-    decoded = decode(encode(choice.message(), 0))
-    assert isinstance(decoded, Decoded)
-    assert decoded.message == pytest.approx(choice.message(), abs=1e-4)
-
-
-def test_keys_are_distinguished_from_escape_sequences() -> None:
-    assert keys_in("+\x1b[A\x1b[B-\x1bOCq") == ["+", "up", "down", "-", "right", "q"]
-    assert keys_in("\x1b[1;5H\x1b[3~\x1b\x1b[D") == ["left"]
-    assert keys_in("") == []
