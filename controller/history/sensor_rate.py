@@ -47,12 +47,12 @@ NO_RATE = RateState(0, -1, 0, 0, False, 0, 0.0)
 def rate_step(
     period_ns: int, x: RateState, newest_ns: int, sample: int, arrival_ns: int
 ) -> RateState:
-    """Process a sample newer than all before.
+    """Process a sample; one no newer than the first of the window begins another.
 
     ``period_ns``  the setting
     ``newest_ns``  when the sample before it arrived, if there is one
     """
-    if x.begin_ns < 0 or arrival_ns - newest_ns > GAP_NS:
+    if x.begin_ns < 0 or sample <= x.begin_sample or arrival_ns - newest_ns > GAP_NS:
         return RateState(sample, arrival_ns, *x[2:])
     lasted_ns = arrival_ns - x.begin_ns
     if lasted_ns < WINDOW_NS:

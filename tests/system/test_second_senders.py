@@ -23,7 +23,7 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.forged_counters import Shot
@@ -293,3 +293,13 @@ def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: i
     own_ns = [at_ns for at_ns, one in told if one is OWN]
     assert len(own_ns) >= 9
     assert own_ns[-1] - ONSET_NS <= 1.1 * NS_PER_S
+
+
+@pytest.mark.parametrize("value_m", [-1.0, 10.0])
+def test_a_law_that_looks_back_forgets_the_forged_measurement_too(value_m: float) -> None:
+    """At 60 km/h: 1.1 and 3.8 m off where it stays in the history."""
+    plant = plant_preset("highway_corner_d", ['path={kind="straight"}', "duration_s=4"])
+    attack = Attack(LateralError, value_m, NS_PER_S, PERIOD_NS, [[Shot(SOON_NS, 31)]], False)
+    run = drive(plant, controller_preset("highway_predictor"), attack)
+    assert run.controller["second_senders"] == ["LATERAL_ERROR"]
+    assert run.peak_m < 0.05

@@ -101,6 +101,12 @@ def test_a_plant_that_is_stopped_again_and_again_has_no_wrong_period() -> None:
         assert not clock.rate.is_wrong
 
 
+def test_a_window_that_began_with_a_sample_since_taken_back_begins_again() -> None:
+    state = after([(10, 0.0), *((n, 100.0 * n) for n in range(1, 22))])
+    assert (state.begin_sample, state.begin_ns) == (21, 2100 * MS)
+    assert state.run == 2
+
+
 def test_a_period_that_comes_right_is_believed_again() -> None:
     wrong = every(20.0, 6.0)
     sample, at_ms = wrong[-1]
