@@ -21,6 +21,14 @@ class ExitStatus(IntEnum):
     """Ctrl-C or SIGTERM outside of a run. An interrupted run ends with OK and a report."""
 
 
+_BY_RANK = (ExitStatus.SETTINGS, ExitStatus.BUS, ExitStatus.SAFE_STATE, ExitStatus.CONDITION)
+
+
+def most_severe(*reached: ExitStatus) -> ExitStatus:
+    """Return the one with which a run ends that has reached several: what broke it comes first."""
+    return next((status for status in _BY_RANK if status in reached), max(reached))
+
+
 class UserError(Exception):
     """An error that a user can cause and mend; the text has one line for each mistake.
 

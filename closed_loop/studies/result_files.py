@@ -18,6 +18,7 @@ import importlib.util
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -37,6 +38,8 @@ from .scenario import Scenarios
 
 CHUNK_RUNS = 4096
 """Rows of a chunk: about a megabyte in memory."""
+WRITE_S = 10.0
+"""Interval at which incomplete chunks are written: the most computing that a crash can lose."""
 RESULTS = "results.parquet"
 _WRITTEN: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
@@ -52,6 +55,7 @@ class Store:
         self._runs = scenarios.study.runs
         self._chunk_runs = chunk_runs
         self._open: dict[int, _Chunk] = {}
+        self._written_s = time.monotonic()
         self._schema = self._make_schema()
         self._types = dict(zip(self._schema.names, self._schema.types, strict=True))
 
@@ -113,7 +117,7 @@ class Store:
             yield ids.tolist()
 
     def put(self, computed: Computed) -> None:
-        """Take runs; complete chunks are written."""
+        """Take runs; complete chunks are written, and every WRITE_S the others too."""
         numbers = computed.ids // self._chunk_runs
         for number in np.unique(numbers).tolist():
             rows = numbers == number
@@ -123,6 +127,8 @@ class Store:
                 self._write_chunk(self._file(number), number, chunk)
                 self._part(number).unlink(missing_ok=True)
                 del self._open[number]
+        if time.monotonic() - self._written_s >= WRITE_S:
+            self.flush()
 
     def flush(self) -> None:
         """Write the rows of the incomplete chunks."""
@@ -130,6 +136,7 @@ class Store:
             if chunk.is_new:
                 self._write_chunk(self._part(number), number, chunk)
                 chunk.is_new = False
+        self._written_s = time.monotonic()
 
     def finish(self) -> None:
         """Join all chunks; every run must be stored."""

@@ -1,6 +1,5 @@
 """Runs a study: what is missing of a stored one, or a whole one for Python (``run_study``)."""
 
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ from .workers import Block, ShouldStop, Workers
 BLOCK_RUNS = 64
 """Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer
 than all of them."""
-FLUSH_S = 10.0
-"""Interval at which an incomplete chunk is written: the most that a crash can lose."""
 
 
 def run_missing(
@@ -36,16 +33,12 @@ def run_missing(
     """
     if store.is_complete:
         return True
-    flushed_s = time.monotonic()
     try:
         block_runs = BLOCK_RUNS if store.scenarios.study.bus is None else 1
         for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
             if len(computed.ids):
                 store.put(computed)
                 on_progress(len(computed.ids))
-            if time.monotonic() - flushed_s >= FLUSH_S:
-                store.flush()
-                flushed_s = time.monotonic()
     finally:
         store.flush()
     if should_stop() and next(store.missing(), None):

@@ -14,7 +14,8 @@ from collections.abc import Iterator
 from itertools import islice
 
 from ...runtime.node import NS_PER_S
-from .latency_distributions import QUANTILES, Distribution, correlated_score, uniform_of_score
+from .latency_correlation import correlated_score, uniform_of_score
+from .latency_distributions import QUANTILES, Distribution
 from .latency_over_time import profile_at
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from .settings import LatencySettings

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ..bus_model.settings import ClockSettings
 from ..command_line import say
-from ..exit_status import BusError, ExitStatus
+from ..exit_status import BusError, ExitStatus, most_severe
 from ..node import NS_PER_S, NS_PER_US, N, Node
 from ..node.drifting_clock import DriftingClock
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
@@ -122,13 +122,12 @@ def run_node(
             conditions = ending.conditions(options.fail_if)
             status = fail_status(name, conditions, ending.quantities, report)
             say(name, f"verdict: {ending.verdict(report)}")
-    if run.failure:
-        return run.status
-    if fault:
-        return ExitStatus.SAFE_STATE
-    if status is ExitStatus.OK and recorded is not None and recorded.failure:
-        return ExitStatus.OUTPUT
-    return status
+    return most_severe(
+        run.status,
+        ExitStatus.SAFE_STATE if fault else ExitStatus.OK,
+        status,
+        ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK,
+    )
 
 
 def _run_in_real_time(

@@ -12,7 +12,7 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.runtime.command_line import handled, run_main
-from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.exit_status import ExitStatus, most_severe
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.program.run_node import run_node
@@ -222,6 +222,13 @@ def test_a_fault_is_reported_also_where_a_signal_comes_before_the_safe_state_is_
 def test_every_way_to_end_has_a_status_of_its_own() -> None:
     assert ExitStatus.SAFE_STATE.value == 5
     assert len({*ExitStatus}) == len(ExitStatus.__members__)
+
+
+def test_what_broke_a_run_decides_its_status_before_what_the_run_was_like() -> None:
+    order = "SETTINGS", "BUS", "SAFE_STATE", "CONDITION", "OUTPUT", "OK"
+    ranked = [ExitStatus[name] for name in order]
+    for first, status in enumerate(ranked):
+        assert most_severe(*reversed(ranked[first:])) is status
 
 
 @pytest.mark.parametrize(
