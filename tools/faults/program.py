@@ -30,7 +30,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import refuse_another_run, write_json
 from steer_by_wire.runtime.settings import (
     SettingsError,
     load_settings,
@@ -135,6 +135,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[RunResult]:
     scenarios = list(scenarios_of(spec))
+    refuse_another_run(options.out, {})
     spec_hash = specification_hash(spec)
     stored = read_stored(options.out, spec_hash)
     if stored.others:

@@ -139,6 +139,8 @@ def test_results_of_another_specification_are_not_lost(
     assert "has 1 results of another specification" in reported
     assert len(reported.splitlines()) == 1
     assert (tmp_path / "first" / RESULTS).read_text() == kept
+    assert main([*words, str(spec_file)]) == 2
+    assert "is a file: give the name of a folder" in capsys.readouterr().err
 
 
 def test_results_that_programs_of_before_have_written_otherwise_are_not_lost_either(
