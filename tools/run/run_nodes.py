@@ -9,6 +9,7 @@ from pathlib import Path
 
 import can
 
+from ...closed_loop.live_bus import Bus, BusRecorder
 from ...closed_loop.lockstep.node import controller_node, gateways_of
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
@@ -119,9 +120,7 @@ def run_threaded_nodes(
         channel = f"run_{next(_CHANNEL_NUMBERS)}"
         buses = [stack.enter_context(can.Bus(interface="virtual", channel=channel)) for _ in "pc"]
         if candump_log is not None:
-            listener = stack.enter_context(can.Bus(interface="virtual", channel=channel))
-            writer = can.CanutilsLogWriter(candump_log, channel=channel)
-            stack.callback(can.Notifier(listener, [writer]).stop)
+            stack.enter_context(BusRecorder(Bus("virtual", channel, {}), candump_log))
         start_ns = time.monotonic_ns()
         plant, controller = make_plant(start_ns), make_controller(start_ns)
         executors = {
