@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.combinations import ALL
 from tests.support.forked_programs import forked_programs
 from tests.support.frozen_heap import FrozenHeap
 from tests.support.last_line import last_line
@@ -109,6 +110,8 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
     config.pluginmanager.register(FrozenHeap())
+    if config.getoption("--hypothesis-profile", "") == "explore":
+        ALL.append(True)
     if sys.platform == "linux":
         end = ExitStack()
         end.enter_context(forked_programs())

@@ -24,6 +24,7 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import preset_names
+from tests.support.combinations import combined
 from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes, plant_settings
 
 LOOKING_BACK = (
@@ -67,8 +68,7 @@ PLANTS: dict[str, Sequence[str]] = {
 }
 
 
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("network", "law"), combined([*NETWORKS], LAWS))
 def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) -> None:
     overrides = [f"latency.{override}" for override in NETWORKS[network]]
     plant = plant_settings(overrides, 8.0 if network in SLOW_NETWORKS else 4.0)
@@ -76,8 +76,9 @@ def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) 
     assert len(run.tick_s) > 0
 
 
-@pytest.mark.parametrize("point", get_args(FollowedPoint))
-@pytest.mark.parametrize("law", ["pd_ddob", "predictor"])
+@pytest.mark.parametrize(
+    ("point", "law"), combined(get_args(FollowedPoint), ["pd_ddob", "predictor"])
+)
 def test_a_compiled_run_equals_the_nodes_whatever_point_is_followed(law: str, point: str) -> None:
     plant = plant_settings(["latency.downlink.mean_s=0.1"], 2.0)
     run = assert_same_as_nodes(

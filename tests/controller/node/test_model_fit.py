@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire import simulate
+from tests.support.combinations import combined
 
 STIFF = ("front_cornering_stiffness_n_rad", 190e3), ("rear_cornering_stiffness_n_rad", 500e3)
 SOFT = {f"plant.vehicle.{key}": 0.3 * value for key, value in STIFF}
@@ -33,9 +34,12 @@ def report(preset: str, overrides: dict[str, Any], duration_s: float = 20.0) -> 
     return run.controller_report
 
 
-@pytest.mark.parametrize("preset", ["highway_pd_ddob", "highway_predictor"])
-@pytest.mark.parametrize("noise_rad_s", [0.0, 0.005])
-@pytest.mark.parametrize("mass_kg", [1600.0, 5000.0])
+PRESETS = ("highway_pd_ddob", "highway_predictor")
+
+
+@pytest.mark.parametrize(
+    ("preset", "noise_rad_s", "mass_kg"), combined(PRESETS, [0.0, 0.005], [1600.0, 5000.0])
+)
 def test_the_ends_of_the_box_fit_and_their_mass_is_known(
     preset: str, noise_rad_s: float, mass_kg: float, winding: dict[str, Any]
 ) -> None:
@@ -48,8 +52,7 @@ def test_the_ends_of_the_box_fit_and_their_mass_is_known(
     assert "model_misfit" not in found["validity_share"]
 
 
-@pytest.mark.parametrize("preset", ["highway_pd_ddob", "highway_predictor"])
-@pytest.mark.parametrize("vehicle", [mass(6000.0), SOFT], ids=["6000 kg", "stiffness -70 %"])
+@pytest.mark.parametrize(("preset", "vehicle"), combined(PRESETS, [mass(6000.0), SOFT]))
 def test_a_vehicle_beyond_the_box_reads_model_misfit_and_asks_to_slow_down(
     preset: str, vehicle: dict[str, Any], winding: dict[str, Any]
 ) -> None:

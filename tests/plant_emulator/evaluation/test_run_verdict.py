@@ -34,6 +34,7 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import (
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.corridor import Outside
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from tests.support.combinations import combined
 
 RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 TIME_S = np.arange(6001) * 0.01
@@ -210,12 +211,16 @@ def test_a_plant_that_nobody_commands_has_not_started() -> None:
 
 
 @pytest.mark.parametrize(
-    "preset", ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"]
+    ("preset", "where"),
+    combined(
+        ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"],
+        [("b", 0.0), ("c", 0.02), ("d", 0.0), ("d", 0.02)],
+    ),
 )
-@pytest.mark.parametrize(("corner", "noise_m"), [("b", 0.0), ("d", 0.0), ("c", 0.02), ("d", 0.02)])
 def test_the_steering_passes_the_lane_change_for_the_highway(
-    preset: str, corner: str, noise_m: float
+    preset: str, where: tuple[str, float]
 ) -> None:
+    corner, noise_m = where
     noise = {"plant.sensor_noise.lateral_error_m": noise_m}
     report = simulate(f"highway_corner_{corner}", preset, overrides=noise).plant_report
     assert report["verdict"] == "holds"
