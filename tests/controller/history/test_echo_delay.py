@@ -177,10 +177,10 @@ def test_a_gap_longer_than_the_counters_round_is_bridged_by_the_clock() -> None:
     assert not any(history.has_error[number] for number in range(50, 650))
 
 
-def test_frames_older_than_the_newest_are_left_out() -> None:
+def test_an_echo_older_than_the_newest_is_left_out() -> None:
     fed = driven(50, latency=3)
-    fed.sample(48, 40, at_ns=50 * PERIOD_NS)
-    assert fed.loop_delay(50).error_sample == 49
+    fed.history.on_echo(echo(40), 48, 50 * PERIOD_NS)
+    assert fed.loop_delay(50).echo_sample == 49
     assert fed.history.history.applied_tick[48] == 45
 
 
