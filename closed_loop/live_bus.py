@@ -1,5 +1,6 @@
 """A real bus for each pair: opened, joined by programs, and recorded."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,8 @@ from .rest_bus_from_dbc import traffic_of
 from .virtual_bus import QUIET_BUS
 
 BUSES = ("auto", "socketcan", "emulated")
+_PAUSE_S = 0.1
+"""Without a frame for so long, a recorder has all that was sent."""
 
 
 class Bus(NamedTuple):
@@ -44,6 +47,8 @@ class Bus(NamedTuple):
 class BusRecorder:
     """Records every frame on a bus, in a thread, from the start of a ``with`` block to its end.
 
+    At the end it still takes what was sent before: a busy machine may be seconds behind.
+
     ``failure``  why the log ends early, empty if it does not: a bus drops a recorder that reads too
                  slowly, and a disk may be full
     """
@@ -56,17 +61,26 @@ class BusRecorder:
     def __enter__(self) -> Self:
         self._listener = self._bus.open()
         self._writer = can.CanutilsLogWriter(self._candump_log, channel=self._bus.channel)
-        self._notifier = can.Notifier([], [self])
+        self._notifier = can.Notifier([], [self], timeout=_PAUSE_S)
         self._notifier.add_bus(self._listener)  # its thread may fail at once
         return self
 
     def __exit__(self, *_: object) -> None:
+        end_s = time.time()
         self._notifier.stop()
         try:
+            self._take_waiting(end_s)
             self._writer.stop()
-        except OSError as error:
+        except (OSError, can.CanError) as error:
             self.failure = self.failure or cause_of(error)
         self._listener.shutdown()
+
+    def _take_waiting(self, end_s: float) -> None:
+        """Write the frames that were sent before a time of the wall clock [s]."""
+        while not self.failure and (message := self._listener.recv(_PAUSE_S)) is not None:
+            self._writer(message)
+            if message.timestamp > end_s:  # other people's traffic goes on
+                return
 
     def __call__(self, message: can.Message) -> None:
         """Write a frame."""

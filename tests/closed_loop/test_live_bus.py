@@ -8,11 +8,12 @@ import pytest
 from steer_by_wire.closed_loop.live_bus import Bus, BusRecorder
 from tests.support.running_program import wait_until
 
-pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+has_full_disk = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 BUS = Bus("virtual", "full_disk", {})
 MESSAGE = can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False)
 
 
+@has_full_disk
 def test_a_recorder_whose_disk_is_full_says_so_and_ends_nothing_else() -> None:
     with BUS.open() as sender, BusRecorder(BUS, Path("/dev/full")) as recorder:
         for _ in range(1000):  # more than the writer holds back
@@ -21,7 +22,16 @@ def test_a_recorder_whose_disk_is_full_says_so_and_ends_nothing_else() -> None:
     assert recorder.failure == "No space left on device"
 
 
+@has_full_disk
 def test_a_disk_that_is_full_at_the_end_is_told_too() -> None:
     with BusRecorder(BUS, Path("/dev/full")) as recorder:
         recorder(MESSAGE)
     assert recorder.failure == "No space left on device"
+
+
+def test_a_recorder_that_is_behind_still_takes_what_was_sent_before_its_end(tmp_path: Path) -> None:
+    log, bus = tmp_path / "candump.log", Bus("virtual", "behind", {})
+    with bus.open() as sender, BusRecorder(bus, log):
+        for _ in range(2000):
+            sender.send(MESSAGE)
+    assert len(log.read_text(encoding="utf-8").splitlines()) == 2000
