@@ -17,7 +17,7 @@ from steer_by_wire.runtime.settings.toml_text import _toml_table
 from steer_by_wire.tools.design import __main__ as design_gains
 from tests.support.same_process import same_process as same_process
 
-EXAMPLES = 12
+EXAMPLES = 6
 """In the suite; ``--hypothesis-profile=explore`` draws others."""
 LINEAR = ("pd", "pid", "pd_dob", "pd_cdob", "pd_ddob")
 PATHS: tuple[dict[str, Any], ...] = (

@@ -30,7 +30,6 @@ from steer_by_wire.tools.design.demands import (
 )
 from steer_by_wire.tools.design.law_design import (
     Design,
-    NoDesignError,
     Reason,
     design,
     failed,
@@ -113,13 +112,6 @@ def test_no_step_of_a_parameter_makes_a_design_better(designed: Design, tmp_path
     for neighbour in neighbours(designed.found.candidate):
         judgement = judge_candidate(study, neighbour)
         assert judgement.violation > 0.0 or judgement.objective >= best
-
-
-def test_a_tighter_demand_costs_tracking(designed: Design, tmp_path: Path) -> None:
-    tight = design(
-        small_spec(tmp_path, "noise_gain_rad_m_max=1"), shipped_vehicle(), "pd", nobody
-    ).found.judgement
-    assert tight.objective > 1.5 * designed.found.judgement.objective
 
 
 def test_what_is_minimised_can_be_chosen(tmp_path: Path) -> None:
@@ -212,18 +204,6 @@ def test_an_empty_region_is_refused_naming_the_demand_in_the_way(
     assert culprit in reason
 
 
-def test_a_specification_without_a_design_is_refused_naming_the_demand_in_the_way(
-    tmp_path: Path,
-) -> None:
-    spec = small_spec(tmp_path, "rms_m_max.pd=0.001", "search.generations=4")
-    reason = (
-        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error;"
-        r" no split of the box in two halves helps$"
-    )
-    with pytest.raises(NoDesignError, match=reason):
-        design(spec, shipped_vehicle(), "pd", nobody)
-
-
 def test_the_halves_of_a_box_are_boxes_that_cover_it() -> None:
     vehicle = shipped_vehicle()
     for field, middle, halves in split_boxes(vehicle):
@@ -281,8 +261,14 @@ def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
             *("--set", "rms_m_max.pd=0.001", "--set", "search.generations=4"),
         ]
     )
-    printed = capsys.readouterr().out
+    printed, error = capsys.readouterr()
     assert status == 1
+    assert re.search(
+        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error;"
+        r" no split of the box in two halves helps$",
+        error,
+        re.MULTILINE,
+    )
     assert not (tmp_path / "small_pd.toml").exists()
     kept = tmp_path / "small_pd.unmet.toml"
     assert f"no preset; the best so far -> {kept}" in printed

@@ -258,7 +258,8 @@ def test_the_program_goes_on_where_it_was_left(
     spec_file: Path, tmp_path: Path, results: list[RunResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All but two runs are there already, and one line is torn."""
-    few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--workers", "1"]
+    drop = 'cases=[{kind="drop", messages=["LATERAL_ERROR"], magnitudes=[1.0]}]'
+    few = ["--set", drop, "--set", "node_cases=[]", "--workers", "1"]
     arguments = [str(spec_file), *few, "--out", str(tmp_path / "now")]
     assert main(arguments) == 0
     lines = (tmp_path / "now" / RESULTS).read_text().splitlines()

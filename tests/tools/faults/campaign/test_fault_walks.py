@@ -17,7 +17,7 @@ from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mech
 from tests.support.fault_walks import Walk, failure_of, walks
 
 SPEC = load_settings(CampaignSettings, read_preset("steer_by_wire.tools.faults", "default"))
-WALKS = int(os.environ.get("WALKS", "8"))
+WALKS = int(os.environ.get("WALKS", "4"))
 FLIPS = FaultSettings(
     kind=FaultKind.BIT_FLIPS, direction="uplink", message="LATERAL_ERROR", onset_s=2.0,
     duration_s=0.5, magnitude=0.02,
@@ -39,7 +39,7 @@ def test_a_pair_meets_the_conditions_of_any_walk(walk: Walk) -> None:
 def test_walks_are_drawn_of_every_kind() -> None:
     kinds: set[str] = set()
 
-    @settings(max_examples=400, derandomize=True, deadline=None, database=None)
+    @settings(max_examples=200, derandomize=True, deadline=None, database=None)
     @given(walks(SPEC))
     def draw(walk: Walk) -> None:
         kinds.update(fault.kind for fault in walk.faults)
