@@ -32,10 +32,6 @@ MS = 1_000_000
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
 
 
-def check(preset: str, *overrides: str) -> str:
-    return check_text(controller_preset(preset, overrides))
-
-
 # By hand
 
 
@@ -191,14 +187,14 @@ def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
 
 
 def test_a_controller_faster_than_its_sensors_reads_that_both_rates_are_analysed() -> None:
-    text = check("practical_pd", "rate_hz=200")
+    settings = controller_preset("practical_pd", ["rate_hz=200"])
+    found = check_figures(settings, lambda _what: None)
+    text = check_text(settings, found)
     assert "Control every 5 ms, measurements every 10 ms (link.sensor_period_ms):" in text
     assert "analysed at both rates" in text
     assert "jitter" not in text
-    settings = controller_preset("practical_pd", ["rate_hz=200"])
     assert settings.model is not None
     one_rate = stable_delays(SampledLoop(design_law(settings), settings.model, 5 * MS))
-    found = check_figures(settings, lambda _what: None)
     # A measurement is 2.5 ms old on average.
     assert one_rate[0].last_ns - 1e9 * found["stable_delays"]["margin_s"] == pytest.approx(
         2.5 * MS, abs=0.1 * MS

@@ -112,21 +112,23 @@ def test_the_plan_is_as_deep_as_the_delay_asks(delay_s: float, spacing: int) -> 
 
 
 def test_what_the_wire_cannot_carry_is_cut_off() -> None:
-    plans, _, _ = run(controller("packet.reserve_s=2.0"), "latency.downlink.mean_s=0.9")
+    plans, _, _ = run(
+        controller("packet.reserve_s=2.0"), "latency.downlink.mean_s=0.9", duration_s=2.0
+    )
     assert plans[-1].spacing == SPACING_MAX
 
 
 def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
     lost = (
         "latency.downlink.schedule_shape=step",
-        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.1}, {time_s=4.0, mean_s=0.1, loss=1.0},"
-        " {time_s=4.5, mean_s=0.1}]",
+        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.1}, {time_s=2.0, mean_s=0.1, loss=1.0},"
+        " {time_s=2.5, mean_s=0.1}]",
     )
-    planned = run(controller(), *lost)[2]
-    single = run(on_bus(controller(), takes_fd=False), *lost)[2]
+    planned = run(controller(), *lost, duration_s=4.0)[2]
+    single = run(on_bus(controller(), takes_fd=False), *lost, duration_s=4.0)[2]
     # The outage is reported as with single commands; only the wheel moves on.
     assert planned["safety"]["holdings"] == single["safety"]["holdings"] == 1
-    whole = run(controller(), "latency.downlink.mean_s=0.1")[2]
+    whole = run(controller(), "latency.downlink.mean_s=0.1", duration_s=4.0)[2]
     assert planned["lateral_error_peak_m"] == pytest.approx(
         whole["lateral_error_peak_m"], abs=0.003
     )

@@ -30,7 +30,9 @@ def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float
     )
     limited = controller_preset("highway_packet")
     free = controller_preset("highway_packet", ["predictor.lateral_acceleration_m_s2_max=100"])
-    runs = [simulate(plant, law, seed=8, duration_s=10.0) for law in (limited, free)]
+    runs = [
+        simulate(plant, law, seed=8, duration_s=10.0, engine="compiled") for law in (limited, free)
+    ]
     largest_rad = [abs(run.controller.sent_rad).max() for run in runs]
     assert largest_rad[0] < 0.0425  # 3 m/s² at 60 km/h
     assert largest_rad[1] > 0.07
@@ -54,7 +56,7 @@ key = "plant.latency.downlink.mean_s"
 values = [0.0, 0.2]
 [sampling]
 seed = 3
-replicates = 40
+replicates = 15
 """,
         encoding="utf-8",
     )

@@ -15,7 +15,7 @@ from tests.support.random_frames import FORMATS
 
 @pytest.mark.parametrize("flags", FORMATS)
 def test_each_error_of_one_bit_ends_as_on_the_wire(flags: int) -> None:
-    seen = compare_random(4, flags, 2)
+    seen = compare_random(2, flags, 2)
     expected = {"bit error", "no acknowledgement", "error at one receiver"}
     expected |= {"arbitration lost"}
     assert expected <= set(seen)
