@@ -14,14 +14,14 @@ from tests.fuzz.targets import TARGETS
 
 EXAMPLES = {
     "authentication": 30,
-    "broker": 75,
+    "broker": 50,
     "bus_client": 40,
     "command_line": 40,
-    "controller": 60,
-    "log": 60,
+    "controller": 40,
+    "log": 40,
     "plant": 30,
     "results": 20,
-    "settings": 75,
+    "settings": 40,
     "specification": 20,
     "trace": 20,
     "waypoints": 12,

@@ -146,7 +146,7 @@ def test_the_gaps_hold_every_identifier_between_the_pairs_own() -> None:
     assert between == set(range(min(own), max(own))) - own
 
 
-@pytest.mark.parametrize("can_id", [gap[0] for gap in GAPS])
+@pytest.mark.parametrize("can_id", [gap[0] for gap in GAPS[::3]])  # all: whole_matrices.py
 def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int) -> None:
     soak = run_virtual_soak(PlantSettings(), CONTROLLER, can_id, BETWEEN_NS, BETWEEN_NS[1])
     above = [own for own in soak.delays_ns if own < can_id]

@@ -1,10 +1,14 @@
-"""All of what the suite judges a sample of: designs, and the last sentences of runs."""
+"""All of what the suite judges a sample of: designs, last sentences of runs, starved messages."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.soak.babbling_node import GAPS
+from tests.soak.test_virtual_soak import (
+    test_what_is_starved_does_not_hold_up_what_has_a_higher_priority as holds_up_nothing,
+)
 from tests.support.same_process import same_process as same_process
 from tests.tools.design import test_designed_presets as presets
 from tests.tools.design import test_other_cars as cars
@@ -56,3 +60,8 @@ def test_a_car_that_is_designed_is_held_in_a_simulator_written_apart(
 @pytest.mark.parametrize("number", range(40))
 def test_the_last_sentence_of_a_drawn_run_is_true(number: int) -> None:
     is_true(number)
+
+
+@pytest.mark.parametrize("can_id", [gap[0] for gap in GAPS])
+def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int) -> None:
+    holds_up_nothing(can_id)

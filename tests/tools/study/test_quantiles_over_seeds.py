@@ -101,10 +101,10 @@ PAGE = Path(__file__).parents[3] / "docs" / "packet.md"
 
 
 def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None:
-    """The first forty of the thousand seeds, computed anew."""
+    """The first twenty of the thousand seeds, computed anew."""
     shipped = Path(__file__).parents[3] / "closed_loop" / "studies" / "compare_at_speed.toml"
     text = shipped.read_text(encoding="utf-8")
-    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", "[0.2, 0.4]").replace("= 1000", "= 40")
+    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", "[0.2, 0.4]").replace("= 1000", "= 20")
     study = read_study(computed(tmp_path, few))
     rows = read_rows(study)
     lines, network = [], ""
@@ -125,16 +125,16 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
             & (rows.controller == study.names.index(law))
         )
         peak_m = rows.peak_m[at]
-        assert len(peak_m) == 40
+        assert len(peak_m) == 20
         median_m, _, worst_m = (
             math.inf if figure == "lost" else float(figure) for figure in figures[:3]
         )
         half_digit = 0.00501
         assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
-        if median_m < math.inf:  # 40 of 1,000: outside 5 to 35 with a probability of 1e-6
-            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 5
-            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 5
+        if median_m < math.inf:  # 20 of 1,000: all on one side with a probability of 1e-6
+            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 1
+            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 1
         share = float(figures[-1].split()[0])
         count = np.count_nonzero(peak_m > 0.5)
-        assert binom.cdf(count, 40, 0.01 * share + 5e-4) > 1e-6
-        assert binom.sf(count - 1, 40, 0.01 * share + 5e-4) > 1e-6
+        assert binom.cdf(count, 20, 0.01 * share + 5e-4) > 1e-6
+        assert binom.sf(count - 1, 20, 0.01 * share + 5e-4) > 1e-6
