@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller.analysis import check_in_json, check_in_words
+from steer_by_wire.controller import program
+from steer_by_wire.controller.analysis import check_in_json
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.node.modes import supervision_of
 from steer_by_wire.controller.program import check_main, main
@@ -147,7 +148,7 @@ def test_check_shows_the_estimator_only_where_it_is_read_or_was_set(
 ) -> None:
     """The analysis itself is not wanted here."""
     nothing = {"rate_hz": 100.0, "period_s": 0.01, "not_analysed": "of a test"}
-    monkeypatch.setattr(check_in_words, "check_figures", lambda *_: nothing)
+    monkeypatch.setattr(program, "check_figures", lambda *_: nothing)
     assert ("[estimator]" in checked(capsys, *arguments)) is has_table
 
 

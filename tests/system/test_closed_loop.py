@@ -45,6 +45,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from tests.support.combinations import combined
 from tests.support.timed_sender import TimedSender
 
 MS_NS = 1_000_000
@@ -292,8 +293,7 @@ def uplink_loss(loss: float) -> Frame:
     return encode(LatencyConfig(Direction.UPLINK, LatencyModel.CONSTANT, 0.0, 0.0, loss), 0)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("gap_ms", [500, 3000])
+@pytest.mark.parametrize(("law", "gap_ms"), combined(LAWS, [500, 3000]))
 def test_measurements_that_stop_and_come_back_never_make_the_steer_jump(
     law: str, gap_ms: int
 ) -> None:

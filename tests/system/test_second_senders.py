@@ -26,6 +26,7 @@ from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from tests.support.combinations import combined
 from tests.support.forged_counters import Shot
 from tests.support.intruder import Attack, Run, drive
 
@@ -269,11 +270,11 @@ STRATEGIES: dict[str, tuple[Shots, bool]] = {
 
 
 @pytest.mark.parametrize("kind", [SteeringCommand, LateralError])
-@pytest.mark.parametrize(("shots", "repeats"), STRATEGIES.values(), ids=STRATEGIES)
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("name", "sign"), combined([*STRATEGIES], [1.0, -1.0]))
 def test_no_choice_of_counters_costs_more_than_silence_of_the_same_length(
-    kind: type[Message], shots: Shots, repeats: bool, sign: float
+    kind: type[Message], name: str, sign: float
 ) -> None:
+    shots, repeats = STRATEGIES[name]
     value = sign * (0.2 if kind is LateralError else 0.6)
     attack = Attack(kind, value, ONSET_NS, ATTACK_NS, shots, repeats)
     run = drive(PLANT, CONTROLLER, attack)

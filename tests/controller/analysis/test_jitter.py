@@ -19,6 +19,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
+from tests.support.combinations import combined
 from tests.support.wide_stretches import (
     PD,
     PD_CDOB,
@@ -43,8 +44,7 @@ def decay_1_s(
 # By hand
 
 
-@pytest.mark.parametrize("gain", [0.1, 0.5, 1.2])
-@pytest.mark.parametrize("loss", [0.05, 0.3])
+@pytest.mark.parametrize(("gain", "loss"), combined([0.1, 0.5, 1.2], [0.05, 0.3]))
 def test_an_integrator_with_lost_commands_has_the_moments_written_down_by_hand(
     gain: float, loss: float
 ) -> None:
@@ -90,8 +90,9 @@ def test_nothing_that_arrives_is_an_error_and_so_is_too_much() -> None:
 # Without jitter
 
 
-@pytest.mark.parametrize("chosen", [PD, PD_DOB, PD_CDOB, PD_DDOB], ids=lambda c: c.law)
-@pytest.mark.parametrize("delay_ms", [0, 80, 160])
+@pytest.mark.parametrize(
+    ("chosen", "delay_ms"), combined([PD, PD_DOB, PD_CDOB, PD_DDOB], [0, 80, 160])
+)
 def test_a_latency_that_does_not_vary_has_the_rate_of_the_poles(
     chosen: ControllerSettings, delay_ms: int
 ) -> None:
