@@ -84,7 +84,11 @@ def test_a_law_that_fails_is_named(tmp_path: Path) -> None:
     assert "TypeError" in ending
 
 
-def test_a_silent_controller_never_drives_the_plant(tmp_path: Path) -> None:
+def test_a_silent_controller_never_drives_the_plant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("steer_by_wire.closed_loop.rig.rig.START_S_MAX", 3)
+
     class Silent(ControllerNode):  # a node that never sends
         def on_tick(self, now_ns: int) -> tuple[()]:
             super().on_tick(now_ns)

@@ -35,7 +35,10 @@ def test_it_drives_ours_and_one_that_speaks_it(rig: Rig) -> None:
     assert ours.rate_hz == 100.0
 
 
-def test_one_that_speaks_our_messages_never_drives(rig: Rig) -> None:
+def test_one_that_speaks_our_messages_never_drives(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("steer_by_wire.closed_loop.rig.rig.START_S_MAX", 3)
     outcome = rig.run(partial(ControllerNode, SETTINGS))
     with pytest.raises(AssertionError, match="the plant was never driven"):
         outcome.assert_holds()

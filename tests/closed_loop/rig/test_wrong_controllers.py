@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.rig import Outcome, Rig, rig
+from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.runtime.frame import Frame
@@ -23,7 +23,7 @@ PLANT = {"duration_s": 10.0}
 
 def driven(folder: Path, change: Change) -> Outcome:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rig, "START_S_MAX", 3)
+        patch.setattr("steer_by_wire.closed_loop.rig.rig.START_S_MAX", 3)
         return Rig(folder, overrides=PLANT).run(lambda start_ns: Changed(start_ns, change))
 
 
