@@ -11,6 +11,7 @@ import pytest
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.tools.dialect import __main__ as program
 from steer_by_wire.tools.dialect.__main__ import main
 from steer_by_wire.tools.run.__main__ import main as run
 
@@ -36,8 +37,10 @@ def test_a_first_mapping_is_read_and_names_its_guesses(
 
 
 def test_the_check_names_what_is_missing_and_leaves_a_minute_of_traffic(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert program.MOTION_S == 60.0
+    monkeypatch.setattr(program, "MOTION_S", 10.0)
     file, log = tmp_path / "my_car.toml", tmp_path / "traffic.log"
     shutil.copy(DBC, tmp_path)
     text = CAR.read_text(encoding="utf-8")
@@ -46,10 +49,10 @@ def test_the_check_names_what_is_missing_and_leaves_a_minute_of_traffic(
     said = capsys.readouterr().out
     assert re.search(r"STEER_REQUEST 0x100 +controller +10 +REQUEST_COUNTER +sum ", said)
     assert re.findall("missing: (.*?):", said) == ["yaw_rate_rad_s"]
-    assert re.search(r"plant emulator: \d+ frames sent, 600\d accepted, refused: none", said)
+    assert re.search(r"plant emulator: \d+ frames sent, 100\d accepted, refused: none", said)
     lines = log.read_text(encoding="utf-8").splitlines()
     first_s, last_s = (float(lines[place].split(")")[0].strip("(")) for place in (0, -1))
-    assert last_s - first_s == pytest.approx(60.0, abs=0.1)
+    assert last_s - first_s == pytest.approx(10.0, abs=0.1)
     database: Any = cantools.database.load_file(DBC)
     names = {int(line.split()[2].partition("#")[0], 16) for line in lines}
     assert names == {message.frame_id for message in database.messages}
