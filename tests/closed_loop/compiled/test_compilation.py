@@ -11,14 +11,23 @@ import pytest
 from steer_by_wire.closed_loop.compiled.compilation import _forget_unused
 
 COMPILE_AND_COUNT = """
+import os
+os.environ.pop("NUMBA_OPT", None)
+before = dict(os.environ)
 import numba
+from steer_by_wire.closed_loop.compiled.compilation import _optimised
 from steer_by_wire.closed_loop.compiled.network import _run_scores
 array = numba.float64[::1]
 print("ready", flush=True)
 input()
 _run_scores.compile((array, array))
+levels = []
+_optimised(lambda _: levels.append(int(numba.config.OPT)))(None)
+# NUMBA_OPT was set at import, for every function of the user's own and every child.
+assert (levels, int(numba.config.OPT), os.environ == before) == ([1], 3, True)
 print(sum(_run_scores.stats.cache_misses.values()), sum(_run_scores.stats.cache_hits.values()))
 """
+"""Compiles, and leaves numba as it was for the rest of the process."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
@@ -75,24 +84,3 @@ def test_two_processes_may_forget_the_same_code(
     monkeypatch.setattr(Path, "iterdir", lambda _folder: iter([gone, tmp_path]))
     _forget_unused(tmp_path)
     assert tmp_path.exists()
-
-
-def test_compiling_leaves_numba_as_it_was_for_the_rest_of_the_process() -> None:
-    """NUMBA_OPT was set at import, for every function of the user's own and every child."""
-    code = """
-import os
-before = dict(os.environ)
-import numba
-from steer_by_wire.closed_loop.compiled.compilation import _optimised
-from steer_by_wire.closed_loop.compiled.network import _run_scores
-
-levels = []
-_optimised(lambda _: levels.append(int(numba.config.OPT)))(None)
-_run_scores.compile((numba.float64[::1], numba.float64[::1]))
-print(levels, int(numba.config.OPT), os.environ == before)
-"""
-    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_OPT"}
-    result = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
-    assert result.stdout == "[1] 3 True\n"
