@@ -132,9 +132,9 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
         )
         half_digit = 0.00501
         assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
-        if median_m < math.inf:  # 20 of 1,000: all on one side with a probability of 1e-6
-            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 1
-            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 1
+        if median_m < math.inf:  # 20 of 1,000: fewer than 3 on one side with a probability of 2e-4
+            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 3
+            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 3
         share = float(figures[-1].split()[0])
         count = np.count_nonzero(peak_m > 0.5)
         assert binom.cdf(count, 20, 0.01 * share + 5e-4) > 1e-6
