@@ -21,6 +21,7 @@ from .virtual_bus import QUIET_BUS
 BUSES = ("auto", "socketcan", "emulated")
 _PAUSE_S = 0.1
 """Without a frame for so long, a recorder has all that was sent."""
+_BEHIND_S_MAX = 10.0
 
 
 class Bus(NamedTuple):
@@ -70,17 +71,23 @@ class BusRecorder:
         self._notifier.stop()
         try:
             self._take_waiting(end_s)
-            self._writer.stop()
         except (OSError, can.CanError) as error:
+            self.failure = self.failure or cause_of(error)
+        try:
+            self._writer.stop()
+        except OSError as error:
             self.failure = self.failure or cause_of(error)
         self._listener.shutdown()
 
     def _take_waiting(self, end_s: float) -> None:
         """Write the frames that were sent before a time of the wall clock [s]."""
+        until_s = time.monotonic() + _BEHIND_S_MAX
         while not self.failure and (message := self._listener.recv(_PAUSE_S)) is not None:
-            self._writer(message)
             if message.timestamp > end_s:  # other people's traffic goes on
                 return
+            if time.monotonic() > until_s:
+                self.failure = f"was still behind {_BEHIND_S_MAX:g} s after its end"
+            self._writer(message)
 
     def __call__(self, message: can.Message) -> None:
         """Write a frame."""

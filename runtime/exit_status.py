@@ -21,12 +21,15 @@ class ExitStatus(IntEnum):
     """Ctrl-C or SIGTERM outside of a run. An interrupted run ends with OK and a report."""
 
 
-_BY_RANK = (ExitStatus.SETTINGS, ExitStatus.BUS, ExitStatus.SAFE_STATE, ExitStatus.CONDITION)
+_BY_RANK = (
+    *(ExitStatus.SETTINGS, ExitStatus.BUS, ExitStatus.SAFE_STATE),
+    *(ExitStatus.CONDITION, ExitStatus.OUTPUT, ExitStatus.OK),
+)
 
 
 def most_severe(*reached: ExitStatus) -> ExitStatus:
     """Return the one with which a run ends that has reached several: what broke it comes first."""
-    return next((status for status in _BY_RANK if status in reached), max(reached))
+    return min(reached, key=_BY_RANK.index)
 
 
 class UserError(Exception):

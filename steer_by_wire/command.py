@@ -51,7 +51,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "Watch it": {
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
-            "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
+            "monitor": _tool("monitor", "watch a bus in the terminal"),
             "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
             "can": _tool(
                 "can",

@@ -1,8 +1,9 @@
 """From a smooth curve (x(t), y(t)) to a path: true arc length, linearly interpolated curvature.
 
-The break points have equal distances in arc length. Their number is doubled until the interpolation
-is accurate enough. On a closed curve, equal distances let the sum over them converge faster than
-any power, so that one lap of the interpolated curvature turns by 2π.
+The break points have equal distances in arc length from each kink of the curvature to the next, and
+between two kinks their number is doubled until the interpolation is accurate enough. On a closed
+curve without kinks, equal distances let the sum over them converge faster than any power, so that
+one lap of the interpolated curvature turns by 2π.
 """
 
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.array_types import FloatArray
+from ...runtime.array_types import FloatArray, IntArray
 from .path import GAUSS, Path, Pose
 
 CURVATURE_TOLERANCE = 1e-4
@@ -20,6 +21,7 @@ CURVATURE_TOLERANCE_1_M = 1e-6
 """Or, for curves that hardly bend, its largest absolute error [1/m]."""
 
 _PIECES_MIN = 64
+_PER_SPAN_MIN = 4
 _PIECES_MAX = 1 << 18
 _CELLS_PER_KNOT = 16
 _NEWTON_STEPS = 4
@@ -43,40 +45,54 @@ class CurvePoints(NamedTuple):
 Curve = Callable[[FloatArray], CurvePoints]
 
 
-def path_along(curve: Curve, knots: FloatArray, *, closed: bool) -> Path:
+def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool) -> Path:
     """Return the path along a curve, from the first knot to the last.
 
-    Between neighbouring ``knots`` (parameters in rising order) the curve must be smooth. A closed
-    curve ends where and as it starts. Raises ValueError for a curve too sharp to interpolate.
+    ``knots``      parameters in rising order, between which the curve is smooth
+    ``has_kinks``  whether its curvature may have kinks at all knots, or has none
+
+    A closed curve ends where and as it starts. Raises ValueError for a curve too sharp to
+    interpolate.
     """
     lengths = _ArcLength(curve, knots)
-    pieces = _PIECES_MIN
+    ends_m = lengths.knots_m if has_kinks else lengths.knots_m[[0, -1]]
+    spans_m = np.diff(ends_m)
+    pieces = np.full(len(spans_m), _PER_SPAN_MIN if has_kinks else _PIECES_MIN)
     while True:
-        points = curve(lengths.parameters(2 * pieces))
+        points = curve(lengths.parameters(_break_points_m(ends_m, 2 * pieces)))
         curvature = _curvature(points)
-        error = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2])).max()
+        errors = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2]))
         allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
-        # Next to a kink of the curvature, the error can be twice that at the midpoint.
-        if error <= 0.5 * allowed:
+        firsts = np.cumsum(pieces) - pieces
+        # Within a piece, the error can be larger than at its midpoint.
+        is_coarse = np.maximum.reduceat(errors, firsts) > 0.5 * allowed
+        if not is_coarse.any():
             break
-        pieces *= 2
-        if pieces > _PIECES_MAX:
+        pieces[is_coarse] *= 2
+        if pieces.sum() > _PIECES_MAX:
             raise ValueError(_TOO_SHARP)
     heading = np.unwrap(list(map(atan2, points.dy.tolist(), points.dx.tolist())))[::2]
     curvature = curvature[::2]
-    step_m = lengths.total_m / pieces
+    step_m = np.repeat(spans_m / pieces, pieces)
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
     if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
         raise ValueError(_TOO_SHARP)
-    start_m = (step_m * np.arange(pieces)).tolist()
+    *start_m, total_m = _break_points_m(ends_m, pieces).tolist()
     slopes = (np.diff(curvature) / step_m).tolist()
     poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))
-    total_m, curvatures = lengths.total_m, curvature[:-1].tolist()
+    curvatures = curvature[:-1].tolist()
     if closed:
         lap_turn_rad = poses[-1].heading_rad - poses[0].heading_rad
         return Path(start_m, curvatures, slopes, poses[:-1], total_m, lap_turn_rad, True)
     # After the end of an open path the road continues straight.
     return Path([*start_m, total_m], [*curvatures, 0.0], [*slopes, 0.0], poses, total_m, 0.0, False)
+
+
+def _break_points_m(ends_m: FloatArray, pieces: IntArray) -> FloatArray:
+    """Return the arc lengths that divide each span into as many equal pieces [m]."""
+    spans = zip(ends_m[:-1].tolist(), ends_m[1:].tolist(), pieces.tolist(), strict=True)
+    inner = [np.linspace(begin_m, end_m, count, endpoint=False) for begin_m, end_m, count in spans]
+    return np.concatenate([*inner, ends_m[-1:]])
 
 
 def _curvature(points: CurvePoints) -> FloatArray:
@@ -101,11 +117,10 @@ class _ArcLength:
         self._cells = np.append(inner, knots[-1])
         pieces = self._between(self._cells[:-1], self._cells[1:])
         self._length_m = np.concatenate(([0.0], np.cumsum(pieces)))
-        self.total_m = float(self._length_m[-1])
+        self.knots_m = self._length_m[::_CELLS_PER_KNOT]
 
-    def parameters(self, pieces: int) -> FloatArray:
-        """Return the parameters of ``pieces`` + 1 points at equal distances."""
-        wanted = np.linspace(0.0, self.total_m, pieces + 1)
+    def parameters(self, wanted: FloatArray) -> FloatArray:
+        """Return the parameters of points at rising arc lengths [m], from 0 to the whole length."""
         parameter: FloatArray = np.interp(wanted, self._length_m, self._cells)
         cell = np.searchsorted(self._cells, parameter, side="right") - 1
         cell = np.clip(cell, 0, len(self._cells) - 2)

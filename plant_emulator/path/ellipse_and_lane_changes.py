@@ -98,7 +98,7 @@ def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
         x, y = a * cos, b * sin
         return CurvePoints(x, y, -a * sin, b * cos, -x, -y)
 
-    return path_along(curve, np.linspace(0.0, 2.0 * math.pi, 65), closed=True)
+    return path_along(curve, np.linspace(0.0, 2.0 * math.pi, 65), closed=True, has_kinks=False)
 
 
 def single_lane_change(start_m: float, offset_m: float, length_m: float) -> Path:

@@ -67,7 +67,7 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
     def curve(t: FloatArray) -> CurvePoints:
         return CurvePoints(*spline(t).T, *first(t).T, *second(t).T)
 
-    return path_along(curve, knots, closed=closed)
+    return path_along(curve, knots, closed=closed, has_kinks=True)
 
 
 def _read(file: FilePath) -> list[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""All of what the suite judges a sample of: designs, last sentences of runs, starved messages."""
+"""All designs, last sentences of runs and starved messages, of which the suite judges a sample."""
 
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ SEDAN = {
     ("family", "law"),
     [
         ("practical", "pd"),
-        ("practical", "pd_ddob"),
+        ("practical_half_second", "pd_ddob"),
         ("practical_long_delay", "pd_ddob"),
         ("highway", "pd_ddob"),
     ],

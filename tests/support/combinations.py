@@ -13,4 +13,7 @@ def combined(*axes: Sequence[Any]) -> list[tuple[Any, ...]]:
     if ALL:
         return list(product(*axes))
     rows = max(map(len, axes))
-    return [tuple(axis[row % len(axis)] for axis in axes) for row in range(rows)]
+    # Shifted at each repetition, so that a value meets more than every n-th of a longer axis.
+    return [
+        tuple(axis[(row + row // len(axis)) % len(axis)] for axis in axes) for row in range(rows)
+    ]

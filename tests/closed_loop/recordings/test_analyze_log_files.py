@@ -18,9 +18,6 @@ from tests.support.logged_run import varying as varying
 from tests.support.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
-NEEDS_PYARROW = pytest.mark.skipif(
-    find_spec("pyarrow") is None, reason="pyarrow is not installed (the extra parquet)"
-)
 NEEDS_MCAP = pytest.mark.skipif(
     find_spec("mcap") is None, reason="mcap is not installed (the extra mcap)"
 )

@@ -1,5 +1,6 @@
 """Whether a vehicle is in the box of [validity], as its yaw rate shows: of runs at two speeds."""
 
+from itertools import product
 from math import pi, sin
 from pathlib import Path
 from typing import Any
@@ -38,11 +39,12 @@ PRESETS = ("highway_pd_ddob", "highway_predictor")
 
 
 @pytest.mark.parametrize(
-    ("preset", "noise_rad_s", "mass_kg"), combined(PRESETS, [0.0, 0.005], [1600.0, 5000.0])
+    ("preset", "noise_and_mass"), combined(PRESETS, [*product([0.0, 0.005], [1600.0, 5000.0])])
 )
 def test_the_ends_of_the_box_fit_and_their_mass_is_known(
-    preset: str, noise_rad_s: float, mass_kg: float, winding: dict[str, Any]
+    preset: str, noise_and_mass: tuple[float, float], winding: dict[str, Any]
 ) -> None:
+    noise_rad_s, mass_kg = noise_and_mass
     noise = {"plant.sensor_noise.yaw_rate_rad_s": noise_rad_s}
     found = report(preset, winding | mass(mass_kg) | noise)
     assert found["model"]["fits"]

@@ -214,7 +214,7 @@ def test_a_plant_that_nobody_commands_has_not_started() -> None:
     ("preset", "where"),
     combined(
         ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"],
-        [("b", 0.0), ("c", 0.02), ("d", 0.0), ("d", 0.02)],
+        [("d", 0.0), ("d", 0.02), ("b", 0.0), ("c", 0.02)],
     ),
 )
 def test_the_steering_passes_the_lane_change_for_the_highway(

@@ -5,7 +5,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.special import ellipe, fresnel
@@ -38,6 +38,7 @@ from steer_by_wire.plant_emulator.path.settings import (
     StraightSettings,
     WaypointSettings,
 )
+from steer_by_wire.plant_emulator.path.waypoints import path_through
 from steer_by_wire.runtime.settings import SettingsError
 
 AXES = [(78.2, 41.74), (60.0, 30.0), (50.0, 50.0), (30.0, 3.0)]
@@ -210,6 +211,19 @@ def test_open_path_meets_its_waypoints_and_goes_on_straight(tmp_path: FilePath) 
     assert pose(path, path.length_m)[:2] == pytest.approx(
         integrated(path, path.length_m)[:2], abs=1e-3
     )
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=30))
+@example([20.0 * math.sin(x / 4.0) + 3.0 * math.sin(x / 1.3) for x in range(61)])
+def test_a_road_that_was_surveyed_has_few_pieces_that_join(y_m: list[float]) -> None:
+    """A cubic spline's curvature has a kink at each of its points."""
+    path = path_through([(10.0 * number, y) for number, y in enumerate(y_m)])
+    assert len(path.start_m) <= 128 * len(y_m)
+    pieces = zip(path.pose, path.curvature_1_m, path.curvature_slope_1_m2, strict=True)
+    lengths_m = np.diff(path.start_m).tolist()
+    ends = [along_clothoid(*piece, m) for piece, m in zip(pieces, lengths_m, strict=False)]
+    assert np.abs(np.array(ends) - np.array(path.pose[1:])).max() < 1e-4
 
 
 def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
