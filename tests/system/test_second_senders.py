@@ -1,8 +1,10 @@
 """A second sender of a message: what it can take over, for how long, and who says so."""
 
+import re
 from collections.abc import Sequence
 from copy import deepcopy
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -30,6 +32,7 @@ from tests.support.combinations import combined
 from tests.support.forged_counters import Shot
 from tests.support.intruder import Attack, Run, drive
 
+ROOT = Path(__file__).resolve().parents[2]
 Shots = Sequence[Sequence[Shot]]
 PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")
@@ -294,6 +297,15 @@ def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: i
     own_ns = [at_ns for at_ns, one in told if one is OWN]
     assert len(own_ns) >= 9
     assert own_ns[-1] - ONSET_NS <= 1.1 * NS_PER_S
+
+
+def test_the_page_says_what_one_forged_measurement_costs_an_observer() -> None:
+    plant = plant_preset("highway_corner_d", ['path={kind="straight"}', "duration_s=5"])
+    attack = Attack(LateralError, 10.0, NS_PER_S, PERIOD_NS, [[Shot(SOON_NS, 31)]], False)
+    run = drive(plant, controller_preset("highway_pd_ddob"), attack)
+    page = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
+    (stated_m,) = re.findall(r"forged as 10 m\ncosts `highway_pd_ddob` ([0-9.]+) m", page)
+    assert run.peak_m == pytest.approx(float(stated_m), abs=0.005)
 
 
 @pytest.mark.parametrize("value_m", [-1.0, 10.0])
