@@ -59,7 +59,8 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool
     spans_m = np.diff(ends_m)
     pieces = np.full(len(spans_m), _PER_SPAN_MIN if has_kinks else _PIECES_MIN)
     while True:
-        points = curve(lengths.parameters(_break_points_m(ends_m, 2 * pieces)))
+        halves_m = _break_points_m(ends_m, 2 * pieces)
+        points = curve(lengths.parameters(halves_m))
         curvature = _curvature(points)
         errors = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2]))
         allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
@@ -77,7 +78,7 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
     if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
         raise ValueError(_TOO_SHARP)
-    *start_m, total_m = _break_points_m(ends_m, pieces).tolist()
+    *start_m, total_m = halves_m[::2].tolist()
     slopes = (np.diff(curvature) / step_m).tolist()
     poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))
     curvatures = curvature[:-1].tolist()

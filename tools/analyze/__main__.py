@@ -5,9 +5,9 @@
 
 Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
 For each FILE it writes a folder below --out: report.html, figures.json and signals.csv; with --mcap
-signals.mcap too (Foxglove, PlotJuggler). A FILE
-that cannot be read as a log is reported and skipped; the exit status is then 2. The last line is
-the verdict on how the path was held, by the measured error.
+signals.mcap too (Foxglove, PlotJuggler). A FILE that cannot be read as a log is reported and
+skipped; the exit status is then 2. The last line is the verdict on how the path was held, by the
+measured error.
 """
 
 import argparse
