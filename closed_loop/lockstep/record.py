@@ -16,8 +16,9 @@ WAKE_ON_FRAMES = 1
 
 _HEAD = struct.Struct("<4sHHq")
 _FRAME = struct.Struct("<qIBB2x64s")
-RECORD_BYTES = _HEAD.size + FRAMES_MAX * _FRAME.size
-_PADDING = tuple(bytes(count * _FRAME.size) for count in range(FRAMES_MAX, -1, -1))
+FRAME_BYTES = _FRAME.size
+RECORD_BYTES = _HEAD.size + FRAMES_MAX * FRAME_BYTES
+_PADDING = tuple(bytes(count * FRAME_BYTES) for count in range(FRAMES_MAX, -1, -1))
 """Bytes after a number of frames."""
 _CLASSIC_BYTES_MAX, _BASE_ID_MAX = 8, 0x7FF
 _FORMATS = EXTENDED | REMOTE | FD | BITRATE_SWITCH
@@ -70,7 +71,7 @@ def unpack(record: bytes) -> Record:
 
 
 def _arrival(record: bytes, index: int) -> Arrival:
-    offset = _HEAD.size + index * _FRAME.size
+    offset = _HEAD.size + index * FRAME_BYTES
     time_ns, can_id, length, flags, data = _FRAME.unpack_from(record, offset)
     frame = Frame(can_id, data[:length], flags)
     if not flags and length <= _CLASSIC_BYTES_MAX and can_id <= _BASE_ID_MAX:

@@ -20,9 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console
-from steer_by_wire.controller.settings import PRESETS, controller_preset
-from steer_by_wire.runtime.settings import preset_names
-from steer_by_wire.tools.generate_c.law_source import LAWS
+from steer_by_wire.controller.settings import controller_preset
 from tests.support.law_in_c import (
     TICKS_A_RECORD,
     Target,
@@ -32,6 +30,7 @@ from tests.support.law_in_c import (
     every_target,
     in_c,
     in_python,
+    presets_in_c,
     written,
 )
 from tests.support.size_on_m7 import executed, logging_words, sizes
@@ -67,10 +66,8 @@ def main() -> int:
     options = parser.parse_args()
     targets = every_target()
     driven, differ, console = drawn(options.seed, options.ticks), 0, plain_console()
-    for preset in preset_names(PRESETS):
+    for preset in presets_in_c():
         settings = controller_preset(preset)
-        if settings.law not in LAWS:
-            continue
         expected = in_python(settings, driven)
         with tempfile.TemporaryDirectory() as name:
             folder = written(settings, Path(name))

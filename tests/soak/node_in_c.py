@@ -13,115 +13,137 @@ first frame that differs. Takes about an hour.
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.faults.campaign import watched_pair
-from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
+from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings, PointSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
-from steer_by_wire.tools.generate_c.law_source import LAWS
-from tests.support.law_in_c import Target, every_target
+from tests.support.law_in_c import Target, every_target, presets_in_c
 from tests.support.node_in_c import (
     NODE,
     ON_TIME,
+    RecordedNode,
     Segment,
-    TwinNode,
+    agree,
     built_node,
+    driven,
     segments,
     settings_of,
-    twins_agree,
 )
 from tests.support.size_on_m7 import executed, logging_words, sizes
 
-POINTS = ("nominal", "slow and heavy, jitter and noise")
 IMPATIENT = ("overruns.overruns_max=3", "overruns.missed_periods_max=40")
 """Limits that a drawn sequence exceeds."""
+SEQUENCES = 50
+"""How many are kept in memory, and have a line together."""
 
 
 def main() -> int:
-    """Print a line for each law, target and kind of run."""
+    """Print a line for each preset and kind of run, of so many at a time."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--examples", type=int, default=1000)
-    parser.add_argument("--laws", nargs="*", default=LAWS)
-    parser.add_argument("--points", nargs="*", default=POINTS)
+    parser.add_argument("--presets", nargs="*", default=presets_in_c())
+    parser.add_argument("--points", nargs="*", help="of the campaign, by name; default: all")
     options = parser.parse_args()
     console, targets = plain_console(), every_target()
-    for law in options.laws:
-        preset = f"practical_{law}"
+    console.print(f"each on {', '.join(map(str, targets))}")
+    spec = campaign()
+    points = [it for it in spec.points if options.points is None or it.name in options.points]
+    for preset in options.presets:
+
+        def say(what: str, runs: Sequence[RecordedNode], preset: str = preset) -> None:
+            frames = sum(run.frames for run in runs)
+            console.print(f"{preset:<31} {len(runs)} {what}, {frames} frames: equal")
+
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            runs, frames = in_campaign(preset, options.points, folder, targets[1])
-            console.print(f"{law:<8} {runs} runs of the campaign, {frames} frames: equal")
-            for target in targets:
-                ours = settings_of(preset, *(IMPATIENT if target is targets[0] else ()))
-                frames = over_sequences(ours, built_node(ours, folder, target), options.examples)
-                said = f"{options.examples} sequences, {frames} frames: equal"
-                console.print(f"{law:<8} {target!s:<24} {said}")
+            ours = settings_of(preset, f"supervision.fault_tolerant_time_ms={spec.ftti_ms}")
+            programs = built(ours, folder, targets)
+            for point in points:
+                runs = [in_python(it, ours) for it in faulty(spec, point, preset)]
+                agree_all(programs, runs)
+                say(f"runs at {point.name}", runs)
+            for overrides in ((), IMPATIENT) if options.examples else ():
+                ours = settings_of(preset, *overrides)
+                programs = built(ours, folder, targets)
+                for number in range(0, options.examples, SEQUENCES):
+                    runs = sequences(ours, number, min(SEQUENCES, options.examples - number))
+                    agree_all(programs, runs)
+                    said = "impatient" if overrides else "patient"
+                    say(f"sequences from {number} on, {said}", runs)
             ours = settings_of(preset)
             a_period = instructions(ours, built_node(ours, folder, targets[-1]), folder)
             taken = ", ".join(sizes(folder, NODE[:-1], "node.h", "node"))
-            console.print(f"{law:<8} {taken}, {a_period} instructions a control period")
+            console.print(f"{preset:<31} {taken}, {a_period} instructions a control period")
     return 0
 
 
-def in_campaign(preset: str, names: Sequence[str], folder: Path, target: Target) -> tuple[int, int]:
-    """Return how many runs of the campaign at points of these names, and frames, were equal."""
+def campaign() -> CampaignSettings:
+    """Return the built-in campaign, with one golden run for each point and law."""
     built_in = read_preset("steer_by_wire.tools.faults", "default")
-    spec = load_settings(CampaignSettings, built_in, None, ["golden_seeds=1"])
-    points = tuple(
-        point.model_copy(update={"laws": (preset,)}) for point in spec.points if point.name in names
-    )
-    spec = spec.model_copy(update={"points": points})
-    scenarios = [it for it in scenarios_of(spec) if it.case.receiver in ("controller", "both")]
-    ours = settings_of(preset, f"supervision.fault_tolerant_time_ms={spec.ftti_ms}")
-    words, frames = built_node(ours, folder, target), 0
-    for scenario in scenarios:
-        frames += in_run(scenario, ours, words)
-    return len(scenarios), frames
+    return load_settings(CampaignSettings, built_in, None, ["golden_seeds=1"])
 
 
-def in_run(scenario: Scenario, ours: ControllerSettings, words: Sequence[str]) -> int:
-    """Run a scenario with both nodes as the controller; returns the frames they sent."""
-    twins: list[TwinNode] = []
+def faulty(spec: CampaignSettings, point: PointSettings, preset: str) -> Iterator[Scenario]:
+    """Yield the runs of a point in which the controller has something to detect."""
+    points = (point.model_copy(update={"laws": (preset,)}),)
+    for scenario in scenarios_of(spec.model_copy(update={"points": points})):
+        if scenario.case.receiver in ("controller", "both"):
+            yield scenario
+
+
+def built(
+    ours: ControllerSettings, folder: Path, targets: Iterable[Target]
+) -> dict[Target, Sequence[str]]:
+    """Return the words that run a node, by target."""
+    return {target: built_node(ours, folder, target) for target in targets}
+
+
+def agree_all(programs: dict[Target, Sequence[str]], runs: Sequence[RecordedNode]) -> None:
+    """Compare runs on every target."""
+    for target, words in programs.items():
+        try:
+            agree(words, runs)
+        except AssertionError as error:
+            raise AssertionError(f"{target}: {error}") from error
+
+
+def in_python(scenario: Scenario, ours: ControllerSettings) -> RecordedNode:
+    """Run a scenario of the campaign."""
+    node = RecordedNode(ours, name=scenario.name)
 
     @contextmanager
-    def both(*_: Any) -> Iterator[TwinNode]:
-        with LockstepProgram(words) as program:
-            twins.append(TwinNode(ours, program))
-            yield twins[0]
+    def recorded(*_: Any) -> Iterator[RecordedNode]:
+        yield node
 
-    try:
-        with patch.object(watched_pair, "controller_node", both):
-            watched_pair.run_pair(scenario, watched_pair.make_pair(scenario))
-    except AssertionError as error:
-        raise AssertionError(f"{scenario.name}: {error}") from error
-    return twins[0].frames
+    with patch.object(watched_pair, "controller_node", recorded):
+        watched_pair.run_pair(scenario, watched_pair.make_pair(scenario))
+    return node
 
 
-def over_sequences(ours: ControllerSettings, words: Sequence[str], examples: int) -> int:
-    """Return how many frames of drawn sequences were equal."""
-    frames = 0
-    with LockstepProgram(words) as program:
+def sequences(ours: ControllerSettings, number: int, count: int) -> list[RecordedNode]:
+    """Drive the node through drawn sequences; the same number draws the same ones."""
+    runs: list[RecordedNode] = []
 
-        @given(segments(), st.integers(0, 1_000_000))
-        @settings(max_examples=examples, deadline=None, database=None, phases=[Phase.generate],
-                  suppress_health_check=[*HealthCheck])  # fmt: skip
-        def agree(passing: Sequence[Segment], seed: int) -> None:
-            nonlocal frames
-            frames += twins_agree(ours, program, passing, seed).frames
+    @seed(number)
+    @given(segments(), st.integers(0, 1_000_000))
+    @settings(max_examples=count, deadline=None, database=None, phases=[Phase.generate],
+              suppress_health_check=[*HealthCheck])  # fmt: skip
+    def drive(passing: Sequence[Segment], seed: int) -> None:
+        runs.append(driven(ours, passing, seed))
 
-        agree()
-    return frames
+    drive()
+    return runs
 
 
 def instructions(ours: ControllerSettings, words: Sequence[str], folder: Path) -> int:
@@ -129,8 +151,7 @@ def instructions(ours: ControllerSettings, words: Sequence[str], folder: Path) -
     counts = []
     for periods in (100, 300):
         log = folder / "executed.log"
-        with LockstepProgram(logging_words(words, log)) as program:
-            twins_agree(ours, program, [(ON_TIME, periods, 128)], 1)
+        agree(logging_words(words, log), [driven(ours, [(ON_TIME, periods, 128)], 1)])
         counts.append(executed(log))
     return round((counts[1] - counts[0]) / 200)
 

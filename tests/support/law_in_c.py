@@ -20,8 +20,9 @@ from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
 from steer_by_wire.controller.limits.steer_limits import limit_step
-from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.tools.generate_c.law_source import law_source, params_of
+from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
+from steer_by_wire.runtime.settings import preset_names
+from steer_by_wire.tools.generate_c.law_source import LAWS, law_source, params_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PROTOCOL = ROOT / "closed_loop/lockstep"
@@ -92,6 +93,11 @@ class Target(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.compiler} {self.options[0]}"
+
+
+def presets_in_c() -> list[str]:
+    """Return every preset whose law becomes C."""
+    return [it for it in preset_names(PRESETS) if controller_preset(it).law in LAWS]
 
 
 def hosts(compiler: str = "gcc") -> list[Target]:

@@ -1,4 +1,8 @@
-"""Drives the node in Python and in C with the same frames and ticks, and compares their frames."""
+"""Drives the node in Python, keeps what it was given and sent, and compares the node in C with it.
+
+The C runs afterwards, as one process for many runs: two processes that wait for each other, record
+by record, take minutes for seconds on a busy machine.
+"""
 
 import random
 import subprocess
@@ -8,8 +12,18 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.lockstep.node import LockstepNode
-from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.closed_loop.lockstep.record import (
+    DEADLINE,
+    FRAME_BYTES,
+    FRAMES,
+    FRAMES_MAX,
+    RECORD_BYTES,
+    START,
+    Arrival,
+    Record,
+    pack,
+    unpack,
+)
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
@@ -58,27 +72,57 @@ def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Se
     return [*target.runner, str(program)]
 
 
-class TwinNode(Wrapper[ControllerNode]):
-    """Both nodes as one, of which Python's decides; a frame that differs is an AssertionError."""
+class RecordedNode(Wrapper[ControllerNode]):
+    """The node in Python, with all that a program in lockstep would be asked in its place.
 
-    def __init__(self, settings: ControllerSettings, program: LockstepProgram, start_ns: int = 0):
+    ``name``  says which run this is
+
+    ``asked``, ``answers``  a record of the protocol for each time that it would be woken; an
+                            answer without the places that no frame takes
+    """
+
+    def __init__(self, settings: ControllerSettings, start_ns: int = 0, name: str = "") -> None:
         super().__init__(ControllerNode(settings, start_ns))
-        self._in_c = LockstepNode(program, start_ns)
-        self.frames = self.commands = 0
+        self.name, self.frames, self.commands = name, 0, 0
+        self.asked, self.answers = list[bytes](), list[bytes]()
+        self._waiting: list[Arrival] = []
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        assert not self._in_c.on_frame(frame, now_ns)
-        return self.node.on_frame(frame, now_ns)
+        assert not self.node.on_frame(frame, now_ns)
+        if self.asked and not self.finished:
+            self._waiting.append((now_ns, frame))
+            if len(self._waiting) == FRAMES_MAX:
+                self._woken(FRAMES, now_ns, ())
+        return ()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        sent, in_c = self.node.on_tick(now_ns), self._in_c.on_tick(now_ns)
-        assert self._in_c.failure == "", self._in_c.failure
-        assert list(in_c) == list(sent), f"at {now_ns} ns"
-        wanted_ns = NEVER_NS if self.node.finished else self.node.deadline_ns
-        assert self._in_c.deadline_ns == wanted_ns
+        sent = self.node.on_tick(now_ns)
+        self._woken(DEADLINE if self.asked else START, now_ns, sent)
         self.frames += len(sent)
         self.commands += sum(frame.can_id == CAN_IDS[SteeringCommand] for frame in sent)
         return sent
+
+    def _woken(self, reason: int, now_ns: int, sent: Sequence[Frame]) -> None:
+        self.asked.append(pack(Record(reason, now_ns, self._waiting)))
+        self._waiting = []
+        next_ns = NEVER_NS if self.finished else self.deadline_ns
+        answer = pack(Record(0, next_ns, [(0, frame) for frame in sent]))
+        self.answers.append(answer[: len(answer) - (FRAMES_MAX - len(sent)) * FRAME_BYTES])
+
+
+def agree(words: Sequence[str], runs: Sequence[RecordedNode]) -> None:
+    """Ask a node in C the same, in one process; AssertionError names the first other answer."""
+    asked = b"".join(one for run in runs for one in run.asked)
+    answers = subprocess.run(words, input=asked, stdout=subprocess.PIPE, check=True).stdout
+    assert len(answers) == len(asked), f"{len(answers)} bytes of {len(asked)}"
+    offset = 0
+    for run in runs:
+        for wanted in run.answers:
+            if not answers.startswith(wanted, offset):
+                answer = unpack(answers[offset : offset + RECORD_BYTES])
+                expected = unpack(wanted.ljust(RECORD_BYTES, b"\0"))
+                raise AssertionError(f"{run.name}: {answer}, not {expected}")
+            offset += RECORD_BYTES
 
 
 PERIOD_NS = 10_000_000
@@ -105,7 +149,7 @@ Segment = tuple[int, int, int]
 class Traffic:
     """A plant's frames, period by period, with faults drawn by ``seed``, and the node's ticks."""
 
-    def __init__(self, node: TwinNode, start_ns: int, seed: int) -> None:
+    def __init__(self, node: RecordedNode, start_ns: int, seed: int) -> None:
         self._node, self._now_ns, self._random = node, start_ns, random.Random(seed)
         self._messages = (LateralError, SteeringStatus, VehicleState, PathAhead)
         self._senders = {kind: Sender(kind) for kind in self._messages}
@@ -232,11 +276,9 @@ def segments() -> st.SearchStrategy[list[Segment]]:
     return st.lists(one, min_size=3, max_size=25)
 
 
-def twins_agree(
-    settings: ControllerSettings, program: LockstepProgram, passing: Sequence[Segment], seed: int
-) -> TwinNode:
-    """Let segments pass; returns the node. An AssertionError names the first other frame."""
-    node = TwinNode(settings, program, start_ns=seed * 1000)
+def driven(settings: ControllerSettings, passing: Sequence[Segment], seed: int) -> RecordedNode:
+    """Let segments pass by the node in Python; returns it."""
+    node = RecordedNode(settings, seed * 1000, f"{passing}, {seed}")
     traffic = Traffic(node, seed * 1000, seed)
     for segment in passing:
         if not node.finished:

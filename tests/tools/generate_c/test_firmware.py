@@ -1,12 +1,10 @@
 """The node in C sends the frames of the node in Python; ``tests.soak.node_in_c`` looks longer."""
 
 import random
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -16,10 +14,11 @@ from tests.support.node_in_c import (
     HELD_UP,
     ON_TIME,
     OVERRUN,
-    TwinNode,
+    RecordedNode,
+    agree,
     built_node,
+    driven,
     settings_of,
-    twins_agree,
 )
 
 SETTINGS = settings_of("practical_pd_ddob", "overruns.overruns_max=3")
@@ -34,35 +33,35 @@ JITTERING = {
 
 
 @pytest.fixture(scope="module")
-def in_c(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LockstepProgram]:
-    """A node in C, which every start makes new."""
-    folder: Path = tmp_path_factory.mktemp("node")
-    with LockstepProgram(built_node(SETTINGS, folder, hosts()[0])) as program:
-        yield program
+def in_c(tmp_path_factory: pytest.TempPathFactory) -> Sequence[str]:
+    """The words that run a node in C, which every start makes new."""
+    return built_node(SETTINGS, tmp_path_factory.mktemp("node"), hosts()[0])
 
 
-def test_on_a_network_with_jitter(in_c: LockstepProgram) -> None:
+def test_on_a_network_with_jitter(in_c: Sequence[str]) -> None:
     _, edge = make_virtual_plant(PlantSettings.model_validate(JITTERING))
-    node = TwinNode(SETTINGS, in_c)
+    node = RecordedNode(SETTINGS)
     run_virtual_nodes(edge, node, QuietBus(QUIET_BUS.bitrate_bit_s), None, lambda: False)
+    agree(in_c, [node])
     assert node.commands > 150
 
 
-def test_after_a_bus_was_held_up(in_c: LockstepProgram) -> None:
+def test_after_a_bus_was_held_up(in_c: Sequence[str]) -> None:
     """The next frames come as early as before, long before the last one explains them."""
     passing = [(ON_TIME, 30, 128), (HELD_UP, 60, 128), (ON_TIME, 30, 128)]
-    node = twins_agree(SETTINGS, in_c, passing, 1)
+    node = driven(SETTINGS, passing, 1)
+    agree(in_c, [node])
     assert node.report()["rejected"] == {}
 
 
-def test_through_all_that_happens_to_frames(in_c: LockstepProgram) -> None:
-    drawn, causes, stopped = random.Random(1), set(), 0
+def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
+    drawn, nodes = random.Random(1), list[RecordedNode]()
     for seed in range(10):
         kinds = [kind for kind in drawn.sample(range(12), 12) if kind != OVERRUN]
         kinds += [OVERRUN] * 5
         passing = [(kind, drawn.randint(2, 25), drawn.randrange(256)) for kind in kinds]
-        node = twins_agree(SETTINGS, in_c, passing, seed)
-        causes |= {*node.report()["rejected"]}
-        stopped += bool(node.report()["failure"])
+        nodes.append(driven(SETTINGS, passing, seed))
+    agree(in_c, nodes)
+    causes = {cause for node in nodes for cause in node.report()["rejected"]}
     assert {"bad_crc", "contradicted", "paused", "no_key", "not_available", "too_far"} <= causes
-    assert stopped > 0
+    assert any(node.report()["failure"] for node in nodes)
