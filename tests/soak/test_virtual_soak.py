@@ -18,6 +18,7 @@ from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY
 from tests.soak.delay_bounds import delay_bounds_ns, longest_frame_ns
 from tests.soak.soak_logs import gaps
 from tests.soak.virtual_soak import VirtualSoak, run_virtual_soak
+from tests.support.combinations import sampled
 
 BITRATE_BIT_S = 500_000
 BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)
@@ -146,7 +147,7 @@ def test_the_gaps_hold_every_identifier_between_the_pairs_own() -> None:
     assert between == set(range(min(own), max(own))) - own
 
 
-@pytest.mark.parametrize("can_id", [gap[0] for gap in GAPS[::3]])  # all: whole_matrices.py
+@pytest.mark.parametrize("can_id", [gap[0] for gap in sampled(GAPS[::3], GAPS)])
 def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int) -> None:
     soak = run_virtual_soak(PlantSettings(), CONTROLLER, can_id, BETWEEN_NS, BETWEEN_NS[1])
     above = [own for own in soak.delays_ns if own < can_id]

@@ -1,15 +1,20 @@
-"""Combinations of values for ``parametrize``: as many as show each value once, or all of them."""
+"""Cases for ``parametrize``: a sample of them, or all: ``--hypothesis-profile=explore``."""
 
 from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
 ALL: list[bool] = []
-"""Holds something if pytest tries all combinations: ``--hypothesis-profile=explore``."""
+"""Holds something if pytest tries all of them."""
+
+
+def sampled(sample: Sequence[Any], whole: Sequence[Any]) -> Sequence[Any]:
+    """Return the sample, unless all is tried."""
+    return whole if ALL else sample
 
 
 def combined(*axes: Sequence[Any]) -> list[tuple[Any, ...]]:
-    """Return tuples with one value of each axis."""
+    """Return tuples with one value of each axis: as many as show each value once, or all."""
     if ALL:
         return list(product(*axes))
     rows = max(map(len, axes))

@@ -36,6 +36,7 @@ from steer_by_wire.tools.design.virtual_check import (
     jittered,
     plant_settings,
 )
+from tests.support.combinations import sampled
 from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
 
 RMS_M_MAX = 0.011
@@ -71,10 +72,18 @@ SAMPLE = (
     *(("practical", law) for law in ("pid", "pd_dob", "pd_cdob", "pd_ddob")),
     ("highway", "pd"),
 )
-"""Every law, slow or fast; tests/soak/whole_matrices.py measures the rest."""
+"""Every law, slow or fast."""
+WHOLE = (
+    *(*SAMPLE, ("practical", "pd"), ("practical_half_second", "pd_ddob")),
+    *(("practical_long_delay", "pd_ddob"), ("highway", "pd_ddob")),
+)
+PREDICTORS = (
+    ("practical_predictor", "paper_vehicle", "practical_predictor"),
+    ("highway_predictor", "highway_vehicle", "highway"),
+)
 
 
-@pytest.mark.parametrize(("family", "law"), SAMPLE)
+@pytest.mark.parametrize(("family", "law"), sampled(SAMPLE, WHOLE))
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
     name, study = f"{family}_{law}", fine_study(family)
     candidate = shipped_candidate(name, law)
@@ -120,8 +129,7 @@ def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "vehicle", "specification"),
-    [("practical_predictor", "paper_vehicle", "practical_predictor")],
+    ("preset", "vehicle", "specification"), sampled(PREDICTORS[:1], PREDICTORS)
 )
 def test_a_designed_predictor_says_what_is_measured_anew(
     preset: str, vehicle: str, specification: str

@@ -16,6 +16,7 @@ from scipy.linalg import expm
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
+from tests.support.combinations import sampled
 from tests.support.same_process import same_process as same_process
 
 Array = NDArray[np.float64]
@@ -24,6 +25,21 @@ BUS = {
     "speed_m_s": (30.0 / 3.6, 50.0 / 3.6),
     "virtual_mass_kg": (10000.0, 16000.0),
 }
+CITY_CAR = {
+    "vehicle": "m = 950 J = 1150 cf = 85e3 cr = 105e3 lf = 0.95 lr = 1.25 ls = 2.0 V = 2.8",
+    "speed_m_s": (2.0, 3.6),
+    "virtual_mass_kg": (850.0, 1500.0),
+}
+SEDAN = {
+    "vehicle": "m = 1600 J = 2700 cf = 120e3 cr = 150e3 lf = 1.25 lr = 1.5 ls = 2.0 V = 5.6",
+    "speed_m_s": (4.2, 7.0),
+    "virtual_mass_kg": (1400.0, 2600.0),
+}
+CARS = [
+    pytest.param(BUS, 150.0, id="a bus of 12 t at 30 to 50 km/h"),
+    pytest.param(CITY_CAR, 15.0, id="a small city car"),
+    pytest.param(SEDAN, 30.0, id="a sedan"),
+]
 KEYS = {
     "m": "virtual_mass_kg",
     "J": "yaw_inertia_kg_m2",
@@ -101,11 +117,7 @@ def simulated_m(car: dict[str, Any], radius_m: float, gains: tuple[float, ...]) 
 
 
 @pytest.mark.usefixtures("same_process")
-@pytest.mark.parametrize(
-    ("car", "radius_m"),
-    [(BUS, 150.0)],  # tests/soak/whole_matrices.py: a small city car and a sedan
-    ids=["a bus of 12 t at 30 to 50 km/h"],
-)
+@pytest.mark.parametrize(("car", "radius_m"), sampled([CARS[0]], CARS))
 def test_a_car_that_is_designed_is_held_in_a_simulator_written_apart(
     car: dict[str, Any], radius_m: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
