@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire import simulate
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.command import main
 from steer_by_wire.controller.analysis import check_in_json
@@ -31,6 +32,9 @@ GIVEN = {
     },
 }
 """Files of the reader's that pages name."""
+OF_NODES = ("docs/can_wire.md", "docs/learn/6_measuring.md", "docs/learn/8_your_car.md")
+"""Pages that show signals, or a bus, that compiled runs do not have; the others show the same
+numbers with these (tests/closed_loop/compiled)."""
 SHORT_S = 3.0
 """Duration of what only has to run: tests of each program let it run for a minute."""
 
@@ -65,6 +69,9 @@ def test_what_a_page_shows_runs(
     names: dict[str, object] = {}
     blocks = [*blocks_of(PAGES[page])]
     monkeypatch.setattr(dialect_program, "MOTION_S", SHORT_S)
+    if page not in OF_NODES:
+        defaults = {**(simulate.__kwdefaults__ or {}), "engine": "compiled"}
+        monkeypatch.setattr(simulate, "__kwdefaults__", defaults)
     if not any("jitter" in block.text for block in blocks):  # most of the time of a check
         monkeypatch.setattr(check_in_json, "JITTER_MEANS_MS", ())
     for block, following in zip(blocks, [*blocks, None][1:], strict=True):
