@@ -229,6 +229,11 @@ def run_main(name: str, main: Callable[[], int]) -> int:
         # The reader has gone, as after "| head".
         _silence(sys.stdout)
         return ExitStatus.OK
+    except SystemExit as end:
+        # So does rich end a program where the reader has gone.
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        return ExitStatus.OK
     except KeyboardInterrupt:
         text, status = "interrupted", ExitStatus.INTERRUPTED
     except Exception as error:

@@ -1,7 +1,7 @@
 """Takes the pictures of the cockpit: python -m tests.support.cockpit_pictures [moving]
 
-``moving`` takes the moving one alone, of two runs in virtual time. The others are of live runs: on
-an idle machine, since the charts of round trip and lateness show what else it had to do.
+One picture is of a live run, on an idle machine, since its charts of round trip and lateness show
+what else it had to do. ``moving`` takes the others alone, of runs in virtual time.
 """
 
 import base64
@@ -18,13 +18,14 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import with_values
 from steer_by_wire.tools.cockpit.page import single_page
-from steer_by_wire.tools.cockpit.replay import read_replay
+from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
+from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from tests.support.browser import Browser, chromium, open_browser
 from tests.support.cockpit_bench import cockpit
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
-_FOUR = "Four laws at 160 ms"
+_FOUR, _FOUR_S = "Four laws at 160 ms", 40.0
 _SPAN_S = 15
 _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
     rows.columns.lateness_s
@@ -48,30 +49,47 @@ def main() -> None:
     with open_browser(program) as browser:
         browser.call("Emulation.setEmulatedMedia", features=DARK)
         take_moving(browser)
+        take_four(browser)
         if sys.argv[1:] != ["moving"]:
             take_live(browser)
 
 
 def take_live(browser: Browser) -> None:
-    """Take one lane behind a gust, and four."""
+    """Take one lane behind a gust."""
     with cockpit("--bus", "emulated") as (address, _):
-        open_small(browser, address, 1)
+        open_small(browser, address)
         browser.read("document.getElementById('gust').click()")
         browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
         shoot(browser, FOLDER / "cockpit.png")
-    with cockpit("--bus", "emulated", "--scenario", _FOUR) as (address, _):
-        open_small(browser, address, 4)
+
+
+def take_four(browser: Browser) -> None:
+    """Take the recordings of four laws on one network, beside each other."""
+    (scenario,) = (one for one in scenarios() if one.title == _FOUR)
+    with tempfile.TemporaryDirectory() as folder:
+        logs = []
+        for lane in lane_settings(scenario):
+            assert lane.controller is not None
+            plant = with_values(lane.plant, {"duration_s": _FOUR_S}, _FOUR)
+            logs.append(Path(folder) / f"{lane.label}.log")
+            run_virtual_pair(plant, lane.controller, candump_log=logs[-1])
+        page = Path(folder) / "four.html"
+        page.write_text(single_page(read_replays(logs), _FOUR), encoding="utf-8")
+        browser.resize(1280, 720)
+        browser.open(page.as_uri())
+        browser.wait_for("window.cockpit?.drawn > 0")
+        browser.read(f"cockpit.player.toggle(); cockpit.player.seek({_FOUR_S - 10})")
         shoot(browser, FOLDER / "cockpit_four.png")
 
 
-def open_small(browser: Browser, address: str, lanes: int) -> None:
+def open_small(browser: Browser, address: str) -> None:
     """Open the page, and wait until its charts are full of lanes that have settled.
 
     Small, since drawing without a graphics processor takes the time that the lanes need.
     """
     browser.resize(320, 160)
     browser.open(address)
-    browser.wait_for(f"window.cockpit?.lanes.length === {lanes}")
+    browser.wait_for("window.cockpit?.lanes.length === 1")
     browser.wait_for(_SETTLED, _PATIENCE_S)
 
 
@@ -79,7 +97,8 @@ def shoot(browser: Browser, file: Path) -> None:
     """Take the page at the size of a laptop."""
     browser.resize(1280, 720)
     before = browser.read("cockpit.drawn")
-    browser.wait_for(f"cockpit.drawn > {before} + 1")
+    browser.read("cockpit.touch()")
+    browser.wait_for(f"cockpit.drawn > {before}")
     browser.screenshot(file)
 
 

@@ -4,6 +4,7 @@
     steer-by-wire cockpit --rest-bus car.dbc --load 0.7
     steer-by-wire cockpit -i socketcan -c can0
     steer-by-wire cockpit run.log --export run.html
+    steer-by-wire cockpit before.log after.log --beside
 
 Without a bus and without a RECORDING it starts a plant, a controller and a bus of its own. With a
 bus (-i, -c) it listens there, and sends nothing unless --allow-control is given.
@@ -46,8 +47,8 @@ from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.page_requests import Desk
-from steer_by_wire.tools.cockpit.replay import read_replay
-from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
+from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
+from steer_by_wire.tools.cockpit.scenario import LANES_MAX, Scenario, scenarios
 from steer_by_wire.tools.cockpit.server import HOST, Server, serving
 
 NAME = "steer-by-wire cockpit"
@@ -65,10 +66,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example += f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html"
     parser = command_parser(NAME, __doc__, example, "[RECORDING...] [options]")
     parser.add_argument(
-        "recordings", nargs="*", type=Path, metavar="RECORDING", help="one log, in any format"
+        "recordings",
+        nargs="*",
+        type=Path,
+        metavar="RECORDING",
+        help="one log or its parts, in any format",
     )
     parser.add_argument(
         "--export", type=output_file, metavar="FILE", help="write the replay as one page, and end"
+    )
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help=f"each RECORDING is a car of its own beside the others, up to {LANES_MAX}",
     )
     parser.add_argument(
         "--log-channel", metavar="NAME", help="channel to replay, if there are several"
@@ -105,7 +115,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     logging.getLogger("can").addHandler(logging.NullHandler())
     if options.recordings:
-        block = read_replay(options.recordings, options.log_channel, listening_in(options.dialect))
+        if options.beside and len(options.recordings) > LANES_MAX:
+            raise SettingsError(f"--beside shows up to {LANES_MAX} recordings; leave some out")
+        read = read_replays if options.beside else read_replay
+        block = read(options.recordings, options.log_channel, listening_in(options.dialect))
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             write_text(options.export, single_page(block, title))

@@ -1,6 +1,7 @@
-"""A recording as one block of data that a page plays: rows, changes of the lights, frame lists.
+"""Recordings as one block of data that a page plays: rows, changes of the lights, frame lists.
 
-    block    gzip of: length of the head u32 (little-endian), head (JSON), rows as in ``signals``
+    block    gzip of: length of the head u32 (little-endian), head (JSON), and for each lane its
+             rows as in ``signals``
 
 A long recording has fewer rows a second, and says so; its running figures are still those of every
 frame.
@@ -9,7 +10,7 @@ frame.
 import gzip
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +33,56 @@ _LIGHT_CHANGES_MAX = 20_000
 def read_replay(
     files: Sequence[Path], channel: str | None = None, listening: Listening = OURS
 ) -> bytes:
-    """Return the block of a recording, which may be several files; raises LogError.
+    """Return the block of one recording, which may be several files; raises LogError.
 
     ``listening``  understands the bus
     """
+    replay = _replay(files, channel, listening)
+    return _block([replay.lane(0, replay.law or _names(files))], _names(files) + replay.cut_off)
+
+
+def read_replays(
+    files: Sequence[Path], channel: str | None = None, listening: Listening = OURS
+) -> bytes:
+    """Return the block of recordings beside each other, each from its first frame on."""
+    replays = [_replay([file], channel, listening) for file in files]
+    lanes = [replay.lane(lane, files[lane].stem) for lane, replay in enumerate(replays)]
+    return _block(lanes, _names(files) + "".join(replay.cut_off for replay in replays))
+
+
+def _names(files: Sequence[Path]) -> str:
+    return ", ".join(file.name for file in files)
+
+
+def _replay(files: Sequence[Path], channel: str | None, listening: Listening) -> "_Replay":
     replay = _Replay(listening)
-    cut_off = ""
     for file in files:
         log = open_log(file)
         for time_ns, its_channel, frame in log:
             if channel in (None, its_channel):
                 replay.take(file, time_ns, frame)
         if log.cut_off:
-            cut_off = f", cut off: {file.name}: {log.cut_off}"
-    return replay.block(files, cut_off)
+            replay.cut_off = f", cut off: {file.name}: {log.cut_off}"
+    if not replay.has_begun:
+        raise LogError(f"{files[0]}: no frame of this channel")
+    return replay
+
+
+def _block(lanes: Sequence[tuple[Mapping[str, Any], bytes]], names: str) -> bytes:
+    facts = [facts for facts, _ in lanes]
+    head = {
+        "kind": "replay",
+        "signals": [signal._asdict() for signal in SIGNALS],
+        "charts": [chart._asdict() for chart in CHARTS],
+        "figures": [figure._asdict() for figure in FIGURES],
+        "lanes": facts,
+        "bus": f"recording {names}",
+        "row_period_s": max(lane["row_period_s"] for lane in facts),
+        "duration_s": max(lane["duration_s"] for lane in facts),
+    }
+    text = json.dumps(head, separators=(",", ":"), allow_nan=False).encode()
+    rows = b"".join(rows for _, rows in lanes)
+    return gzip.compress(struct.pack("<I", len(text)) + text + rows, mtime=0)
 
 
 class _Thinned:
@@ -68,7 +105,14 @@ class _Thinned:
 
 
 class _Replay:
+    """One recording.
+
+    ``law``      that its controller reported last
+    ``cut_off``  what ended it before its time
+    """
+
     def __init__(self, listening: Listening) -> None:
+        self.cut_off = ""
         self._sampler = Sampler(0, listening=listening)
         self._start_ns: int | None = None
         self._now_ns = 0
@@ -88,22 +132,23 @@ class _Replay:
         self._now_ns = now_ns
         self._sampler.on_frame(frame, now_ns)
 
-    def block(self, files: Sequence[Path], cut_off: str) -> bytes:
-        """Return the block; raises LogError without a frame."""
-        if self._start_ns is None:
-            raise LogError(f"{files[0]}: no frame of this channel")
+    @property
+    def has_begun(self) -> bool:
+        """Whether there was a frame."""
+        return self._start_ns is not None
+
+    @property
+    def law(self) -> str | None:
+        """The law that steers at the end."""
+        return self._sampler.law(self._now_ns)
+
+    def lane(self, number: int, label: str) -> tuple[Mapping[str, Any], bytes]:
+        """Return facts and rows of the whole recording."""
         self._leave(self._now_ns + 1)
         end_s = self._now_ns / NS_PER_S
         self._rows.items.append(packed_row(end_s, self._sampler.row(self._now_ns)))
-        law = self._sampler.law(self._now_ns)
-        name = ", ".join(file.name for file in files)
-        head = {
-            "kind": "replay",
-            "signals": [signal._asdict() for signal in SIGNALS],
-            "charts": [chart._asdict() for chart in CHARTS],
-            "figures": [figure._asdict() for figure in FIGURES],
-            "lanes": [lane_facts(law or name)._asdict()],
-            "bus": f"recording {name}{cut_off}",
+        facts = {
+            **lane_facts(label)._asdict(),
             "row_period_s": self._rows.period_ns / NS_PER_S,
             "duration_s": end_s,
             "lights": [
@@ -112,9 +157,7 @@ class _Replay:
             "frame_list_s": self._frame_lists.period_ns / NS_PER_S,
             "frame_lists": self._frame_lists.items,
         }
-        text = json.dumps(head, separators=(",", ":"), allow_nan=False).encode()
-        rows = packed_rows(0, self._rows.items)
-        return gzip.compress(struct.pack("<I", len(text)) + text + rows, mtime=0)
+        return facts, packed_rows(number, self._rows.items)
 
     def _leave(self, now_ns: int) -> None:
         """Leave all rows and lists that are due before ``now_ns``."""

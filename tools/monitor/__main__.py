@@ -103,6 +103,7 @@ def _print(
     stop: Callable[[], bool],
     start_ns: int,
 ) -> None:
+    say(NAME, "one line a second; Ctrl-C ends it", sys.stderr)
     print_ns = start_ns + NS_PER_S
     reader = LiveReader(port)
     while not stop():

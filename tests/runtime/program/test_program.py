@@ -125,22 +125,23 @@ def test_a_report_that_cannot_be_written_after_all_is_one_line(
     assert status == ExitStatus.OUTPUT
 
 
-def printing_program(output: int) -> subprocess.CompletedProcess[str]:
+def printing_program(output: int, to_print: str = "print") -> subprocess.CompletedProcess[str]:
     """A program that prints without ``say`` and leaves the text to be written at its end."""
     code = (
-        "import sys; from steer_by_wire.runtime.command_line import run_main;"
-        "sys.exit(run_main('p', lambda: print('text') or 0))"
+        "import sys, rich; from steer_by_wire.runtime.command_line import run_main;"
+        f"sys.exit(run_main('p', lambda: {to_print}('text') or 0))"
     )
     return subprocess.run(
         [sys.executable, "-c", code], stdout=output, stderr=subprocess.PIPE, text=True, check=False
     )
 
 
-def test_a_reader_that_reads_no_further_is_no_mistake() -> None:
+@pytest.mark.parametrize("to_print", ["print", "rich.print"])
+def test_a_reader_that_reads_no_further_is_no_mistake(to_print: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with open(writer, "wb") as pipe:
-        result = printing_program(pipe.fileno())
+        result = printing_program(pipe.fileno(), to_print)
     assert (result.stderr, result.returncode) == ("", ExitStatus.OK)
 
 

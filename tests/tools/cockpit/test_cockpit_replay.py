@@ -40,8 +40,9 @@ def test_a_replay_ends_with_the_figures_of_the_analysis(log: Path) -> None:
     last = packed_row(head["duration_s"], fed(log)[0].row(fed(log)[1]))
     # The path is not known to a replay, so its place differs; the figures are the last two.
     assert gzip.decompress(block)[-8:] == last[-8:]
-    assert head["lights"][-1][1][0]["state"] == "ACTIVE"
-    assert len(head["frame_lists"]) == math.ceil(head["duration_s"] / head["frame_list_s"])
+    (lane,) = head["lanes"]
+    assert lane["lights"][-1][1][0]["state"] == "ACTIVE"
+    assert len(lane["frame_lists"]) == math.ceil(head["duration_s"] / lane["frame_list_s"])
 
 
 def test_a_replay_of_a_log_that_was_cut_off_says_so(log: Path, tmp_path: Path) -> None:

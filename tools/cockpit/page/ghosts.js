@@ -1,7 +1,7 @@
 // The cars beside the visitor's: the same car at another place, as pale outlines.
 
 import { colour } from "cockpit/theme.js";
-import { drawOutline } from "cockpit/vehicle.js";
+import { drawOutline, write } from "cockpit/vehicle.js";
 
 const GHOSTS = [
   { name: "ghost", ink: "wanted", label: "your car without delay" },
@@ -28,6 +28,6 @@ export function drawGhosts(pen, facts, rows, at, factor, state) {
 export function nameGhosts(pen, rows, at) {
   shown(rows, at).forEach(({ ink, label }, index) => {
     pen.fillStyle = colour(ink);
-    pen.fillText(`▬ ${label}`, 12, LABEL_Y + LINE * index);
+    write(pen, `▬ ${label}`, 12, LABEL_Y + LINE * index);
   });
 }

@@ -70,10 +70,12 @@ function drawStatus() {
 // What a replay shows of lights and frames now, in the form of a live status.
 function replayedStatus() {
   const { head, nowS } = app;
-  let lit = [];
-  for (const [atS, its] of head.lights) if (atS <= nowS) lit = its;
-  const list = head.frame_lists[Math.min(Math.floor(nowS / head.frame_list_s), head.frame_lists.length - 1)];
-  return { lanes: [{ lights: lit, frames: list, failure: "" }], programs: [], recording_s: null, recorded: [] };
+  const lanes = head.lanes.map(({ lights, frame_lists, frame_list_s }) => ({
+    lights: lights.findLast(([atS]) => atS <= nowS)?.[1] ?? [],
+    frames: frame_lists[Math.min(Math.floor(nowS / frame_list_s), frame_lists.length - 1)],
+    failure: "",
+  }));
+  return { lanes, programs: [], recording_s: null, recorded: [] };
 }
 
 let last = performance.now(), readS = 0;
@@ -135,10 +137,9 @@ function startLive() {
   });
 }
 
-function startReplay({ head, rows }) {
+function startReplay({ head, lanes }) {
   take(head);
-  rows.isWhole = true;
-  app.lanes = [rows];
+  app.lanes = lanes;
   app.player = new Player(app, head.duration_s);
   byId("hold").hidden = true;
   byId("controls").hidden = true;

@@ -1,6 +1,6 @@
 // The block of a replay: from the page itself, where it is one file, or from the server.
 
-import { Rows } from "cockpit/rows.js";
+import { batchBytes, Rows } from "cockpit/rows.js";
 
 async function inflated(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -19,18 +19,22 @@ async function served() {
   return answer.status === 200 ? new Uint8Array(await answer.arrayBuffer()) : null;
 }
 
-// Returns { head, rows }, or null where there is no recording.
+// Returns { head, lanes }: rows of each, or null where there is no recording.
 export async function readRecording() {
   const bytes = embedded() ?? (await served());
   if (!bytes) return null;
   const content = await inflated(bytes);
   const length = new DataView(content).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(content, 4, length)));
-  const batch = new DataView(content, 4 + length);
-  const rows = new Rows(
-    head.signals.map((signal) => signal.name),
-    Math.ceil(batch.getUint32(4, true) / 2) + 1,
-  );
-  rows.take(batch);
-  return { head, rows };
+  const names = head.signals.map((signal) => signal.name);
+  let at = 4 + length;
+  const lanes = head.lanes.map(() => {
+    const batch = new DataView(content, at);
+    const rows = new Rows(names, Math.ceil(batch.getUint32(4, true) / 2) + 1);
+    rows.take(batch);
+    rows.isWhole = true;
+    at += batchBytes(batch);
+    return rows;
+  });
+  return { head, lanes };
 }

@@ -3,7 +3,7 @@
 import { colour } from "cockpit/theme.js";
 import { byId, fixed, pressed, setText } from "cockpit/words.js";
 import { drawGhosts, nameGhosts } from "cockpit/ghosts.js";
-import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
+import { drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
 const PATH_DASH_M = [0.8, 0.6];
@@ -99,7 +99,7 @@ export class Scene {
     pen.fillStyle = colour("dim");
     const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane
     const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
-    pen.fillText(`deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
+    write(pen, `deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
     nameGhosts(pen, rows, at);
   }
 
@@ -129,7 +129,7 @@ export class Scene {
       pen.strokeRect(0.5, 0.5, place.width, place.height);
       pen.fillStyle = colour(`lane-${lane}`);
       pen.textAlign = "right";
-      pen.fillText(this.app.head.lanes[lane].label, place.width - 10, 20);
+      write(pen, this.app.head.lanes[lane].label, place.width - 10, 20);
       pen.textAlign = "left";
     }
     drawScale(pen, place, camera);
@@ -138,7 +138,9 @@ export class Scene {
     pen.fillStyle = colour("text");
     if (!this.isWhole) {
       const tip = onScreen(camera, state.previewX, state.previewY);
-      pen.fillText(off, tip.x + 12, tip.y + (state.error > 0 ? -8 : 16));
+      // Above the car where the scale of the steering would lie over it.
+      const isAbove = state.error > 0 || this.app.lanes.length > 1;
+      write(pen, off, tip.x + 12, tip.y + (isAbove ? -8 : 16));
     }
   }
 }
@@ -278,7 +280,7 @@ function drawScale(pen, place, camera) {
   pen.lineTo(x + width, y - 4);
   pen.stroke();
   pen.fillStyle = colour("dim");
-  pen.fillText(`${metres} m`, x + 4, y - 6);
+  write(pen, `${metres} m`, x + 4, y - 6);
 }
 
 function onScreen(camera, x, y) {

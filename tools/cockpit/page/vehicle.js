@@ -83,6 +83,15 @@ function known(angle) {
   return Number.isFinite(angle) ? angle : 0;
 }
 
+// With a rim, since the road may lie below.
+export function write(pen, text, x, y) {
+  pen.lineJoin = "round";
+  pen.strokeStyle = colour("ground");
+  pen.lineWidth = 4;
+  pen.strokeText(text, x, y);
+  pen.fillText(text, x, y);
+}
+
 const SCALES_RAD = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6];
 
 // The same three angles as marks on one scale, at the lower right of a viewport.
@@ -110,17 +119,17 @@ export function drawSteer(pen, place, state, isSmall) {
     if (Number.isFinite(angle)) drawMark(pen, x + width / 2 - (angle / end) * (width / 2), top + 6, index);
     if (isSmall) return;
     const text = Number.isFinite(angle) ? `${fixed(1000 * angle, 1)} mrad` : "–";
-    pen.fillText(label, x + 16, top + 28 + index * lines);
+    write(pen, label, x + 16, top + 28 + index * lines);
     drawMark(pen, x + 5, top + 28 + index * lines, index);
     pen.textAlign = "right";
-    pen.fillText(text, x + width, top + 28 + index * lines);
+    write(pen, text, x + width, top + 28 + index * lines);
     pen.textAlign = "left";
   });
   pen.fillStyle = colour("dim");
-  pen.fillText(isSmall ? `± ${1000 * end} mrad` : `left ${1000 * end}`, x, top - 9);
+  write(pen, isSmall ? `± ${1000 * end} mrad` : `left ${1000 * end}`, x, top - 9);
   if (isSmall) return;
   pen.textAlign = "right";
-  pen.fillText(`right ${1000 * end} mrad`, x + width, top - 9);
+  write(pen, `right ${1000 * end} mrad`, x + width, top - 9);
   pen.textAlign = "left";
 }
 
