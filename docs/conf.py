@@ -32,6 +32,8 @@ exclude_patterns = ["_build", "gallery/**/*.ipynb"]
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 highlight_language = "text"
 
 # A session in Python is copied without its prompts and without what it printed.
