@@ -12,6 +12,7 @@ Of a frame that was read late no time is measured.
 import math
 from collections import defaultdict, deque
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -219,6 +220,7 @@ class View(NamedTuple):
     """Everything the monitor shows; None for what was not received yet.
 
     ``cg_deviation_m``  of the centre of gravity; NaN where it is not known yet
+    ``names``           of a car's messages, by the name of ours that they stand for
     """
 
     elapsed_s: float
@@ -242,9 +244,11 @@ class View(NamedTuple):
     foreign_frames: int
     foreign_ids: tuple[int, ...]
     error_frames: int
+    names: Mapping[str, str] = MappingProxyType({})
 
     def is_stale(self, name: str) -> bool:
-        """Whether the message called ``name`` in the DBC was received, but not lately."""
+        """Whether our message ``name``, or a car's in its place, was received, but not lately."""
+        name = self.names.get(name, name)
         return any(row.name == name and row.is_stale for row in self.messages)
 
 
@@ -346,6 +350,7 @@ class BusWatch:
             foreign_frames=self._listener.foreign_frames,
             foreign_ids=tuple(self._listener.foreign),
             error_frames=self._listener.error_frames,
+            names=self._listener.listening.names,
         )
 
     def _follow(self, message: Message, now_ns: int, has_time: bool) -> None:

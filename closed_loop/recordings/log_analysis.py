@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ...dbc import messages
 from ...dbc.dialect.listening import OURS, Listening
@@ -124,8 +124,10 @@ class LogAnalysis:
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
 
-    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Sequence[ReceivedMessage]]:
-        """Take the next frame; returns the time since the start [s] and its messages.
+    def take(
+        self, time_ns: int | None, frame: Frame
+    ) -> tuple[float, Sequence[ReceivedMessage], str]:
+        """Take the next frame; returns the time since the start [s], its messages, the car's name.
 
         Those that a node would reject are not among them. The time is NaN in a log without times.
         """
@@ -142,7 +144,7 @@ class LogAnalysis:
         timely = [one for one in received if not one.is_late]
         for one in timely:
             self._follow(one.shown, at_s, since_ns)
-        return at_s, timely
+        return at_s, timely, of_car
 
     def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
         for label, field in self._by_message.get(NAMES[type(shown)], ()):
@@ -336,6 +338,15 @@ class Export(Protocol):
         ...
 
 
+@runtime_checkable
+class CarExport(Export, Protocol):
+    """An export that has a car's own messages too."""
+
+    def write_of_car(self, at_s: float, name: str, frame: Frame) -> None:
+        """Add an accepted frame of a car: time since the start [s], and its message."""
+        ...
+
+
 class AnalysedLog(NamedTuple):
     """The figures of a log, ready for JSON, and the data of its pictures."""
 
@@ -364,6 +375,7 @@ def analyse_files(
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
     analysis = LogAnalysis(rules, preview_m, listening)
+    car_exports = [one for one in exports if isinstance(one, CarExport)]
     unreadable, first_unreadable, cut_off = 0, "", ""
     channels: dict[str, None] = {}
     for path in paths:
@@ -375,10 +387,12 @@ def analyse_files(
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
-                at_s, received = analysis.take(time_ns, frame)
+                at_s, received, of_car = analysis.take(time_ns, frame)
                 for one in received:
                     for export in exports:
                         export.write(time_ns, at_s, one)
+                for table in car_exports if of_car else ():
+                    table.write_of_car(at_s, of_car, frame)
         unreadable += log.unreadable
         first_unreadable = first_unreadable or log.first_unreadable
         if log.cut_off:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ...dbc.messages import (
@@ -36,6 +37,7 @@ class Known(NamedTuple):
     ``refused``  frames that this program refused in the last seconds, by cause
     ``late_s``   how late this program has read frames in the last seconds; 0: in time
     ``skipped``  control ticks that were skipped in the last seconds
+    ``names``    of a car's messages, by the name of ours that they stand for
     """
 
     controller: ControllerStatus | None
@@ -46,6 +48,7 @@ class Known(NamedTuple):
     refused: Mapping[str, int]
     late_s: float = 0.0
     skipped: int = 0
+    names: Mapping[str, str] = MappingProxyType({})
 
 
 _MODES = {
@@ -80,11 +83,12 @@ _SAFETY = {
 def lights_of(known: Known) -> tuple[Light, ...]:
     """Return the lights of a lane, in the order in which they are shown."""
     steering, plant = known.steering, known.plant
+    status_name = known.names.get("STEERING_STATUS", "STEERING_STATUS")
     return (
         _controller(known.controller, known.safety),
-        _measurements(known.safety),
+        _measurements(known.safety, known.names),
         _delay(known.delay),
-        _light("Steering", steering and steering.status, _STEERING, "STEERING_STATUS"),
+        _light("Steering", steering and steering.status, _STEERING, status_name),
         _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),
         _machine(known.late_s, known.skipped),
         _refused(known.refused),
@@ -107,25 +111,27 @@ def _controller(status: ControllerStatus | None, safety: ControllerSafety | None
     return _light("Controller", status and status.mode, _MODES, "CONTROLLER_STATUS")
 
 
-def measurements_that_are(freshness: Freshness, safety: ControllerSafety) -> list[str]:
+def measurements_that_are(
+    freshness: Freshness, safety: ControllerSafety, names: Mapping[str, str]
+) -> list[str]:
     """Return the names of the measurements that the controller reports with this freshness."""
     of_messages = {
         "LATERAL_ERROR": safety.lateral_error_freshness,
         "STEERING_STATUS": safety.steering_status_freshness,
         "VEHICLE_STATE": safety.vehicle_state_freshness,
     }
-    return [name for name, its in of_messages.items() if its is freshness]
+    return [names.get(name, name) for name, its in of_messages.items() if its is freshness]
 
 
-def _measurements(safety: ControllerSafety | None) -> Light:
+def _measurements(safety: ControllerSafety | None, names: Mapping[str, str]) -> Light:
     if safety is None:
         return Light("Measurements", OFF, "SILENT", "no CONTROLLER_SAFETY on the bus")
     for freshness, level, words in (
         (Freshness.STALE, BAD, "older than its age limit"),
         (Freshness.NEVER_SEEN, NOTICE, "never received by the controller"),
     ):
-        if names := measurements_that_are(freshness, safety):
-            return Light("Measurements", level, freshness.name, f"{', '.join(names)}: {words}")
+        if found := measurements_that_are(freshness, safety, names):
+            return Light("Measurements", level, freshness.name, f"{', '.join(found)}: {words}")
     return Light("Measurements", GOOD, "FRESH", "all three messages are young enough")
 
 

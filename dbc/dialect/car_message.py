@@ -1,6 +1,6 @@
 """One message of a car: quantities to a frame with counter and checksum, and back."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -100,6 +100,16 @@ class CarMessage:
         values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
         return Reading(values, int(raw.get(self.settings.counter, 0)))
 
+    @property
+    def signals(self) -> Sequence[str]:
+        """The names of its signals, in the order of the database."""
+        return [signal.name for signal in self._message.signals]
+
+    def values(self, data: bytes) -> Mapping[str, float]:
+        """Return the signals of an accepted frame, in the database's units."""
+        decoded: Any = self._message.decode(data, decode_choices=False)
+        return dict(decoded)
+
     def text(self, data: bytes) -> str:
         """Return the signals of an accepted frame in words."""
         decoded: Any = self._message.decode(data, decode_choices=True)
@@ -109,8 +119,7 @@ class CarMessage:
         return self._message.encode(dict(raw), scaling=False, strict=False)
 
     def _packed(self, raw: Mapping[str, float]) -> bytes:
-        names = (signal.name for signal in self._message.signals)
-        return self._encoded({**dict.fromkeys(names, 0), **raw})
+        return self._encoded({**dict.fromkeys(self.signals, 0), **raw})
 
 
 def _short(value: Any) -> str:

@@ -55,12 +55,16 @@ class Listening(Protocol):
     ``from_plant``  identifiers of the plant's frames
     ``kept_ids``    identifiers of our own messages that are on it
     ``signals``     of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
+    ``names``       of a car's messages, by the name of ours that they stand for
+    ``columns``     signals of each message of a car
     """
 
     listed: Mapping[str, Listed]
     from_plant: frozenset[int]
     kept_ids: frozenset[int]
     signals: Mapping[str, str]
+    names: Mapping[str, str]
+    columns: Mapping[str, Sequence[str]]
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:
         """Take a frame."""
@@ -68,6 +72,10 @@ class Listening(Protocol):
 
     def counts(self, name: str) -> MessageCounts | None:
         """Return the counts of a message of the car; None for one of ours."""
+        ...
+
+    def values(self, name: str, frame: Frame) -> Mapping[str, float]:
+        """Return the signals of an accepted frame of the car, in its database's units."""
         ...
 
     def text(self, name: str, frame: Frame | None) -> str:
@@ -84,6 +92,8 @@ class OurMessages:
     from_plant = frozenset(CAN_IDS[kind] for kind in sent_by("PLANT"))
     kept_ids = frozenset(CAN_IDS.values())
     signals: Mapping[str, str] = MappingProxyType({})
+    names: Mapping[str, str] = MappingProxyType({})
+    columns: Mapping[str, Sequence[str]] = MappingProxyType({})
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:  # noqa: ARG002 as a car's bus
         """Take a frame."""
@@ -91,6 +101,10 @@ class OurMessages:
 
     def counts(self, name: str) -> None:
         """Return None: nothing here is of a car."""
+
+    def values(self, name: str, frame: Frame) -> Mapping[str, float]:  # noqa: ARG002
+        """Return nothing: nothing here is of a car."""
+        return {}
 
     def text(self, name: str, frame: Frame | None) -> str:  # noqa: ARG002
         """Return nothing: nothing here is of a car."""

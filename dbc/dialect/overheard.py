@@ -1,12 +1,13 @@
 """A bus in a car's dialect, for one who only listens: its frames as ours, of both ends."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ...runtime.frame import Frame
 from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
 from .listening import Heard, Listed, MessageCounts, OurMessages
+from .quantities import SAID_BY
 from .reader import CarReader
 from .settings import PLANT
 
@@ -33,6 +34,14 @@ class Overheard:
             for one in dialect.messages
             for signal, carried in one.settings.signals.items()
         }
+        self.columns: Mapping[str, Sequence[str]] = {
+            one.name: one.signals for one in dialect.messages
+        }
+        self.names: Mapping[str, str] = {
+            name: self.signals[first].partition(".")[0]
+            for name, kind in ours.MESSAGE_TYPES.items()
+            if (first := next(iter(SAID_BY.get(kind, ())), "")) in self.signals
+        }
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:
         """Take a frame."""
@@ -52,6 +61,10 @@ class Overheard:
     def counts(self, name: str) -> MessageCounts | None:
         """Return the counts of a message of the car; None for one of ours."""
         return self._reader.counts(name) if name in self._by_name else None
+
+    def values(self, name: str, frame: Frame) -> Mapping[str, float]:
+        """Return the signals of an accepted frame of the car, in its database's units."""
+        return self._by_name[name].values(frame.data)
 
     def text(self, name: str, frame: Frame | None) -> str:
         """Return the signals of an accepted frame of the car in words."""

@@ -28,6 +28,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_fi
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.dbc.dialect.listening import Listening
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
@@ -192,12 +193,12 @@ def _analyse(
     refuse_another_run(folder, {_SOURCE: source})
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
-            exports = _exports(partial, options)
+            listening = listening_in(options.dialect)
+            exports = _exports(partial, options, listening)
             smoothed = _smoothed(partial, options)
             exports += smoothed
             for export in exports:
                 stack.callback(export.close)
-            listening = listening_in(options.dialect)
             figures, analysis = analyse_files(
                 paths, options.channel, exports, advance, rules, options.preview_m, listening
             )
@@ -244,9 +245,9 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
     return [SmoothedTable(folder / "smoothed.csv", vehicle)]
 
 
-def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
+def _exports(folder: Path, options: argparse.Namespace, listening: Listening) -> list[Export]:
     mcap: list[Export] = [McapFile(folder / "signals.mcap")] if options.mcap else []
-    return [*mcap, CsvTable(folder / "signals.csv")]
+    return [*mcap, CsvTable(folder / "signals.csv", listening)]
 
 
 @contextmanager

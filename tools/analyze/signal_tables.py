@@ -5,48 +5,67 @@
 ``time_s`` counts from the first frame of the log. Each row holds what a listener on the bus knew at
 that time: the signals of its message are new, all others keep their last value. The signals of a
 message are empty before its first frame. Enumerations are numbers, as in the DBC's value tables.
+A car's messages have the signals, names and units of its database: ``LANE.OFFSET``.
 """
 
-from collections.abc import Callable
-from itertools import accumulate
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ...closed_loop.recordings.bus_listener import ReceivedMessage
+from ...dbc.dialect.listening import OURS, Listening
 from ...dbc.messages import MESSAGE_TYPES, resolutions
+from ...runtime.frame import Frame
 from ...runtime.output_file import open_text
-
-_ENDS = accumulate(len(kind._fields) for kind in MESSAGE_TYPES.values())
-PLACES = {
-    name: slice(end - len(kind._fields), end)
-    for (name, kind), end in zip(MESSAGE_TYPES.items(), _ENDS, strict=True)
-}
-"""Where the signals of each message are among the columns of signals."""
-COLUMNS = tuple(
-    f"{name.lower()}.{field}" for name, kind in MESSAGE_TYPES.items() for field in kind._fields
-)
 
 
 class CsvTable:
-    """Writes the table as CSV."""
+    """Writes the table as CSV, of the messages that are on the bus."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, listening: Listening = OURS) -> None:
+        self._listening, self._columns = listening, list[str]()
+        self._places, self._formats = dict[str, slice](), dict[str, list[Callable[[float], str]]]()
+        for name in listening.listed:
+            begin = len(self._columns)
+            self._columns += columns_of(name, listening)
+            self._places[name] = slice(begin, len(self._columns))
+            if name not in listening.columns:
+                self._formats[name] = _formats(name)
         self._file = open_text(path)
-        self._file.write(",".join(("time_s", "message", *COLUMNS)) + "\n")
-        self._cells = [""] * len(COLUMNS)
-        self._formats = {name: _formats(name) for name in MESSAGE_TYPES}
+        self._file.write(",".join(("time_s", "message", *self._columns)) + "\n")
+        self._cells = [""] * len(self._columns)
 
     def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
-        """Add a message."""
-        formats = self._formats[received.name]
-        self._cells[PLACES[received.name]] = [
-            form(value) for form, value in zip(formats, received.message, strict=True)
+        """Add a message of ours, unless one of a car stands for it."""
+        if (formats := self._formats.get(received.name)) is not None:
+            cells = [form(value) for form, value in zip(formats, received.message, strict=True)]
+            self._add(at_s, received.name, cells)
+
+    def write_of_car(self, at_s: float, name: str, frame: Frame) -> None:
+        """Add an accepted frame of a car."""
+        values = self._listening.values(name, frame)
+        newest = self._cells[self._places[name]]
+        names = self._listening.columns[name]
+        cells = [
+            f"{values[signal]:.10g}" if signal in values else cell  # the multiplexer has others
+            for signal, cell in zip(names, newest, strict=True)
         ]
+        self._add(at_s, name, cells)
+
+    def _add(self, at_s: float, name: str, cells: Sequence[str]) -> None:
+        self._cells[self._places[name]] = cells
         time_text = f"{at_s:.6f}" if at_s == at_s else ""  # NaN in a log without times
-        self._file.write(f"{time_text},{received.name},{','.join(self._cells)}\n")
+        self._file.write(f"{time_text},{name},{','.join(self._cells)}\n")
 
     def close(self) -> None:
         """Write out what is still held back."""
         self._file.close()
+
+
+def columns_of(name: str, listening: Listening = OURS) -> list[str]:
+    """Return the columns of a message on the bus."""
+    if name in listening.columns:
+        return [f"{name}.{signal}" for signal in listening.columns[name]]
+    return [f"{name.lower()}.{field}" for field in MESSAGE_TYPES[name]._fields]
 
 
 def _formats(name: str) -> list[Callable[[float], str]]:

@@ -273,6 +273,7 @@ class Sampler:
                 shown,
                 _recent(self._late, now_ns) / NS_PER_S,
                 _recent(self._skipped, now_ns),
+                self._listening.names,
             )
         )
 

@@ -108,7 +108,8 @@ def _state(view: View) -> Text:
     law, skipped = "", "-"
     if view.controller is not None:
         law, skipped = f" {view.controller.law.name}", str(view.controller.skipped_ticks)
-    known = Known(view.controller, view.safety, view.delay, view.steering, view.plant, {})
+    nodes = view.controller, view.safety, view.delay, view.steering, view.plant
+    known = Known(*nodes, {}, names=view.names)
     controller, _, _, actuator, *_ = lights_of(known)
     text = Text("controller ").append(controller.state, style=_STYLES[controller.level])
     text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
@@ -259,7 +260,9 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    stale = [] if view.safety is None else measurements_that_are(Freshness.STALE, view.safety)
+    safety, stale = view.safety, list[str]()
+    if safety is not None:
+        stale = measurements_that_are(Freshness.STALE, safety, view.names)
     return "".join(f", {name} stale" for name in stale) + _second_senders(view)
 
 

@@ -1,10 +1,12 @@
 """A listener on a car's bus hears our messages, of both ends, and no round trip."""
 
+import csv
 import gzip
 import json
 import math
 import re
 import struct
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from steer_by_wire.closed_loop.recordings.live_reading import LiveFrame
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
+from steer_by_wire.closed_loop.recordings.status_lights import Known, lights_of
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
@@ -27,7 +30,10 @@ from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
+    ControllerFault,
+    ControllerSafety,
     Decoded,
+    Freshness,
     LateralError,
     SteeringCommand,
     decode,
@@ -37,6 +43,7 @@ from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.analyze.__main__ import main as analyze
+from steer_by_wire.tools.analyze.signal_tables import CsvTable
 from steer_by_wire.tools.cockpit.hand import HandFile, HandNode, behind_gateway
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
@@ -45,6 +52,7 @@ from steer_by_wire.tools.monitor.screen import screen_lines
 
 CAR = Path(__file__).with_name("my_car.toml")
 DATABASE: Any = cantools.database.load_file(CAR.with_suffix(".dbc"))
+CAR_MESSAGES = read_dialect(CAR).messages
 LANE = DATABASE.get_message_by_name("LANE")
 
 
@@ -156,6 +164,29 @@ def test_analyze_judges_a_log_in_a_dialect(
     page = (tmp_path / "traffic" / "report.html").read_text()
     assert "heading error, LANE.HEADING [mrad]" in page
     assert not re.search("|".join(MESSAGE_TYPES), page)
+
+
+def test_a_table_has_a_cars_signals_as_its_database_reads_them(log: Path, tmp_path: Path) -> None:
+    with closing(CsvTable(tmp_path / "signals.csv", listening())) as table:
+        analyse_files([log], exports=[table], listening=listening())
+    with (tmp_path / "signals.csv").open(newline="") as file:
+        rows = [*csv.DictReader(file)]
+    frames = [frame for _, _, frame in open_log(log)]
+    assert [*rows[0]][2:] == [f"{it.name}.{one}" for it in CAR_MESSAGES for one in it.signals]
+    assert len(rows) == len(frames)
+    for row, frame in zip(rows, frames, strict=True):
+        said = DATABASE.decode_message(frame.can_id, frame.data, decode_choices=False)
+        for signal, value in said.items():
+            assert float(row[f"{row['message']}.{signal}"]) == pytest.approx(value)
+
+
+def test_lights_name_a_cars_messages() -> None:
+    old = Freshness.STALE
+    stale = ControllerSafety(0, 0, old, old, old, ControllerFault.NONE)
+    lights = lights_of(Known(None, stale, None, None, None, {}, names=listening().names))
+    causes = {light.name: light.cause for light in lights}
+    assert causes["Measurements"] == "LANE, STEER_ANGLE, MOTION: older than its age limit"
+    assert causes["Steering"] == "no STEER_ANGLE on the bus"
 
 
 def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
