@@ -100,13 +100,18 @@ class PluginRule(Settings):
     signal: str
     _function: Callable[[int, bytes], Any] = PrivateAttr()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _names_a_function(cls, given: Any) -> Any:
+        """Refuse an unknown rule before its keys, which those of the intended rule may be."""
+        rule = given.get("rule", "") if isinstance(given, dict) else ":"
+        if not isinstance(rule, str) or ":" not in rule:
+            raise ValueError(f"there is no rule {rule!r} (allowed: {', '.join(_NAMED)}, {PLACE})")
+        return given
+
     @model_validator(mode="after")
     def _is_there(self) -> Self:
-        module, colon, name = self.rule.partition(":")
-        if not colon:
-            raise ValueError(
-                f"there is no rule {self.rule!r} (allowed: {', '.join(_NAMED)}, {PLACE})"
-            )
+        module, _, name = self.rule.partition(":")
         try:
             self._function = getattr(import_module(module), name)
         except Exception as error:

@@ -52,8 +52,8 @@ MISTAKES = {
         " (allowed: number from 1.0, up to 60000.0)",
     ),
     "a rule that there is not": (
-        'rule = "sum", identifier = true, length = true',
-        'rule = "xor"',
+        'rule = "sum", identifier',
+        'rule = "xor", identifier',
         "messages.STEER_REQUEST.checksum: there is no rule 'xor' (allowed: sum, crc,"
         " e2e_p01, e2e_p05, e2e_p11, package.module:ATTRIBUTE)",
     ),
