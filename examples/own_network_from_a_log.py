@@ -50,7 +50,10 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     log = Path("ping.log")
     write_trace(log.read_text() if log.exists() else artificial_log(), trace)
     network = {f"plant.latency.{way}.trace_file": trace for way in ("downlink", "uplink")}
-    runs = {law: simulate(controller=law, duration_s=60.0, overrides=network) for law in LAWS}
+    runs = {
+        law: simulate(controller=law, duration_s=60.0, overrides=network, engine="compiled")
+        for law in LAWS
+    }
     figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=110)
     latency, error = figure.subplots(2, 1, sharex=True)
     for law, run in runs.items():
