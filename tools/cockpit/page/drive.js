@@ -140,7 +140,7 @@ export class Drive {
     const { rms_m, in_lane } = this.app.status?.lanes[Math.max(this.lane, 0)]?.score ?? {};
     if (rms_m == null) return;
     const left = Math.max(Math.ceil(ROUND_S - drivenS), 0);
-    const result = `RMS ${(1000 * rms_m).toFixed(0)} mm · in lane ${(100 * in_lane).toFixed(0)} %`;
+    const result = `RMS ${told(rms_m, in_lane, "in lane ")}`;
     setText(this.score, left ? `${left} s · ${result}` : `That minute: ${result}`);
     if (left) return;
     this.app.wish({ do: "score", lane: Math.max(this.lane, 0), name: this.lane < 0 ? "the predictor" : this.name.value.trim() || GUEST });
@@ -149,7 +149,7 @@ export class Drive {
   }
 
   list(best) {
-    const rows = best.map(({ name, title, rms_m, in_lane }) => `${name} · ${title.replace("Drive it: ", "")} · ${(1000 * rms_m).toFixed(0)} mm · ${(100 * in_lane).toFixed(0)} %`);
+    const rows = best.map(({ name, title, rms_m, in_lane }) => `${name} · ${title.replace("Drive it: ", "")} · ${told(rms_m, in_lane)}`);
     if (this.listed === rows.join()) return;
     this.listed = rows.join();
     this.best.replaceChildren(...rows.map((row) => element("li", {}, row)));
@@ -183,6 +183,12 @@ export class Drive {
     pen.rotate(-STEERING_RATIO * carRad);
     mark(pen, colour("applied"), -185);
   }
+}
+
+// A score in words that do not break: "46 m · in lane 21 %".
+function told(rms_m, in_lane, where = "") {
+  const rms = rms_m < 10 ? `${(1000 * rms_m).toFixed(0)}\u00a0mm` : `${rms_m.toFixed(0)}\u00a0m`;
+  return `${rms} · ${where}${(100 * in_lane).toFixed(0)}\u00a0%`;
 }
 
 function mark(pen, ink, y) {
