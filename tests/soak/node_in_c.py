@@ -32,6 +32,8 @@ from tests.support.law_in_c import Target, every_target, presets_in_c
 from tests.support.node_in_c import (
     NODE,
     ON_TIME,
+    OVERRUN,
+    SILENT,
     RecordedNode,
     Segment,
     agree,
@@ -44,6 +46,9 @@ from tests.support.size_on_m7 import executed, logging_words, sizes
 
 IMPATIENT = ("overruns.overruns_max=3", "overruns.missed_periods_max=40")
 """Limits that a drawn sequence exceeds."""
+LONG = (*((ON_TIME, 600, 125), (OVERRUN, 8, 125)) * 10, (SILENT, 500, 127))
+"""A minute, in which a vehicle can prove to be another, and overruns are forgotten."""
+LONG_RUNS = 4
 SEQUENCES = 50
 """How many are kept in memory, and have a line together."""
 
@@ -73,6 +78,9 @@ def main() -> int:
                 runs = [in_python(it, ours) for it in faulty(spec, point, preset)]
                 agree_all(programs, runs)
                 say(f"runs at {point.name}", runs)
+            runs = [driven(ours, LONG, seed) for seed in range(LONG_RUNS)]
+            agree_all(programs, runs)
+            say("runs of a minute", runs)
             for overrides in ((), IMPATIENT) if options.examples else ():
                 ours = settings_of(preset, *overrides)
                 programs = built(ours, folder, targets)
