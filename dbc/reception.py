@@ -77,6 +77,8 @@ class Reception:
     ``sent_types``     what this node alone sends
 
     ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
+    ``taken_back_to``  the newest message that came into use again, because those after it may be
+                forged; None before the first
     ``sends``   whether the node sends its messages now. One that still waits for others to begin
                 does not pause: with its own frames it will contradict those that now are followed
     """
@@ -103,6 +105,7 @@ class Reception:
         self._own_ns = -NEVER_NS
         self._paused_until_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
+        self.taken_back_to: Message | None = None
         self.sends = True
         self.accepted = 0
         self.refused = 0
@@ -188,7 +191,10 @@ class Reception:
         if result in CHANGING and isinstance(check.content, bytes):
             unpacked = unpack(check.content)
             if isinstance(unpacked, tuple):
-                return unpacked[0]
+                message = unpacked[0]
+                if result is SequenceResult.TAKEN_BACK:
+                    self.taken_back_to = message
+                return message
         return result
 
     def _take_other(self, frame: Frame, now_ns: int) -> Message | Cause | None:

@@ -251,7 +251,7 @@ def _run(
                 error_m = quantised(schedule.noise_m[sample], constants.lateral_error_resolution_m)
             else:
                 error_m = float(records.measured_m[sample])
-            if before is Mode.HOLDING and design.recovered_state is not None:
+            if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:
                 before_m = unpacked(state.item(), law.start)
                 state[...] = design.recovered_state(before_m, error_m)
             else:

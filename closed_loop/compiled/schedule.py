@@ -17,7 +17,13 @@ from ...controller.history.plan import ROW_LENGTH
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.codec.sequence_and_second_sender import CHANGING, HALF, SequenceCheck, SequenceRule
+from ...dbc.codec.sequence_and_second_sender import (
+    CHANGING,
+    HALF,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+)
 from ...dbc.messages import (
     LateralError,
     Message,
@@ -83,10 +89,14 @@ class RunSchedule(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """Frames of one message that the controller accepts: when each arrives, of which sample."""
+    """Frames of one message that the controller accepts: when each arrives, of which sample.
+
+    ``taken_back``  indices of those that came into use again, because newer ones are doubted
+    """
 
     arrival_ns: IntArray
     sample: IntArray
+    taken_back: IntArray = np.empty(0, dtype=np.int64)
 
 
 class NothingArrivesError(ValueError):
@@ -127,7 +137,7 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
         motion_ns=motion_ns,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),
-        segments=_segments(controller, arrivals.arrival_ns, in_use, tick_ns),
+        segments=_segments(controller, arrivals, in_use, tick_ns),
         motion_start_ns=motion_start_ns,
         end_ns=end_ns,
     )
@@ -195,26 +205,37 @@ def _believed(rule: SequenceRule, period_ns: int, number: IntArray, arrived: Arr
     if ((steps >= 1) & (steps <= np.minimum(explained, HALF - 1))).all():
         return arrived
     check = SequenceCheck(rule, period_ns)
-    used = []
+    used: list[tuple[int, object]] = []
+    taken_back = []
     for count, now_ns, sample in zip(
-        number.tolist(), *(row.tolist() for row in arrived), strict=True
+        number.tolist(), arrived.arrival_ns.tolist(), arrived.sample.tolist(), strict=True
     ):
         # A sample's number identifies the frame, as its payload does in a node.
-        if check.check(count % COUNTERS, now_ns, sample) in CHANGING:
+        result = check.check(count % COUNTERS, now_ns, sample)
+        if result is SequenceResult.TAKEN_BACK:
+            taken_back.append(len(used))
+        if result in CHANGING:
             used.append((now_ns, check.content))
-    return Arrivals(*np.array(used, dtype=np.int64).T)
+    arrival_ns, used_sample = np.array(used, dtype=np.int64).T
+    return Arrivals(arrival_ns, used_sample, np.array(taken_back, dtype=np.int64))
 
 
 def _segments(
-    controller: ControllerSettings, arrival_ns: IntArray, in_use: IntArray, tick_ns: IntArray
+    controller: ControllerSettings, arrivals: Arrivals, in_use: IntArray, tick_ns: IntArray
 ) -> tuple[Segment, ...]:
-    """Return the modes of the ticks; the first tick ends the wait."""
+    """Return the modes of the ticks; the first tick ends the wait.
+
+    Where the law starts anew after a measurement that was taken back, ACTIVE follows ACTIVE.
+    """
     supervision = supervision_of(controller)
-    if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
+    arrival_ns, _, taken_back = arrivals
+    is_fresh = tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns
+    if is_fresh.all() and not len(taken_back):
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
     supervisor, arrived = Supervisor(supervision, 0), 0
     before_ns: int | None = None
     entered: list[tuple[Mode, int]] = []
+    anew = set(np.searchsorted(in_use, taken_back).tolist())
     for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
         while arrived <= newest:
             arrived_ns = int(arrival_ns[arrived])
@@ -222,11 +243,11 @@ def _segments(
             before_ns = arrived_ns
             arrived += 1
         mode = supervisor.move_on(before_ns, now_ns)
-        if mode is not None:
-            entered.append((mode, tick))
+        if mode is not None or (tick in anew and supervisor.mode is Mode.ACTIVE):
+            entered.append((supervisor.mode, tick))
     ends = [first for _, first in entered[1:]] + [len(tick_ns)]
     return tuple(
-        Segment(int(mode), first, end, index > 0)
+        Segment(int(mode), first, end, index > 0 and entered[index - 1][0] is not Mode.ACTIVE)
         for index, ((mode, first), end) in enumerate(zip(entered, ends, strict=True))
     )
 

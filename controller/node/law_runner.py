@@ -3,6 +3,9 @@
 On recovery the law starts anew, at rest at the present measurement. Its first command differs from
 the held one. The difference is added to its commands and fades out at the ramp rate, so that the
 first command equals the last one held. As always, the law's input is the command that acts.
+
+It also starts anew after a measurement that was taken back, since it may be forged and its filters
+have taken it in. What the law commanded then is not to continue, so nothing fades.
 """
 
 from math import isfinite
@@ -87,15 +90,22 @@ class LawRunner:
         if self.design.params_at is not None:
             self._params = self.design.params_at(speed_m_s)
 
-    def start(self, before: Mode, lateral_error_m: float) -> None:
+    def start(self, before: Mode, received: Received) -> None:
         """Prepare for ACTIVE after another mode; some laws continue after a hold."""
-        recovered = self.design.recovered_state
-        if recovered is None or before is not Mode.HOLDING or self._state is None:
-            self._state = self.design.initial_state(lateral_error_m)
-        else:
-            self._state = recovered(self._state, lateral_error_m)
+        if before is not Mode.HOLDING:
+            self._state = None
+        self._start_anew(received)
         # Before the first command there is no held command to continue from.
         self._fade_rad, self._continues_hold = 0.0, before is not Mode.WAITING
+
+    def _start_anew(self, received: Received) -> None:
+        """Begin at rest at the newest measurement; some laws continue in part."""
+        received.is_taken_back = False
+        recovered, before = self.design.recovered_state, self._state
+        if recovered is None or before is None:
+            self._state = self.design.initial_state(received.lateral_error_m)
+        else:
+            self._state = recovered(before, received.lateral_error_m)
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
@@ -106,6 +116,8 @@ class LawRunner:
         vehicle = received.vehicle_at(now_ns)
         error_m, history = received.lateral_error_m, self._history
         acting_rad = received.acting_rad(sent_rad, now_ns)
+        if received.is_taken_back:
+            self._start_anew(received)
         observed = LawInput(error_m, acting_rad, vehicle, loop_delay, history)
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad

@@ -43,6 +43,8 @@ class Received:
     ``lateral_error_m``, ``heading_error_rad``, ``steering``, ``wheel_rad``, ``vehicle``
                                           the newest values; 0, NO_COMMAND and NO_VEHICLE before
                                           the first
+    ``is_taken_back``                     whether newer lateral errors than the present one have
+                                          been in use, and may have been forged
     ``unauthenticated``                   frames refused by authentication
     """
 
@@ -55,6 +57,7 @@ class Received:
         self.lateral_error_m = self.heading_error_rad = self.wheel_rad = 0.0
         self.steering = SteeringStatusCode.NO_COMMAND
         self.vehicle = NO_VEHICLE
+        self.is_taken_back = False
         self.unauthenticated = 0
 
     @property

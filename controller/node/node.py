@@ -123,6 +123,8 @@ class ControllerNode:
         message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
             received.lateral_error_m, received.heading_error_rad = message
+            if message is received.reception.taken_back_to:
+                received.is_taken_back = True
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -316,7 +318,7 @@ class ControllerNode:
             self._figures.on_mode(entered)
             self._received.reception.sends = True
         if entered is _ACTIVE:
-            self._law.start(before, self._received.lateral_error_m)
+            self._law.start(before, self._received)
 
     def _command_frame(self, mode: Mode, now_ns: int, period: int) -> Frame:
         """Return the command of this period or its plan, and record that it was sent."""

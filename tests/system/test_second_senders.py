@@ -1,10 +1,8 @@
 """A second sender of a message: what it can take over, for how long, and who says so."""
 
-import re
 from collections.abc import Sequence
 from copy import deepcopy
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -32,7 +30,6 @@ from tests.support.combinations import combined
 from tests.support.forged_counters import Shot
 from tests.support.intruder import Attack, Run, drive
 
-ROOT = Path(__file__).resolve().parents[2]
 Shots = Sequence[Sequence[Shot]]
 PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")
@@ -288,7 +285,7 @@ def test_no_choice_of_counters_costs_more_than_silence_of_the_same_length(
 @pytest.mark.parametrize("kind", [SteeringCommand, LateralError])
 @pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 3, 5, 31, 100])
 def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: int) -> None:
-    value = 0.2 if kind is LateralError else 0.6
+    value = 80.0 if kind is LateralError else 0.6
     shots = [[Shot(SOON_NS, ahead)]]
     run = drive(PLANT, CONTROLLER, Attack(kind, value, ONSET_NS, ATTACK_NS, shots, repeats=False))
     assert run.controller["holds"] == run.plant["safety"]["holdings"] == 0
@@ -299,20 +296,24 @@ def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: i
     assert own_ns[-1] - ONSET_NS <= 1.1 * NS_PER_S
 
 
-def test_the_page_says_what_one_forged_measurement_costs_an_observer() -> None:
-    plant = plant_preset("highway_corner_d", ['path={kind="straight"}', "duration_s=5"])
-    attack = Attack(LateralError, 10.0, NS_PER_S, PERIOD_NS, [[Shot(SOON_NS, 31)]], False)
-    run = drive(plant, controller_preset("highway_pd_ddob"), attack)
-    page = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
-    (stated_m,) = re.findall(r"forged as 10 m\ncosts `highway_pd_ddob` ([0-9.]+) m", page)
-    assert run.peak_m == pytest.approx(float(stated_m), abs=0.005)
-
-
-@pytest.mark.parametrize("value_m", [-1.0, 10.0])
-def test_a_law_that_looks_back_forgets_the_forged_measurement_too(value_m: float) -> None:
-    """At 60 km/h: 1.1 and 3.8 m off where it stays in the history."""
+@pytest.mark.parametrize(
+    ("law", "value_m"),
+    [("predictor", -1.0), ("predictor", 10.0), ("pd_ddob", 10.0), ("pd", 80.0)],
+)
+def test_a_law_forgets_a_forged_measurement_at_speed(law: str, value_m: float) -> None:
+    """At 60 km/h: 1.1, 3.8, 1.5 and 1.1 m off where it stays in the history or the filters."""
     plant = plant_preset("highway_corner_d", ['path={kind="straight"}', "duration_s=4"])
     attack = Attack(LateralError, value_m, NS_PER_S, PERIOD_NS, [[Shot(SOON_NS, 31)]], False)
-    run = drive(plant, controller_preset("highway_predictor"), attack)
+    run = drive(plant, controller_preset(f"highway_{law}"), attack)
     assert run.controller["second_senders"] == ["LATERAL_ERROR"]
-    assert run.peak_m < 0.05
+    assert run.peak_m < 0.08
+
+
+def test_the_limits_of_the_steering_forget_a_forged_command_at_speed() -> None:
+    """In a lane change: 0.39 m more where its jerk keeps the wheel from coming back."""
+    plant = plant_preset("highway_corner_d", ["duration_s=15"])
+    law = controller_preset("highway_pd")
+    attack = Attack(SteeringCommand, -0.6, 12_750_000_000, PERIOD_NS, [[Shot(SOON_NS, 5)]], False)
+    forged = drive(plant, law, attack)
+    assert forged.plant["rejected"]["taken_back"] == 1
+    assert forged.peak_m < drive(plant, law).peak_m + 0.02

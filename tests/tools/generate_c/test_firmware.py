@@ -64,4 +64,5 @@ def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
     agree(in_c, nodes)
     causes = {cause for node in nodes for cause in node.report()["rejected"]}
     assert {"bad_crc", "contradicted", "paused", "no_key", "not_available", "too_far"} <= causes
+    assert "taken_back" in causes
     assert any(node.report()["failure"] for node in nodes)

@@ -226,6 +226,7 @@ static enum sequence_result doubt(struct sequence *x, int64_t now_ns)
     x->counter = last;
     x->has_arrived = true;
     x->arrival_ns = now_ns;
+    x->taken_back++;
     return TAKEN_BACK;
 }
 

@@ -35,10 +35,11 @@ struct sequence {
     int foreign_count;
     struct caution caution;
     bool is_alone;
-    /* The counter in use, and when it came into use; frames skipped; when a second sender was seen. */
+    /* The counter in use, and when it came into use; frames skipped; when a second sender was seen;
+       how often an earlier frame came into use again. */
     int counter;
     bool has_arrived, had_second;
-    int64_t arrival_ns, lost, second_sender_ns;
+    int64_t arrival_ns, lost, second_sender_ns, taken_back;
 };
 
 void sequence_start(struct sequence *x, int length, int64_t cycle_ns, uint8_t *contents,
