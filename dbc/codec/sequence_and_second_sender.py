@@ -16,8 +16,8 @@ before it changes from one stream of counters to another.
 **Contradiction.** A sender never uses a counter for two contents, and a network seldom lets a frame
 overtake more than ``resync_run`` others that then come in a row. Either contradicts an accepted
 frame: there are two senders or a new one, and nobody can know which of the two frames is true. So
-neither is used. The receiver goes back to the newest frame that is too old to be forged, and is
-cautious until CAUTION_NS after the last contradiction.
+neither is used. The receiver goes back to the newest frame that is too old to be forged, or the
+first one, and is cautious until CAUTION_NS after the last contradiction.
 
 **Caution.** A frame in sequence waits for WAIT_CYCLES of its sender, and is used when a further one
 comes in sequence. By then the true sender has sent its next frame. If that is no newer than a frame
@@ -356,6 +356,8 @@ class SequenceCheck:
         # A frame that came no later cannot be forged: its true one would have come by now.
         before = self._newest_until(now_ns - self._rule.lead_ns - longest_ns)
         gap_ns = max(self._period_ns, min(self._longest_gap_ns(before[:GAPS]), longest_ns))
+        # Shortly after the start there is none: the first one is then the least likely to be.
+        before = before or self._newest_until(now_ns)[1:][-1:]
         last = before[0] if before else self.counter
         newer = ((last + 1 + step) % COUNTERS for step in range((self.counter - last) % COUNTERS))
         came = {one: self._contents[one] for one in newer if self._contents[one] is not _SKIPPED}

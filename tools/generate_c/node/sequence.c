@@ -134,6 +134,17 @@ static int newest_until(const struct sequence *x, int64_t time_ns, int64_t *gap_
     return newest;
 }
 
+/* Return the oldest counter that is known, but for the one in use. */
+static int oldest_before(const struct sequence *x)
+{
+    int oldest = NO_COUNTER;
+
+    for (int behind = 1; behind < HALF; behind++)
+        if (x->known_as[wrapped(x->counter - behind)] == KNOWN)
+            oldest = wrapped(x->counter - behind);
+    return oldest;
+}
+
 static int64_t median_low(const int64_t *values, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -210,7 +221,9 @@ static enum sequence_result doubt(struct sequence *x, int64_t now_ns)
     x->next = NO_COUNTER;
     x->is_alone = true;
     /* A frame that came no later cannot be forged: its true one would have come by now. */
-    const int before = newest_until(x, now_ns - LEAD_NS - longest_ns, &gap_ns);
+    int before = newest_until(x, now_ns - LEAD_NS - longest_ns, &gap_ns);
+    if (before == NO_COUNTER) /* shortly after the start */
+        before = oldest_before(x);
     const int last = before == NO_COUNTER ? x->counter : before;
     gap_ns = larger(x->period_ns, smaller(gap_ns, longest_ns));
     const int64_t half = 3 * gap_ns / 2; /* to the nearest, halves to even */
