@@ -59,7 +59,10 @@ def find_part(place: str, kind: type[P], noun: str) -> P:
     try:
         part: Any = import_module(module_name)
     except (Exception, SystemExit) as error:
-        raise ValueError(f"the module {module_name} cannot be imported: {cause(error)}") from error
+        text = f"the module {module_name} cannot be imported: {cause(error)}"
+        if isinstance(error, ModuleNotFoundError) and error.name == module_name:
+            text += "; name its folder in PYTHONPATH"
+        raise ValueError(text) from error
     for name in attribute.split("."):
         try:
             part = getattr(part, name)

@@ -132,7 +132,7 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
     [
         (
             {f"{DOWN}.model": "nowhere:X"},
-            "module nowhere cannot be imported: ModuleNotFoundError: ",
+            "No module named 'nowhere'; name its folder in PYTHONPATH",
         ),
         ({f"{DOWN}.model": ":X"}, "cannot be imported: ValueError: Empty module name"),
         (own(DOWN, "NONE"), "the module tests.support.plugin_parts has no NONE"),
