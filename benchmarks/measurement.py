@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from rich import box
 from rich.table import Table
 
-from steer_by_wire.runtime.program.priority_and_memory_lock import no_collections
+from steer_by_wire.runtime.program.garbage_collection import no_collections
 
 REPETITIONS = 7
 CALIBRATION_STEPS = 1000

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..controller.analysis.check_in_json import check_figures
+from ..controller.analysis.check_figures import check_figures
 from ..controller.analysis.check_verdict import CheckVerdict, found_in
 from ..controller.analysis.sampled_loop import StabilityMargins
 from ..controller.law_interface import Law

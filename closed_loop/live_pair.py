@@ -6,7 +6,8 @@ from contextlib import ExitStack, suppress
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
-from .live_bus import Bus, BusRecorder
+from .bus_recorder import BusRecorder
+from .live_bus import Bus
 from .pair_result import CONTROLLER, PLANT, PairFiles, PairResult, Trace
 from .process_group import ProcessError, Processes
 

@@ -90,7 +90,7 @@ def can_bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator["Bus"]:
 @pytest.fixture
 def recording(can_bus: "Bus", tmp_path: Path) -> Iterator[Path]:
     """A file that gets every frame on ``can_bus`` during the test."""
-    from .live_bus import BusRecorder
+    from .bus_recorder import BusRecorder
 
     file = tmp_path / "candump.log"
     with BusRecorder(can_bus, file) as recorder:

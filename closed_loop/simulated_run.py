@@ -18,7 +18,7 @@ from ..controller.node.run_figures import ControlSample
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.evaluation.report_in_words import verdict_text
 from ..plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
-from ..plant_emulator.path.ellipse_and_lane_changes import build_path
+from ..plant_emulator.path.path_from_settings import build_path
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.command_line import installation

@@ -15,7 +15,7 @@ from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import Frame
 from ..runtime.node import Node
 from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
-from ..runtime.program.priority_and_memory_lock import no_collections
+from ..runtime.program.garbage_collection import no_collections
 from ..runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks

@@ -27,7 +27,7 @@ from ..runtime.program.node_options import (
 )
 from ..runtime.program.report import show_or_write
 from ..runtime.settings import SettingsError
-from .analysis.check_in_json import check_figures
+from .analysis.check_figures import check_figures
 from .analysis.check_in_words import check_text
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in

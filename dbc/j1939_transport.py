@@ -9,6 +9,8 @@ to 200 ms pass between two of them, and a source sends one message at a time.
 Source: SAE J1939-21, transport protocol, broadcast announce message (BAM).
 """
 
+from collections.abc import Iterable
+
 from ..runtime.frame import EXTENDED, Frame
 
 LENGTH_MAX = 1785
@@ -39,6 +41,11 @@ def data_id(source: int) -> int:
 def packets(length: int) -> int:
     """Return how many frames of TP.DT carry so many bytes."""
     return -(-length // _PACKET_BYTES)
+
+
+def announcement_gap_ns(payload_lengths: Iterable[int]) -> int:
+    """Return the least time between two announcements of a source that sends such messages [ns]."""
+    return (1 + min(map(packets, payload_lengths))) * GAP_NS
 
 
 def segments(can_id: int, payload: bytes) -> tuple[Frame, ...]:

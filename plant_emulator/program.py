@@ -23,7 +23,7 @@ from .evaluation.run_record import SAMPLES_MAX, write_trace
 from .faults.stage import FaultyNode, with_faults
 from .node.node import RECEIVED, SENT, PlantNode
 from .path.drivability import undrivable
-from .path.ellipse_and_lane_changes import build_path
+from .path.path_from_settings import build_path
 from .settings import PRESETS, PlantSettings, shared_vehicle
 from .vehicle.motion_parameters import motion_params
 

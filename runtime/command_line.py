@@ -17,27 +17,14 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NoReturn, TextIO
 
 from .exit_status import ExitStatus, UserError, cause_of
+from .former_names import FORMER_OPTIONS
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
 DURATION_S_MAX = 1e9
-FORMER_OPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "--controller-preset": "--preset NAME",
-        "--controller-set": "--set controller.TABLE.KEY=VALUE",
-        "--plant-preset": "--preset NAME",
-        "--plant-set": "--set plant.TABLE.KEY=VALUE",
-        "--processes": "--workers N",
-        "--report": "--json FILE",
-        "--seconds": "--duration SECONDS",
-        "--threads": "--workers N",
-    }
-)
-"""Options of the release before, and what they are called now."""
 BLOCKED_S = 2.0
 """How long a line waits for a full pipe; then this line and all later ones are dropped."""
 

@@ -15,6 +15,7 @@ from typing import NamedTuple, NoReturn
 from . import __version__
 from .completion import answer_from_cache, keep, offer_values
 from .runtime.command_line import start_program
+from .runtime.former_names import FORMER_COMMANDS
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
@@ -85,26 +86,6 @@ PROGRAMS: Mapping[str, Program] = MappingProxyType(
     {name: program for group in GROUPS.values() for name, program in group.items()}
 )
 
-FORMER: Mapping[str, str] = MappingProxyType(
-    {
-        "benchmark": "make benchmark (in a checkout)",
-        "benchmark-batch": "python -m benchmarks batch (in a checkout)",
-        "benchmark-bus": "python -m benchmarks bus (in a checkout)",
-        "bits": f"{NAME} can bits",
-        "bus-study": f"{NAME} study bus",
-        "compare": f"{NAME} study compare",
-        "delay-study": f"{NAME} study delay_estimation",
-        "fuzz": "python -m tests.fuzz (in a checkout)",
-        "inject": f"{NAME} faults inject",
-        "probe": f"{NAME} doctor --measure",
-        "response-times": f"{NAME} can response-times",
-        "soak": "python -m pytest tests/soak (in a checkout)",
-        "stress": f"{NAME} study",
-        "stress-report": f"{NAME} study --report",
-    }
-)
-"""Names of the release before, and what is started instead."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one program; returns its exit status, 2 for an unknown name."""
@@ -125,8 +106,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
             return start(name, further)
-        case [name, *_] if name in FORMER:
-            print(f"{name} is now: {FORMER[name]}", file=sys.stderr)
+        case [name, *_] if name in FORMER_COMMANDS:
+            print(f"{name} is now: {FORMER_COMMANDS[name]}", file=sys.stderr)
             return STATUS_USAGE
     return _refuse(NAME, f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
 

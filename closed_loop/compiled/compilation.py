@@ -24,7 +24,7 @@ from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
-from ...runtime.program.priority_and_memory_lock import no_collections
+from ...runtime.program.garbage_collection import no_collections
 
 if sys.platform != "win32":
     import fcntl

@@ -23,8 +23,8 @@ from ...dbc.messages import (
     limits,
     resolutions,
 )
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, Pose
+from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard

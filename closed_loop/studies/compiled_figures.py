@@ -38,7 +38,7 @@ from ...plant_emulator.evaluation.run_verdict import (
     VerdictRules,
 )
 from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
+from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S

@@ -9,7 +9,7 @@ and each follows from its number.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,9 @@ from .study_file import (
 
 CORNERS = ("a", "b", "c", "d")
 BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
+_MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
+_MOTIONS_KEPT = 24
+"""Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
 Label = bool | int | float | str
 
 
@@ -263,3 +266,15 @@ def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> FloatArra
         # A balanced sequence needs a power of two points; those beyond count are cut off.
         points = qmc.Sobol(factors, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
     return np.clip(np.asarray(points, dtype=np.float64), 2.0**-54, 1.0 - 2.0**-53)
+
+
+def in_grid_order(factors: Sequence[Factor]) -> tuple[Factor, ...]:
+    """Return factors in the order in which a grid varies them; the last one varies fastest.
+
+    The network is computed once for consecutive vehicles that share it, but only a few vehicles are
+    cached.
+    """
+    motions = [factor for factor in factors if factor.sets(*_MOTION_TABLES)]
+    others = [factor for factor in factors if not factor.sets(*_MOTION_TABLES)]
+    count = math.prod(len(factor.levels or ()) for factor in motions)
+    return tuple(others + motions if count <= _MOTIONS_KEPT else motions + others)

@@ -7,7 +7,6 @@ so that runs that share a network, and differ only in the controller, are consec
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import version
@@ -23,13 +22,10 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import SettingsError, load_settings
 from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
 from .compiled_figures import COLUMNS
-from .factors import Design, Factor, make_design, make_factors
+from .factors import Design, Factor, in_grid_order, make_design, make_factors
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40
-MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
-MOTIONS_KEPT = 24
-"""Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
 FILE_KEYS = ("trace_file", "file")
 """Settings of the plant that name a file; the results depend on its content."""
 PART_KEYS = ("law", "model")
@@ -256,11 +252,4 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
                 raise SettingsError(
                     f"{file}: factors {other.name} and {factor.name} both set {min(both)}"
                 )
-    if not is_grid:
-        return tuple(factors)
-    # The network is computed once for consecutive vehicles that share it, but only a few vehicles
-    # are cached.
-    motions = [factor for factor in factors if factor.sets(*MOTION_TABLES)]
-    others = [factor for factor in factors if not factor.sets(*MOTION_TABLES)]
-    count = math.prod(len(factor.levels or ()) for factor in motions)
-    return tuple(others + motions if count <= MOTIONS_KEPT else motions + others)
+    return in_grid_order(factors) if is_grid else tuple(factors)

@@ -10,7 +10,7 @@ from typing import Any
 
 from ...runtime.settings.toml_text import dump_toml
 from ..settings import ControllerSettings
-from .check_in_json import check_figures
+from .check_figures import check_figures
 from .check_verdict import found_in, in_words
 from .sampled_loop import SLOWEST_DECAY_1_S
 

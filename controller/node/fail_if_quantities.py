@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ...runtime.program.fail_if_conditions import Quantity, Report
-from .run_figures import ControlVerdict
+from .control_verdict import ControlVerdict
 
 
 def _worked(key: str) -> Quantity:

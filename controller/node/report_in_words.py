@@ -7,7 +7,7 @@ from ...runtime.node import NS_PER_S
 from ...runtime.program.fail_if_conditions import Report
 from ...runtime.program.report import causes_line, durations_line
 from ..settings import ControllerSettings
-from .run_figures import ControlVerdict
+from .control_verdict import ControlVerdict
 
 
 def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

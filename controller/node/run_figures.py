@@ -3,37 +3,13 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from enum import StrEnum
 from typing import Any, NamedTuple
 
 from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
 from ..law_interface import LawOutput
-
-
-class ControlVerdict(StrEnum):
-    """The controller's verdict on its own work; how the path was held is the plant's to judge."""
-
-    NO_START = "no start"  # no measurement ever arrived
-    FAULT = "fault"  # it has found a fault in itself
-    SAFE_STOP = "safe stop"  # measurements have stopped
-    HOLDING = "holding"  # measurements have just stopped
-    NO_EFFECT = "no effect"  # the law steers, but the plant no longer follows its commands
-    IN_CONTROL = "in control"  # the run ends with the law steering
-
-
-EFFECT_NS = 1_000_000_000
-"""Without a new echo for longer, commands have no effect: however long the latency, the echo of an
-older one comes with every measurement. A slow controller has EFFECT_PERIODS instead."""
-EFFECT_PERIODS = 20
-_OF_MODE: Mapping[Mode, ControlVerdict] = {
-    Mode.WAITING: ControlVerdict.NO_START,
-    Mode.ACTIVE: ControlVerdict.IN_CONTROL,
-    Mode.HOLDING: ControlVerdict.HOLDING,
-    Mode.SAFE_STOP: ControlVerdict.SAFE_STOP,
-}
-"""Verdict on a run that ends in a mode without a fault of its own."""
+from .control_verdict import ControlVerdict, control_verdict
 
 
 class ControlSample(NamedTuple):
@@ -141,11 +117,16 @@ class RunFigures:
         ticks = max(self._law_ticks, 1)
         steered_ns = self._law_ticks * self._period_ns
         round_trip = self.round_trip.summary()
+        in_effect, silent_ns = round_trip.samples, self.last_tick_ns - self._effect_ns
         return {
-            "verdict": str(ControlVerdict.FAULT if failure else self._verdict(round_trip.samples)),
+            "verdict": str(
+                ControlVerdict.FAULT
+                if failure
+                else control_verdict(self._mode, in_effect, silent_ns, self._period_ns)
+            ),
             "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),
-            "in_effect": round_trip.samples,
-            "no_effect_s": max(0, self.last_tick_ns - self._effect_ns) / NS_PER_S,
+            "in_effect": in_effect,
+            "no_effect_s": max(0, silent_ns) / NS_PER_S,
             "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
             "measured_peak_m": self._measured_peak_m,
             "limited_share": sum(self._limited.values()) / ticks,
@@ -159,11 +140,3 @@ class RunFigures:
             "round_trip": durations_report(round_trip),
             "sample_age": durations_report(self.sample_age.summary()),
         }
-
-    def _verdict(self, in_effect: int) -> ControlVerdict:
-        verdict = _OF_MODE[self._mode]
-        silent_ns = self.last_tick_ns - self._effect_ns
-        is_silent = silent_ns > max(EFFECT_NS, EFFECT_PERIODS * self._period_ns)
-        if verdict is ControlVerdict.IN_CONTROL and (is_silent or not in_effect):
-            return ControlVerdict.NO_EFFECT
-        return verdict

@@ -1,12 +1,11 @@
-"""The shapes of a path: straight, circle, ellipse, lane changes.
+"""Paths by their shape: straight, circle, ellipse, lane changes, a curvature over arc length.
 
 ellipse: SAE 2018-01-1086, Fig. 14, to the left, from the end of the major axis, where it bends
 most. Its curvature is interpolated (`plant_emulator.path.curve_to_path`).
 
 lane changes: clothoids with the curvatures 0, κ, 0, −κ, 0 at equal distances, so that the heading
 returns to its old value. The double one has the proportions of ISO 3888-1: 30 m to the other lane,
-25 m along it, 25 m back. The path through the corridor of ISO 3888-1 changes lanes more gently: it
-begins before the cones of a section end, and ends beyond the first ones of the next.
+25 m along it, 25 m back.
 """
 
 import math
@@ -17,62 +16,19 @@ from itertools import pairwise
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from .corridor import body_outside, cones_and_body
 from .curve_to_path import CurvePoints, path_along
-from .path import Path, Pose, along_clothoid, pose
+from .path import Path, Pose, along_clothoid
 from .portable_trigonometry import cos_and_sin
-from .settings import (
-    CircleSettings,
-    CorridorSettings,
-    DoubleLaneChangeSettings,
-    EllipseSettings,
-    PathSettings,
-    PluginPathSettings,
-    SingleLaneChangeSettings,
-    StraightSettings,
-    WaypointSettings,
-    plugin_path,
-)
 
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
 
 _KEPT = 8
-"""Ellipses and corridors cached for the next run: each takes about 30 ms to compute."""
-_STEP_M, _HALVINGS = 0.5, 8
-"""Of the search for the path through a corridor: between two places, and of the interval."""
-
+"""Ellipses cached for the next run: each takes about 30 ms to compute."""
 _EAST = Pose(0.0, 0.0, 0.0)
 
 BreakPoint = tuple[float, float]
 """Arc length [m] and curvature there [1/m]."""
-
-
-def build_path(settings: PathSettings) -> Path:
-    """Return the path of the settings.
-
-    Raises SettingsError for an unreadable waypoint file, or points that give no path.
-    """
-    match settings:
-        case StraightSettings():
-            return straight()
-        case CircleSettings():
-            return circle(settings.radius_m)
-        case EllipseSettings():
-            return ellipse(settings.semi_major_axis_m, settings.semi_minor_axis_m)
-        case SingleLaneChangeSettings():
-            return single_lane_change(settings.start_m, settings.offset_m, settings.length_m)
-        case DoubleLaneChangeSettings():
-            return double_lane_change(settings.start_m, settings.offset_m, settings.length_m)
-        case CorridorSettings():
-            return through_corridor(settings)
-        case WaypointSettings():
-            # Only this kind needs scipy, whose import takes longer than the rest of the start.
-            from .waypoints import waypoint_path
-
-            return waypoint_path(settings.file, closed=settings.closed)
-        case PluginPathSettings():
-            return plugin_path(settings.model, settings.own)
 
 
 def straight() -> Path:
@@ -106,52 +62,18 @@ def single_lane_change(start_m: float, offset_m: float, length_m: float) -> Path
 
     Both are measured across and along the road; |offset| may be half the length.
     """
-    return path_of_curvature(_lane_change(start_m, offset_m, length_m))
+    return path_of_curvature(lane_change(start_m, offset_m, length_m))
 
 
 def double_lane_change(start_m: float, offset_m: float, length_m: float) -> Path:
     """Return a straight, the way out (as `single_lane_change`), the side lane, the way back."""
-    way_out = _lane_change(start_m, offset_m, length_m)
+    way_out = lane_change(start_m, offset_m, length_m)
     side_lane_m = ISO_3888_1_SIDE_LANE * length_m
     back_m = way_out[-1][0] + side_lane_m
-    return path_of_curvature(way_out + _lane_change(back_m, -offset_m, side_lane_m))
+    return path_of_curvature(way_out + lane_change(back_m, -offset_m, side_lane_m))
 
 
-@lru_cache(maxsize=_KEPT)
-def through_corridor(settings: CorridorSettings) -> Path:
-    """Return the path with the longest lane changes that leave half of the free space.
-
-    A body that follows it with its centre of gravity keeps half of what the narrowest section
-    leaves beside it from every edge.
-    """
-    corridor = cones_and_body(settings)
-    first, third, fifth, _ = corridor.sections
-    free_m = 0.5 * (first.left_m - first.right_m) - corridor.side_m
-    middle_m = [0.5 * (section.left_m + section.right_m) for section in (first, third, fifth)]
-
-    def eased(by_m: float) -> Path:
-        """Return the path whose lane changes are longer by this at either end."""
-        out_m = third.from_m - first.to_m + 2.0 * by_m
-        way_out = _lane_change(first.to_m - by_m, middle_m[1] - middle_m[0], out_m)
-        back_at_m = way_out[-1][0] + third.to_m - third.from_m - 2.0 * by_m
-        back_m = fifth.from_m - third.to_m + 2.0 * by_m
-        return path_of_curvature(
-            way_out + _lane_change(back_at_m, middle_m[2] - middle_m[1], back_m)
-        )
-
-    def keeps_free(path: Path) -> bool:
-        places = np.arange(first.from_m - corridor.front_m, path.length_m + 1.0, _STEP_M).tolist()
-        worst = max(body_outside(corridor, pose(path, at_m)) for at_m in places)
-        return worst.outside_m <= -0.5 * free_m
-
-    low_m, high_m = 0.0, 0.5 * (third.to_m - third.from_m)
-    for _ in range(_HALVINGS):
-        by_m = 0.5 * (low_m + high_m)
-        low_m, high_m = (by_m, high_m) if keeps_free(eased(by_m)) else (low_m, by_m)
-    return eased(low_m)
-
-
-def _lane_change(start_m: float, offset_m: float, length_m: float) -> list[BreakPoint]:
+def lane_change(start_m: float, offset_m: float, length_m: float) -> list[BreakPoint]:
     """Return the break points of a lane change that starts at arc length ``start_m``."""
     low, high = 0.0, 6.0
     # The shape of arc length 1 with peak curvature k; offset/length grows with k.

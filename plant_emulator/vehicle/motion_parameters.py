@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..path.ellipse_and_lane_changes import build_path
 from ..path.path import Path
+from ..path.path_from_settings import build_path
 from ..path.settings import PathSettings
 from .actuator import ActuatorParams, WheelPhase
 from .disturbance import DisturbanceInterval, disturbance_intervals

@@ -4,7 +4,6 @@ No refusal is an error: it may make the program late at times, which the report 
 """
 
 import ctypes
-import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from typing import NamedTuple
 
 from ..command_line import whole_number
 from ..exit_status import cause_of
+from .garbage_collection import without_garbage_collection
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
@@ -57,7 +57,7 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
         answers.append(_affinity(request.cpu))
     if request.lock_memory:
         answers.append(_locked_memory())
-    with _without_garbage_collection():
+    with without_garbage_collection():
         answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
         fifo = _fifo(request.priority) if request.priority else None
         if fifo is not None:
@@ -67,33 +67,6 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
         finally:
             if fifo is not None and fifo.got:
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
-@contextmanager
-def _without_garbage_collection() -> Iterator[None]:
-    """Collect now, and not again until the end of the block: a collection takes milliseconds.
-
-    Reference counting still frees everything outside of reference cycles.
-    """
-    gc.collect()
-    gc.freeze()
-    try:
-        with no_collections():
-            yield
-    finally:
-        gc.unfreeze()
-
-
-@contextmanager
-def no_collections() -> Iterator[None]:
-    """Collect no garbage until the end of the block; nodes make no reference cycles."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 class StealClock:

@@ -20,6 +20,7 @@ KeyPath = tuple[str | int, ...]
 """Path of a setting: keys of tables and indices of lists, from the top."""
 Schema = Mapping[str, Any]
 
+_MISTAKES_MAX = 20
 _VALUE_LENGTH_MAX = 60
 _LIKENESS_MIN = 0.85
 """Least similarity, 0 to 1, of a key in another table: it must be nearly the one written."""
@@ -55,17 +56,21 @@ def schema_of(model: type[BaseModel]) -> Schema:
 def explain(
     error: ValidationError, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> list[str]:
-    """Return one line for each mistake.
+    """Return one line for each mistake, up to a screenful.
 
     ``schema``   JSON schema of the model
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
-    return [
+    mistakes = [
         _explain_one(mistake, schema, data, sources)
         for mistake in error.errors(include_url=False)
         if not _is_consequence(mistake)
     ]
+    more = len(mistakes) - _MISTAKES_MAX
+    if more > 0:
+        mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
+    return mistakes
 
 
 def hint(name: str, known: Iterable[str], prefix: str = "") -> str:

@@ -34,7 +34,6 @@ COMMAND_LINE = "command line"
 """The source of ``--set`` and of the options that are short for it."""
 _KIND = "kind"
 """Key that distinguishes the members of a union of tables."""
-_MISTAKES_MAX = 20
 _FILE_BYTES_MAX = 1 << 25
 """More than any settings file has; a device may have no end."""
 _DEPTH_MAX = 30
@@ -170,9 +169,6 @@ def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]
         return model.model_validate_json(json.dumps(merged, default=str), strict=True)
     except ValidationError as error:
         mistakes = explain(error, model.json_schema_for(merged), merged, sources)
-    more = len(mistakes) - _MISTAKES_MAX
-    if more > 0:
-        mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
     raise SettingsError(*mistakes)
 
 

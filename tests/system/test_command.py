@@ -14,8 +14,9 @@ import pytest
 
 import steer_by_wire
 from steer_by_wire import command
-from steer_by_wire.command import FORMER, PROGRAMS, main
+from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
+from steer_by_wire.runtime.former_names import FORMER_COMMANDS
 from tests.support.running_program import PATIENCE_S
 from tests.support.unrendered import unrendered as unrendered
 
@@ -95,15 +96,15 @@ def test_the_command_lists_every_program_on_one_screen(capsys: pytest.CaptureFix
     assert max(map(len, text.splitlines())) <= 80
 
 
-@pytest.mark.parametrize("name", FORMER)
+@pytest.mark.parametrize("name", FORMER_COMMANDS)
 def test_a_former_name_answers_in_one_line_with_what_replaces_it(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([name, "--any-option"]) == 2
     printed = capsys.readouterr()
-    assert (printed.out, printed.err) == ("", f"{name} is now: {FORMER[name]}\n")
+    assert (printed.out, printed.err) == ("", f"{name} is now: {FORMER_COMMANDS[name]}\n")
     assert name not in PROGRAMS
-    first, program, *_ = FORMER[name].split()
+    first, program, *_ = FORMER_COMMANDS[name].split()
     assert first != "steer-by-wire" or program in PROGRAMS
 
 

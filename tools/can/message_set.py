@@ -5,7 +5,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.foreign_messages import ListedMessage, read_message_set
-from ...dbc.j1939_transport import GAP_NS, announcement_id, data_id, packets, source_address
+from ...dbc.j1939_transport import (
+    GAP_NS,
+    announcement_gap_ns,
+    announcement_id,
+    data_id,
+    packets,
+    source_address,
+)
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
 from ...runtime.frame.length_with_stuff_bits import FrameBits
@@ -114,13 +121,11 @@ def _in_segments(
     source: int, messages: Sequence[tuple[ListedMessage, float]], bus: BusSettings
 ) -> Iterator[SentMessage]:
     """Return what carries long messages of a source: announcements, and packets in turn."""
-    counts = [packets(message.length) for message, _ in messages]
+    lengths = [message.length for message, _ in messages]
     often_ms = 1.0 / sum(1.0 / period_ms for _, period_ms in messages)
-    packets_ms = 1.0 / sum(
-        count / period_ms for count, (_, period_ms) in zip(counts, messages, strict=True)
-    )
+    packets_ms = 1.0 / sum(packets(message.length) / period_ms for message, period_ms in messages)
     for name, can_id, least_ns, mean_ms in (
-        ("TP.CM", announcement_id(source), (1 + min(counts)) * GAP_NS, often_ms),
+        ("TP.CM", announcement_id(source), announcement_gap_ns(lengths), often_ms),
         ("TP.DT", data_id(source), GAP_NS, packets_ms),
     ):
         carrier = ListedMessage(f"{name} 0x{source:02X}", can_id, EXTENDED, 8, None, ())

@@ -17,8 +17,8 @@ from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ...closed_loop.private_folder import private_folder
 from ...closed_loop.virtual_bus import QUIET_BUS
 from ...dbc.dialect.option import listening_in
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, pose
+from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings

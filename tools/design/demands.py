@@ -19,8 +19,8 @@ from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
 from ...plant_emulator.path.path import Path, curvature
+from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .law_parameters import Candidate, controller_settings, designs
@@ -86,6 +86,8 @@ def _curvature_met(
     return np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
 
 
+_ACTIVE = 0.02
+"""A demand is active if the law is within this share of its limit."""
 _MARGIN_DECAY_1_S = 0.02
 """How fast a loop has to settle to count as stable beyond the range, in the search."""
 _COARSE_DELAYS = 6
@@ -124,6 +126,11 @@ class Demand(NamedTuple):
         """By what share of the limit the value exceeds it, 0 if it does not; a count as it is."""
         beyond = max(0.0, self.value - self.limit)
         return beyond / self.limit if self.limit else beyond
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the value is so near its limit that this demand shapes the law."""
+        return self.limit > 0.0 and self.value > (1.0 - _ACTIVE) * self.limit
 
 
 class Judgement(NamedTuple):

@@ -48,8 +48,6 @@ _JUDGED_LAST = ("RMS error", "steer")
 """Of what is judged only where all else is nearly met."""
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
-_ACTIVE = 0.02
-"""A demand is active if the law is within this share of its limit."""
 _UNITS = {"k_p": "rad/m", "k_d": "rad s/m", "k_i": "rad/(m s)", "k_heading": "rad/rad"}
 _POINTS = 800
 _OMEGA_RAD_S_MIN = 0.05
@@ -316,8 +314,7 @@ def demand_lines(judgement: Judgement) -> Iterator[str]:
             continue
         unit = NUMBER_UNITS[demand.name]
         at_most = "" if demand.limit == float("inf") else f", at most {demand.limit:g}{unit}"
-        is_active = demand.limit and demand.value > (1.0 - _ACTIVE) * demand.limit
-        note = "  <- active" if is_active else ""
+        note = "  <- active" if demand.is_active else ""
         yield f"  {demand.name:17} {demand.value:.4g}{unit}{at_most}{note}"
 
 

@@ -16,7 +16,7 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from ...plant_emulator.path.drivability import GRAVITY_M_S2, lateral_acceleration_m_s2
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
+from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings

@@ -31,7 +31,7 @@ from steer_by_wire.dbc.dialect.option import add_dialect_argument
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.path.drivability import undrivable
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle

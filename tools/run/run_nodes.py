@@ -9,7 +9,8 @@ from pathlib import Path
 
 import can
 
-from ...closed_loop.live_bus import Bus, BusRecorder
+from ...closed_loop.bus_recorder import BusRecorder
+from ...closed_loop.live_bus import Bus
 from ...closed_loop.lockstep.node import controller_node, gateways_of
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks

@@ -24,7 +24,7 @@ from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.run_verdict import RunEnd
-from ...plant_emulator.path.ellipse_and_lane_changes import build_path
+from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError

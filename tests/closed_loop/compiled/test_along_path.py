@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.compiled.along_path import curvatures_ahead_1_m
 from steer_by_wire.closed_loop.compiled.engine import compiled_motion
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.sensors import path_ahead
 from steer_by_wire.plant_emulator.settings import plant_preset
 

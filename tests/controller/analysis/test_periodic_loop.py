@@ -8,7 +8,7 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import BatchRun
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
-from steer_by_wire.controller.analysis import check_in_json
+from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, Responses
@@ -164,8 +164,8 @@ def test_the_check_of_the_predictor_reports_what_its_fallback_survives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """For two gains of the same fallback it reports two margins, those of the law alone."""
-    monkeypatch.setattr(check_in_json, "SHOWN_DELAYS_MS", ())
-    monkeypatch.setattr(check_in_json, "stable_constant_delays", lambda _loop, _limit_ns: ())
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", ())
+    monkeypatch.setattr(check_figures, "stable_constant_delays", lambda _loop, _limit_ns: ())
     margins_ms = []
     for gain in ("2.0", "3.0"):
         overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")

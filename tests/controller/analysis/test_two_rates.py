@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.controller.analysis import check_in_json
-from steer_by_wire.controller.analysis.check_in_json import (
-    check_figures,
+from steer_by_wire.controller.analysis import check_figures
+from steer_by_wire.controller.analysis.check_figures import (
     loop_around,
     stable_delays_of,
 )
@@ -161,7 +160,7 @@ def settles(rms_rad: list[float]) -> bool:
 
 def contradictions_of(loop: DrawnLoop) -> list[str]:
     """Return where runs 2 % beside the delay margin of the analysis contradict it."""
-    delays = check_figures(loop.settings, lambda _what: None)["stable_delays"]
+    delays = check_figures.check_figures(loop.settings, lambda _what: None)["stable_delays"]
     margin_s, searched_s = delays["margin_s"], delays["searched_s"]
     inside_s = 0.98 * (searched_s if margin_s is None else margin_s)
     wrong = []
@@ -177,9 +176,9 @@ def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A sample of 2,000 run once: one mode grew too slowly, at 0.012 1/s, to leave the steps."""
-    monkeypatch.setattr(check_in_json, "DELAY_NS_MAX", 200 * MS)
+    monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 200 * MS)
     for other_figures in ("SHOWN_DELAYS_MS", "JITTER_MEANS_MS"):
-        monkeypatch.setattr(check_in_json, other_figures, ())
+        monkeypatch.setattr(check_figures, other_figures, ())
     assert contradictions_of(drawn_loop(seed)) == []
 
 
@@ -188,7 +187,7 @@ def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
 
 def test_a_controller_faster_than_its_sensors_reads_that_both_rates_are_analysed() -> None:
     settings = controller_preset("practical_pd", ["rate_hz=200"])
-    found = check_figures(settings, lambda _what: None)
+    found = check_figures.check_figures(settings, lambda _what: None)
     text = check_text(settings, found)
     assert "Control every 5 ms, measurements every 10 ms (link.sensor_period_ms):" in text
     assert "analysed at both rates" in text
@@ -204,7 +203,7 @@ def test_a_controller_faster_than_its_sensors_reads_that_both_rates_are_analysed
 
 def test_rates_without_a_common_multiple_are_refused_in_one_sentence() -> None:
     settings = controller_preset("practical_pd", ["rate_hz=150"])
-    figures = check_figures(settings, lambda _what: None)
+    figures = check_figures.check_figures(settings, lambda _what: None)
     assert found_in(figures).verdict is CheckVerdict.NOT_ANALYSED
     assert figures["not_analysed"] == (
         "control every 6666667 ns and measurements every 10000000 ns have no common multiple"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
-from steer_by_wire.controller.analysis import check_in_json
+from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
@@ -92,8 +92,8 @@ def test_its_sensitivity_is_what_the_preset_was_searched_for() -> None:
 def test_the_check_reports_poles_sensitivity_and_stable_delays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(check_in_json, "DELAY_NS_MAX", 20 * MS)
-    monkeypatch.setattr(check_in_json, "SHOWN_DELAYS_MS", (0,))
+    monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20 * MS)
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     text = check_text(preset(SET_POINT, ("delayed_set_point.delay_s=0.1",)))
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
     assert "sensitivity at most 1." in text

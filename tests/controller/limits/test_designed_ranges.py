@@ -7,7 +7,7 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.analysis.check_in_json import check_figures
+from steer_by_wire.controller.analysis.check_figures import check_figures
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.limits.designed_ranges import (

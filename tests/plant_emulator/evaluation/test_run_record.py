@@ -16,7 +16,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import (
     write_trace,
 )
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Peaks
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 
 ROAD = build_path(StraightSettings())

@@ -15,8 +15,8 @@ from steer_by_wire.plant_emulator.path.corridor import (
     corridor_of,
 )
 from steer_by_wire.plant_emulator.path.drivability import lateral_acceleration_m_s2
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.path import Pose, pose, vehicle_pose
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import CorridorSettings, StraightSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError

@@ -3,12 +3,8 @@
 import pytest
 
 from steer_by_wire.plant_emulator.path.drivability import lateral_acceleration_m_s2, undrivable
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import (
-    build_path,
-    circle,
-    ellipse,
-    straight,
-)
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import circle, ellipse, straight
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings, PathSettings
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset

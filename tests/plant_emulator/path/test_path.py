@@ -12,7 +12,6 @@ from scipy.special import ellipe, fresnel
 
 from steer_by_wire.plant_emulator.path.curve_to_path import CURVATURE_TOLERANCE
 from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import (
-    build_path,
     circle,
     double_lane_change,
     ellipse,
@@ -30,6 +29,7 @@ from steer_by_wire.plant_emulator.path.path import (
     pose,
     vehicle_pose,
 )
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import (
     CircleSettings,
     DoubleLaneChangeSettings,

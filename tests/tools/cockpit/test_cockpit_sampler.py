@@ -28,8 +28,9 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path, path_of_curvature
+from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
 from steer_by_wire.plant_emulator.path.path import pose
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text

@@ -21,8 +21,8 @@ from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_la
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import build_path
 from steer_by_wire.plant_emulator.path.path import curvature
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import (
     EllipseSettings,
     PathSettings,

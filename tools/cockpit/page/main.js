@@ -4,7 +4,7 @@ import { Charts } from "cockpit/charts.js";
 import { Drive } from "cockpit/drive.js";
 import { startKeys } from "cockpit/keys.js";
 import { Link } from "cockpit/link.js";
-import { Network } from "cockpit/network.js";
+import { Network } from "cockpit/latency_and_disturbances.js";
 import { Figures, Frames, Lights } from "cockpit/panels.js";
 import { Player } from "cockpit/player.js";
 import { readRecording } from "cockpit/recording.js";

@@ -8,6 +8,8 @@ from ....runtime.frame import Frame
 from ....runtime.node import NEVER_NS
 from ..injection.fault_frames import babble
 
+BABBLER_ID = 0x000
+"""It wins the arbitration against every frame of the pair."""
 _BABBLER = -1
 
 

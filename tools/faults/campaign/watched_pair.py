@@ -14,7 +14,7 @@ from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time_loop import VirtualTimeExecutor
-from .babbled_bus import BabbledBus
+from .babbled_bus import BABBLER_ID, BabbledBus
 from .campaign_file import CONTROLLER, PLANT, NodeFaultKind
 from .campaign_runs import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .detectability import Sight, causes_of, sight_of
@@ -23,8 +23,6 @@ from .node_watch import Watch, bounds_of
 from .program_node import ProgramNode
 from .recovery import Way, way_of
 
-BABBLER_ID = 0x000
-"""It wins the arbitration against every frame of the pair."""
 _CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
 """Kinds that break a frame's protection."""
 _FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}

@@ -38,6 +38,7 @@ from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.faults.injection.bus_off_fault import BusOffFault
 from steer_by_wire.tools.faults.injection.fault_frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
@@ -50,7 +51,7 @@ from steer_by_wire.tools.faults.injection.live_faults import (
     list_lines,
     parse_fault,
 )
-from steer_by_wire.tools.faults.injection.process_faults import BusOffFault, ProcessFault
+from steer_by_wire.tools.faults.injection.process_faults import ProcessFault
 
 NAME = "steer-by-wire faults inject"
 FAULTS_MAX = 100

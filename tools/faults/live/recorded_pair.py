@@ -7,7 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.live_bus import Bus, BusRecorder
+from ....closed_loop.bus_recorder import BusRecorder
+from ....closed_loop.live_bus import Bus
 from ....closed_loop.live_pair import LivePair
 from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
 from ....closed_loop.private_folder import private_folder

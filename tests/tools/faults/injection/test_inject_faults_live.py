@@ -28,8 +28,8 @@ from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
 from steer_by_wire.tools.faults.injection import program as inject_faults
+from steer_by_wire.tools.faults.injection.bus_off_fault import BusOffFault
 from steer_by_wire.tools.faults.injection.live_faults import parse_fault
-from steer_by_wire.tools.faults.injection.process_faults import BusOffFault
 from tests.support.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000

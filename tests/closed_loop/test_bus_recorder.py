@@ -6,8 +6,9 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop import live_bus
-from steer_by_wire.closed_loop.live_bus import Bus, BusRecorder
+from steer_by_wire.closed_loop import bus_recorder
+from steer_by_wire.closed_loop.bus_recorder import BusRecorder
+from steer_by_wire.closed_loop.live_bus import Bus
 from tests.support.running_program import wait_until
 
 has_full_disk = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
@@ -74,7 +75,7 @@ def test_a_recorder_that_cannot_catch_up_says_so_and_keeps_what_it_has(
         def open(self) -> can.BusABC:
             return fails
 
-    monkeypatch.setattr(live_bus, "_BEHIND_S_MAX", 0.2)
+    monkeypatch.setattr(bus_recorder, "_BEHIND_S_MAX", 0.2)
     log = tmp_path / "candump.log"
     with BusRecorder(FailingBus("virtual", "fails", {}), log) as recorder:
         wait_until(lambda: fails.frames > 1, "frames")
