@@ -39,9 +39,6 @@ from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
-START_S_MAX = 60
-"""How long in virtual time a plant waits for its first command before the network is assumed to
-lose every frame."""
 
 _SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
     {
@@ -218,7 +215,12 @@ def _run_virtual(
 ) -> Run:
     from ..runtime.bus_model.transmit_queue import BusOverflowError
     from .virtual_bus import virtual_bus, with_clocks
-    from .virtual_pair import make_virtual_pair, run_virtual_nodes
+    from .virtual_pair import (
+        START_S_MAX,
+        make_virtual_pair,
+        run_virtual_nodes,
+        waits_in_vain,
+    )
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
@@ -227,13 +229,12 @@ def _run_virtual(
         plant.duration_ns // plant.sensor_period_ns + 2,
         (plant.duration_ns + START_S_MAX * NS_PER_S) // controller.period_ns + 2,
     )
-    seconds = iter(range(START_S_MAX))
     try:
         run_virtual_nodes(
             *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
             None if bus is None else virtual_bus(bus, plant.seed),
             None,
-            lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
+            waits_in_vain(pair.plant, START_S_MAX),
         )
     except BusOverflowError as error:
         raise ValueError(f"bus: its bit rate is too low: {error}") from error

@@ -13,7 +13,7 @@ from ..plant_emulator.node.node import PlantNode
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import Frame
-from ..runtime.node import Node
+from ..runtime.node import NEVER_NS, Node
 from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ..runtime.program.garbage_collection import no_collections
 from ..runtime.recording.candump import CandumpLog
@@ -21,6 +21,8 @@ from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
 
 SLICE_NS = 1_000_000_000
+START_S_MAX = 60
+"""After this time a plant that waits for its first command waits in vain [s]."""
 
 
 class VirtualPair(NamedTuple):
@@ -111,6 +113,12 @@ def run_virtual_nodes(
         while not (executor.finished or should_stop()):
             executor.run(until_ns)
             until_ns += SLICE_NS
+
+
+def waits_in_vain(plant: PlantNode, start_s_max: int) -> Callable[[], bool]:
+    """Return what tells, asked every SLICE_NS, whether no command has come for ``start_s_max``."""
+    seconds = iter(range(start_s_max))
+    return lambda: plant.motion_start_ns == NEVER_NS and next(seconds, None) is None
 
 
 def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:

@@ -25,7 +25,7 @@ from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
+from ...runtime.node import NS_PER_S, ReportingNode
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
@@ -37,9 +37,9 @@ from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
 from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
 from ..process_group import ProcessError, Processes
-from ..simulate import NO_OVERRIDES, START_S_MAX, settings_of
+from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
-from ..virtual_pair import make_virtual_plant, run_virtual_nodes
+from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .command import STATUS_KILLED
 from .outcome_and_assertions import Outcome
 
@@ -164,13 +164,8 @@ class Rig:
         plant, node = make_virtual_plant(settings)
         edge = self._in_dialect(node, PLANT, 0)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
-        seconds = iter(range(START_S_MAX))
-
-        def has_not_begun() -> bool:
-            return plant.motion_start_ns == NEVER_NS and next(seconds, None) is None
-
         controller = make_node(0)
-        run_virtual_nodes(edge, controller, bus, log, has_not_begun)
+        run_virtual_nodes(edge, controller, bus, log, waits_in_vain(plant, START_S_MAX))
         failure = controller.report().get("failure")
         in_safe_state = "" if isinstance(controller, LockstepNode) else "in its safe state: "
         ending = f"controller is {in_safe_state}{failure}" if failure else ""

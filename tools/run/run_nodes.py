@@ -11,10 +11,15 @@ import can
 
 from ...closed_loop.bus_recorder import BusRecorder
 from ...closed_loop.live_bus import Bus
-from ...closed_loop.lockstep.node import controller_node, gateways_of
+from ...closed_loop.lockstep.node import LockstepNode, controller_node, gateways_of
 from ...closed_loop.pair_result import CONTROLLER, PLANT
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
-from ...closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
+from ...closed_loop.virtual_pair import (
+    START_S_MAX,
+    make_virtual_plant,
+    run_virtual_nodes,
+    waits_in_vain,
+)
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
 from ...dbc.dialect.dialect import Dialect
@@ -25,7 +30,7 @@ from ...plant_emulator.vehicle.motion_parameters import motion_params
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.exit_status import BusError
-from ...runtime.node import NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.node.real_time_loop import LoopFigures, RealTimeExecutor
 from ...runtime.port.python_can import BusPort
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, StealClock, real_time
@@ -53,24 +58,29 @@ def run_in_virtual_time(
     ``is_ideal``    if frames are to take no time
     ``dialect``     of the bus; a program speaks it of itself
     """
-    _, plant = make_virtual_plant(plant_settings)
+    plant, edge = make_virtual_plant(plant_settings)
+    is_in_vain = waits_in_vain(plant, START_S_MAX)
     bitrate = settings.bitrate_bit_s
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         try:
-            gateways = gateways_of(dialect, plant, node)
-            edges = gateways.get(PLANT, plant), gateways.get(CONTROLLER, node)
+            gateways = gateways_of(dialect, edge, node)
+            edges = gateways.get(PLANT, edge), gateways.get(CONTROLLER, node)
             nodes = with_clocks(*edges, settings)
-            run_virtual_nodes(*nodes, bus, candump_log, stop)
+            run_virtual_nodes(*nodes, bus, candump_log, lambda: stop() or is_in_vain())
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
     carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
+    if plant.motion_start_ns == NEVER_NS and not stop.reason:
+        ended_by = f"{START_S_MAX} s without a command"
+        if isinstance(node, LockstepNode):
+            node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if isinstance(bus, SharedBus) else None
-    return Run(plant, node, where, elapsed_s, ended_by, {}, shared, gateways)
+    return Run(edge, node, where, elapsed_s, ended_by, {}, shared, gateways)
 
 
 def run_in_real_time(

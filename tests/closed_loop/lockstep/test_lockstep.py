@@ -155,6 +155,16 @@ def test_a_program_that_fails_is_one_line_and_the_verdict(
     assert re.search(pattern, last)
 
 
+def test_one_that_sends_nothing_ends_with_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("steer_by_wire.tools.run.run_nodes.START_S_MAX", 2)
+    program = Path(__file__).with_name("silent_program.py")
+    assert main(["--controller-command", f"{sys.executable} {program}"]) == 5
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.endswith("failed: controller: it sent no valid command in 2 s")
+
+
 def _quoted(word: str) -> str:
     return "'" + word.replace("'", "'\\''") + "'"
 
