@@ -16,8 +16,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.program.report import show_or_write
-from steer_by_wire.runtime.recording.candump import format_entry, parse_entry
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.recording.candump import written_frame
 
 NAME = "steer-by-wire can bits"
 EXAMPLE = f"{NAME} 100#0123456789ABCDEF"
@@ -32,28 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show a frame; returns the exit status."""
-    figures = _figures(_frame(options.frame), options.bitrate, options.data_bitrate)
+    figures = _figures(written_frame(options.frame), options.bitrate, options.data_bitrate)
     show_or_write(options.json, figures, lambda: print(_text(figures)))
     return ExitStatus.OK
-
-
-def _frame(text: str) -> Frame:
-    written = text.replace(".", "").upper()
-    entry = parse_entry(f"(0.0) can {written}")
-    try:
-        if entry is None:
-            raise ValueError
-        frame_on_wire(entry.frame)
-    except ValueError:
-        raise SettingsError(
-            f"{text}: no frame; one is 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"
-        ) from None
-    shown = format_entry(entry).split()[-1]
-    if shown != written:
-        raise SettingsError(
-            f"{text}: remote frames have a DLC of 0 here, FD frames no ESI: {shown}"
-        )
-    return entry.frame
 
 
 def _figures(frame: Frame, bitrate_bit_s: int, data_bit_s: int) -> dict[str, Any]:

@@ -19,6 +19,8 @@ from ...runtime.exit_status import BusError, cause_of
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
+from ...runtime.port.python_can import BusPort
+from ...runtime.port.socketcan import SocketCanPort
 from ...runtime.recording.candump import CandumpLog
 from .sampler import Ghosts, Sampler
 from .signals import ROW_PERIOD_S, packed_row
@@ -66,6 +68,11 @@ class Lane:
     def send(self, frames: Sequence[Frame]) -> None:
         """Send frames on the bus, and take them as heard: a bus returns no own frames."""
         self._wishes.put(lambda: self._send(frames))
+
+    @property
+    def takes_fd(self) -> bool:
+        """Whether its bus carries CAN FD frames."""
+        return isinstance(self._port, BusPort | SocketCanPort) and self._port.takes_fd
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""

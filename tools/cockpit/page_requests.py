@@ -15,6 +15,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from ...closed_loop.private_folder import private_folder
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
+from ...runtime.frame import FD, Frame
+from ...runtime.recording.candump import written_frame
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
@@ -54,6 +56,13 @@ class Disturb(Settings):
         return DisturbanceConfig(
             self.side_force_n, 0.0, self.steering_offset_rad, 1.0 - self.friction
         )
+
+
+class SendFrame(Settings):
+    """Send one frame in every lane, written as for cansend."""
+
+    do: Literal["send"]
+    frame: Annotated[str, Field(max_length=200)]
 
 
 class Start(Settings):
@@ -101,7 +110,7 @@ class ResetFigures(Settings):
 
 
 Wish = Annotated[
-    SetLatency | Disturb | Start | Steer | TakeScore | Act | Record | ResetFigures,
+    SetLatency | Disturb | SendFrame | Start | Steer | TakeScore | Act | Record | ResetFigures,
     Field(discriminator="do"),
 ]
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
@@ -202,7 +211,7 @@ class Desk:
             "lanes": [lane.status for lane in self.lanes],
             "programs": [] if self._own is None else self._own.states(),
             "recording_s": None if since is None else round(time.monotonic() - since, 1),
-            "recorded": sorted(file.name for file in self.recordings.iterdir()),
+            "recorded": sorted(file.name for file in self.recordings.glob("*.log")),
             "best": self._best_of_the_day(),
             "busy": self._busy,
         }
@@ -224,6 +233,8 @@ class Desk:
             case SetLatency() | Disturb():
                 for lane in self.lanes:
                     lane.send([encode(wish.message, 0)])
+            case SendFrame():
+                self._send(written_frame(wish.frame))
             case Start():
                 self._start(scenario_of(wish.scenario))
             case TakeScore():
@@ -235,6 +246,12 @@ class Desk:
             case ResetFigures():
                 for lane in self.lanes:
                     lane.reset_figures()
+
+    def _send(self, frame: Frame) -> None:
+        if frame.flags & FD and not all(lane.takes_fd for lane in self.lanes):
+            raise WishError("a CAN FD frame: this bus carries classic frames only")
+        for lane in self.lanes:
+            lane.send([frame])
 
     def _take_score(self, wish: TakeScore) -> None:
         score = self.lanes[wish.lane].status.get("score") if wish.lane < len(self.lanes) else None

@@ -86,6 +86,14 @@ def slide(identifier: str, value: float) -> str:
     )
 
 
+def send_by_hand(text: str) -> str:
+    """Return an expression that types a frame and sends it."""
+    return (
+        f"document.getElementById('frame').value = '{text}';"
+        " document.getElementById('send').click()"
+    )
+
+
 def value_of(signal: str) -> str:
     """Return an expression for the newest value of a signal of the first lane."""
     return f"cockpit.lanes[0].value('{signal}', cockpit.nowS)"
@@ -111,13 +119,22 @@ def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser)
             browser.wait_for("document.querySelector('#figures').innerText.includes('42.1')")
             browser.read(slide("uplink-mean_s", 35))
             got = bus.recv(PATIENCE_S)
+            browser.read(send_by_hand("123#1g"))
+            browser.wait_for("document.body.innerText.includes('123#1g: no frame; one is')")
+            browser.read(send_by_hand("123##1DEAD"))
+            browser.wait_for("document.body.innerText.includes('carries classic frames only')")
+            browser.read(send_by_hand("123#DE.AD"))
+            by_hand = bus.recv(PATIENCE_S)
             in_order(browser, address)
         assert got is not None
+        assert by_hand is not None
+        assert (by_hand.arbitration_id, bytes(by_hand.data)) == (0x123, b"\xde\xad")
         wanted = LatencyConfig(Direction.UPLINK, LatencyModel.NORMAL, 0.035, 0.0, 0.0)
         assert decode(frame_of(got)) == decode(encode(wanted, 0))
         with cockpit(*where) as address:
             opened(browser, address)
             assert browser.read("document.getElementById('uplink-mean_s').disabled")
+            assert browser.read("document.getElementById('frame') === null")
             in_order(browser, address)
 
 
@@ -140,6 +157,37 @@ def test_a_replay_shows_the_figures_of_the_analysis(browser: Browser, log: Path)
         browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('12.0')")
         shown_mm = [float(figure) for figure in shown_figures(browser)[:2]]
         assert shown_mm == pytest.approx(wanted_mm, abs=0.00501)  # half of the last digit shown
+        in_order(browser, address)
+
+
+def choose(label: str, value: str) -> str:
+    """Return an expression that gives a control, by its name, another value."""
+    return (
+        f"(() => {{ const box = document.querySelector('[aria-label=\"{label}\"]');"
+        f" box.value = '{value}'; box.dispatchEvent(new Event('change')); }})()"
+    )
+
+
+def test_a_chart_shows_the_signal_scale_and_span_that_are_chosen(
+    browser: Browser, log: Path
+) -> None:
+    with cockpit(str(log)) as address:
+        opened(browser, address)
+        browser.read("cockpit.player.seek(cockpit.player.durationS)")
+        browser.read(choose("Round trip: signal", "rms_m"))
+        browser.read(choose("Round trip: scale", "50"))
+        chart = "document.querySelector('[aria-label=\"Round trip, mm\"]')"
+        browser.wait_for(f"{chart} !== null")
+        browser.read("cockpit.charts.setZoom([2, 6])")
+        browser.wait_for(f"/^mean /.test({chart}.querySelector('.values b').innerText)")
+        shown = browser.read(f"{chart}.querySelector('.values b').innerText")
+        column = browser.read(
+            "[...Array(201).keys()].map((k) => 1000 * cockpit.lanes[0].value('rms_m', 2 + k / 50))"
+        )
+        figures = [float(figure) for figure in re.findall(r"\d+\.\d+", shown)]
+        rms = (sum(value * value for value in column) / len(column)) ** 0.5
+        wanted = [sum(column) / len(column), rms, min(column), max(column)]
+        assert figures == pytest.approx(wanted, rel=0.01)
         in_order(browser, address)
 
 

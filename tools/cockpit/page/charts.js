@@ -1,7 +1,7 @@
 // The strip charts: one uPlot each, on one time axis, with one cursor and one zoom.
 
 import { DASHES, colour } from "cockpit/theme.js";
-import { byId, element, setText, shown } from "cockpit/words.js";
+import { byId, element, fixed, setText, shown } from "cockpit/words.js";
 
 const SPANS_S = [5, 15, 30, 60];
 const SIGNAL_STYLES = {
@@ -23,9 +23,11 @@ export class Charts {
     this.zoom = null; // [from, to] of a part that was selected
     this.drawnS = 0;
     this.plots = [];
+    this.chosen = {}; // by the title of a chart: a signal in place of its own, and a fixed scale
     byId("span-less").onclick = () => this.changeSpan(-1);
     byId("span-more").onclick = () => this.changeSpan(1);
-    new ResizeObserver(() => this.resize()).observe(this.box);
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(this.box);
   }
 
   get spanS() {
@@ -35,8 +37,7 @@ export class Charts {
   changeSpan(step) {
     this.spanIndex = Math.min(Math.max(this.spanIndex + step, 0), SPANS_S.length - 1);
     setText(byId("span"), `${this.spanS} s`);
-    this.zoom = null;
-    this.app.touch();
+    this.setZoom(null);
   }
 
   // Make the charts anew: other lanes, or other colours.
@@ -50,20 +51,41 @@ export class Charts {
   }
 
   linesOf(chart) {
-    const signals = this.app.signals;
+    const signals = this.app.signals, chosen = this.chosen[chart.title].signal;
     if (this.app.lanes.length > 1) {
       return this.app.lanes.map((rows, lane) => ({
-        rows, signal: signals[chart.of_lanes], label: this.app.head.lanes[lane].label,
+        rows, signal: signals[chosen || chart.of_lanes], label: this.app.head.lanes[lane].label,
         ink: colour(`lane-${lane}`), dash: DASHES[lane],
       }));
     }
-    return chart.signals.map((name) => {
+    return (chosen ? [chosen] : chart.signals).map((name) => {
       const [ink, dash] = SIGNAL_STYLES[name] ?? ["lane-0", []];
       return { rows: this.app.lanes[0], signal: signals[name], label: signals[name].label, ink: colour(ink), dash };
     });
   }
 
+  // What a chart shows: its own signals, or another one.
+  signalBox(chart) {
+    const { signal } = this.chosen[chart.title];
+    const others = Object.values(this.app.signals).map(({ name, label, unit }) => element("option", { value: name, selected: name === signal }, unit ? `${label} [${unit}]` : label));
+    const box = element("select", { ariaLabel: `${chart.title}: signal`, onchange: () => {
+      this.chosen[chart.title] = { signal: box.value, high: null };
+      this.build();
+    } }, element("option", { value: "", selected: !signal }, `${chart.title} [${this.app.signals[chart.of_lanes].unit}]`), ...others);
+    return box;
+  }
+
+  // The end of a fixed scale, to either side; empty for one that follows the values.
+  scaleBox(chart) {
+    const box = element("input", { type: "number", min: 0, step: "any", placeholder: "auto", value: this.chosen[chart.title].high ?? "", title: "Scale to this value on either side", ariaLabel: `${chart.title}: scale`, onchange: () => {
+      this.chosen[chart.title].high = box.valueAsNumber > 0 ? box.valueAsNumber : null;
+      this.app.touch();
+    } });
+    return element("label", { className: "scale" }, "±", box);
+  }
+
   makeChart(chart, isLast) {
+    this.chosen[chart.title] ??= { signal: "", high: null };
     const lines = this.linesOf(chart);
     const unit = lines[0]?.signal.unit ?? "";
     const values = lines.map((line) => {
@@ -74,20 +96,21 @@ export class Charts {
     });
     const place = element("div", { className: "plot" });
     const shownBox = element("div", { className: "values" }, ...values);
-    const title = element("h2", {}, `${chart.title} [${unit}]`);
+    const title = element("h2", {}, this.signalBox(chart));
     const box = element("div", { className: `chart${isLast ? " last" : ""}`, role: "group", ariaLabel: `${chart.title}, ${unit}` },
-      element("div", { className: "chart-head" }, title, shownBox), place);
+      element("div", { className: "chart-head" }, title, this.scaleBox(chart), shownBox), place);
     this.box.append(box);
-    const plot = new uPlot(this.options(lines, isLast), [[], ...lines.map(() => [])], place);
+    this.observer.observe(shownBox); // what it says of a span takes room from the plot
+    const plot = new uPlot(this.options(chart, lines, isLast), [[], ...lines.map(() => [])], place);
     return { plot, lines, place, values: values.map((value) => value.querySelector("b")) };
   }
 
-  options(lines, isLast) {
+  options(chart, lines, isLast) {
     const axis = { stroke: colour("dim"), font: FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
     return {
       width: 300, height: 80, padding: [5, 10, isLast ? 0 : 4, 0], legend: { show: false },
       cursor: { sync: { key: "cockpit" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
-      scales: { x: { time: false }, y: { range: (_plot, low, high) => wide(low, high) } },
+      scales: { x: { time: false }, y: { range: (_plot, low, high) => this.rangeOf(chart, low, high) } },
       series: [{}, ...lines.map(({ ink, dash }) => ({ stroke: ink, width: 1.4, dash, points: { show: false } }))],
       axes: [
         { ...axis, size: isLast ? 22 : 0, gap: 2, values: (_plot, marks) => marks.map((mark) => (isLast && mark >= 0 ? `${+mark.toFixed(3)} s` : "")) },
@@ -95,6 +118,11 @@ export class Charts {
       ],
       hooks: { setSelect: [(plot) => this.select(plot)], ready: [(plot) => this.listen(plot)] },
     };
+  }
+
+  rangeOf(chart, low, high) {
+    const end = this.chosen[chart.title].high;
+    return end === null ? wide(low, high) : [low >= 0 ? 0 : -end, end];
   }
 
   listen(plot) {
@@ -111,7 +139,8 @@ export class Charts {
 
   setZoom(zoom) {
     this.zoom = zoom;
-    this.app.touch();
+    this.box.classList.toggle("spanned", zoom !== null); // there is more to read of a span
+    this.resize();
   }
 
   resize() {
@@ -142,10 +171,21 @@ export class Charts {
       values.forEach((value, index) => {
         const { rows, signal } = lines[index];
         const at = cursor == null ? nowS : times[cursor];
-        setText(value, shown(signal, rows.value(signal.name, at)));
+        const text = this.zoom && cursor == null ? statistics(signal, data[index]) : shown(signal, rows.value(signal.name, at));
+        setText(value, text);
       });
     }
   }
+}
+
+// Mean, root mean square and extremes of the part that was selected.
+function statistics(signal, column) {
+  const values = column.filter((value) => value !== null);
+  if (!values.length) return "–";
+  const mean = (of) => values.reduce((sum, value) => sum + of(value), 0) / values.length;
+  const figures = [mean((value) => value), Math.sqrt(mean((value) => value * value)), Math.min(...values), Math.max(...values)];
+  const [average, rms, least, most] = figures.map((value) => fixed(value, signal.digits));
+  return `mean ${average}, RMS ${rms}, ${least} to ${most}`;
 }
 
 function timesOf(rows, from, to) {

@@ -24,6 +24,7 @@ const app = {
   touch() { this.isTouched = this.hasMoved = true; },
   moveOn() { this.hasMoved = true; }, // nothing but the time is another
   wish(wish) { this.link?.wish(wish); },
+  get charts() { return charts; },
   get nowS() { return this.player?.nowS ?? this.heldS ?? Math.max(0, ...this.lanes.map((rows) => rows.endS)); },
   selectLane(lane) {
     if (lane >= this.lanes.length) return;
