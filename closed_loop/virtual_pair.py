@@ -75,7 +75,7 @@ def run_virtual_pair(
     pair = make_virtual_pair(plant_settings, controller_settings)
     bus = None if settings is None else virtual_bus(settings, plant_settings.seed)
     nodes = with_clocks(pair.edge, pair.controller, settings or QUIET_BUS)
-    run_virtual_nodes(*nodes, bus, candump_log, lambda: False)
+    run_virtual_nodes(*nodes, bus, candump_log, waits_in_vain(pair.plant, START_S_MAX))
     return PairResult(
         {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
         {

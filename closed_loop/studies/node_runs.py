@@ -30,7 +30,7 @@ from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_node, gateways_of
 from ..pair_result import CONTROLLER, PLANT, Trace
 from ..virtual_bus import shared_bus, with_clocks
-from ..virtual_pair import make_virtual_plant, run_virtual_nodes
+from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .compiled_figures import (
     CG_STRIDE,
     COUNTS,
@@ -137,5 +137,6 @@ def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
         gateways = gateways_of(dialect, edge, controller)
         ends = gateways.get(PLANT, edge), gateways.get(CONTROLLER, controller)
         nodes = with_clocks(*ends, bus)
-        run_virtual_nodes(*nodes, wire, None, lambda: False, listener.on_wire)
+        in_vain = waits_in_vain(plant, START_S_MAX)
+        run_virtual_nodes(*nodes, wire, None, in_vain, listener.on_wire)
     return Ran(plant, controller, listener)

@@ -284,6 +284,7 @@ class PlantNode:
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
             if released is self._reception.taken_back_to:
+                self._reception.taken_back_to = None  # a duplicate of it does not return again
                 self._unit.on_return(self._motion_ns(due_ns))
             command = self._plans.take(released, latency_s)
             if command is not None:  # a plan acts from the next sample on

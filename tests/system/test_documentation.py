@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from docutils.utils.math.latex2mathml import tex2mathml
 
 from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
@@ -132,3 +133,12 @@ def test_every_command_that_is_named_is_one() -> None:
         return {*named} - {*PROGRAMS}
 
     assert wrong_in(unknown) == {}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_every_formula_can_be_drawn(page: str) -> None:
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", PAGES[page], flags=re.DOTALL)
+    blocks = re.findall(r"\$\$(.*?)\$\$", text, re.DOTALL)
+    within_a_line = re.findall(r"\$([^$\n]+)\$", re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL))
+    for formula in blocks + within_a_line:
+        assert tex2mathml(formula).startswith("<math"), formula

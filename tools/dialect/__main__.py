@@ -16,7 +16,12 @@ from rich.table import Table
 from steer_by_wire.closed_loop.lockstep.node import gateways_of
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.virtual_pair import (
+    START_S_MAX,
+    make_virtual_pair,
+    run_virtual_nodes,
+    waits_in_vain,
+)
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_dialect
 from steer_by_wire.dbc.dialect.gateway import dialect_text
@@ -78,8 +83,8 @@ def _check(options: argparse.Namespace) -> int:
     plant = PlantSettings(duration_s=MOTION_S)
     pair = make_virtual_pair(plant, controller_preset(CONTROLLER_PRESET))
     gateways = gateways_of(dialect, pair.edge, pair.controller)
-    bus = QuietBus(QUIET_BUS.bitrate_bit_s)
-    run_virtual_nodes(gateways[PLANT], gateways[CONTROLLER], bus, options.out, lambda: False)
+    bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(pair.plant, START_S_MAX)
+    run_virtual_nodes(gateways[PLANT], gateways[CONTROLLER], bus, options.out, in_vain)
     for program, gateway in gateways.items():
         print(f"{program.replace('_', ' ')}: {dialect_text(gateway.report()['dialect'])}")
     return ExitStatus.OK

@@ -75,7 +75,7 @@ def run_in_virtual_time(
     elapsed_s = time.perf_counter() - begin_s
     carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
-    if plant.motion_start_ns == NEVER_NS and not stop.reason:
+    if plant.motion_start_ns == NEVER_NS and not (stop.reason or edge.finished or node.finished):
         ended_by = f"{START_S_MAX} s without a command"
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"

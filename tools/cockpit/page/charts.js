@@ -122,7 +122,7 @@ export class Charts {
 
   rangeOf(chart, low, high) {
     const end = this.chosen[chart.title].high;
-    return end === null ? wide(low, high) : [low >= 0 ? 0 : -end, end];
+    return end === null ? wide(low, high) : [-end, end];
   }
 
   listen(plot) {
@@ -160,7 +160,8 @@ export class Charts {
   draw(nowS) {
     this.drawnS = nowS;
     const [from, to] = this.zoom ?? [nowS - this.spanS, nowS];
-    const times = timesOf(this.app.lanes[0], from, to);
+    const longest = this.app.lanes.reduce((one, other) => (other.endS > one.endS ? other : one));
+    const times = timesOf(longest, from, to);
     for (const { plot, lines, values } of this.plots) {
       const data = lines.map(({ rows, signal }) => columnAt(rows, signal, times));
       plot.batch(() => {
@@ -198,7 +199,7 @@ function columnAt(rows, signal, times) {
   let at = times.length ? rows.indexAt(times[0]) : -1;
   return times.map((time) => {
     while (at + 1 < rows.length && rows.time[at + 1] <= time) at++;
-    const value = at < 0 ? NaN : column[at];
+    const value = at < 0 || time > rows.endS ? NaN : column[at];
     return Number.isFinite(value) ? signal.scale * value : null;
   });
 }
