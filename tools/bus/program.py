@@ -8,6 +8,7 @@ written, 130 if it is interrupted before it listens.
 
 import argparse
 import select
+import signal
 import socket
 import sys
 import time
@@ -129,12 +130,18 @@ def _serve(
 def _first_signal() -> Iterator[int]:
     """Yield a descriptor that becomes readable with a signal that ends programs, within the block.
 
+    The signal itself writes to it. Python's handler would not run before the broker's ``select``
+    returns, which may be never, if the signal came just before that or to another thread.
     Terminals and wrappers may send a signal twice: the second one must not cost the report.
     """
     reader, writer = socket.socketpair()
     writer.setblocking(False)
-    with reader, writer, ending_signals(lambda *_signal: writer.send(b"\0")):
-        yield reader.fileno()
+    with reader, writer, ending_signals(lambda *_signal: None):
+        before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+        try:
+            yield reader.fileno()
+        finally:
+            signal.set_wakeup_fd(before)
 
 
 def _print_line(line: str) -> bool:

@@ -4,10 +4,12 @@ import errno
 import json
 import os
 import re
+import select
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from contextlib import ExitStack, suppress
@@ -20,7 +22,7 @@ from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
-from steer_by_wire.tools.bus.program import _print_line, main
+from steer_by_wire.tools.bus.program import _first_signal, _print_line, main
 from tests.support.broker_program import client, message, receive, start_broker
 from tests.support.broker_program import directory as directory
 from tests.support.broker_program import stack as stack
@@ -350,3 +352,15 @@ def test_pythoncans_player_and_logger_work(stack: ExitStack, directory: Path) ->
         f"{0x100 + n:03x}" for n in range(20)
     ]
     assert all("Channel: tools" in line for line in printed)
+
+
+def test_a_signal_that_another_thread_takes_ends_a_broker_that_waits() -> None:
+    def take() -> None:
+        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+    with _first_signal() as signalled:
+        timer = threading.Timer(0.2, take)
+        timer.start()
+        readable, _, _ = select.select([signalled], [], [], PATIENCE_S)
+        timer.join()
+    assert readable == [signalled]
