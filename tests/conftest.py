@@ -31,7 +31,7 @@ from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # python-can looks through all installed packages for each log that it opens.
-metadata.entry_points = cache(metadata.entry_points)  # type: ignore[assignment]
+metadata.entry_points = cache(metadata.entry_points)
 
 # A suite started in the background may ignore Ctrl-C, and programs that the tests end by it would
 # ignore it too.

@@ -55,7 +55,7 @@ AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "OMP_", "LD_", "MPL")
 
 numba's are not among them: it is imported by the program.
 """
-_USUAL = subprocess.Popen._execute_child  # type: ignore[attr-defined]
+_USUAL = subprocess.Popen._execute_child
 _PIPES = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
 _PATH: list[str] = []
 """Where an interpreter searches for modules, apart from its folder."""
@@ -102,10 +102,10 @@ def forked_programs() -> Iterator[None]:
             socket.send_fds(origin(), [json.dumps(request).encode()], descriptors)
             return int(origin().recv(REQUEST_BYTES_MAX))
 
-    subprocess.Popen._execute_child = _starting(ask)  # type: ignore[attr-defined]
+    subprocess.Popen._execute_child = _starting(ask)
     with end:
         yield
-        subprocess.Popen._execute_child = _USUAL  # type: ignore[attr-defined]
+        subprocess.Popen._execute_child = _USUAL
 
 
 def _starting(fork: Callable[[Request, Sequence[int]], int]) -> Callable[..., None]:
@@ -155,8 +155,8 @@ def serve(descriptor: int) -> None:
     """Fork for each request, until the one who asks has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal reaches it too
     sys.path.remove("")
-    sys.modules["matplotlib"] = None  # type: ignore[assignment]  # for cantools' command "plot"
-    metadata.entry_points = cache(metadata.entry_points)  # type: ignore[assignment]  # as in conftest
+    sys.modules["matplotlib"] = None  # for cantools' command "plot"
+    metadata.entry_points = cache(metadata.entry_points)  # as in conftest
     for name in PRELOADED:
         import_module(name)
     del sys.modules["matplotlib"]
@@ -196,7 +196,7 @@ def _fork_child(request: Request, descriptors: Sequence[int]) -> int:
     if not program:
         atexit._clear()
         # At its end it would wait for threads that it lacks, and for itself.
-        _threads_queues.clear()  # type: ignore[attr-defined]
+        _threads_queues.clear()
         gc.enable()
         gc.freeze()
         signal.set_wakeup_fd(-1)
@@ -221,7 +221,7 @@ def _run(request: Request, descriptors: Sequence[int]) -> NoReturn:
     os.environ.update(request.environment)
     sys.path[:] = [request.folder, *_PATH] if request.is_folder_searched else _PATH
     sys.meta_path[:] = _FINDERS
-    subprocess.Popen._execute_child = _starting(_fork_child)  # type: ignore[attr-defined]
+    subprocess.Popen._execute_child = _starting(_fork_child)
     sys.modules.pop(request.module, None)  # runpy warns of what has run already
     sys.argv = [request.module, *request.arguments]
     status = 1
@@ -234,7 +234,7 @@ def _run(request: Request, descriptors: Sequence[int]) -> NoReturn:
             sys.stderr.write(f"{end.code}\n")
     except BaseException:
         traceback.print_exc()
-    threading._shutdown()  # type: ignore[attr-defined]
+    threading._shutdown()
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -102,7 +102,7 @@ NO_DESIGN = Law(_steer, at_rest, raise_when_designed)
 
 
 def no_output(_p: Gain, x: Asleep, _observed: LawInput) -> tuple[Asleep, LawOutput]:
-    return x, None  # type: ignore[return-value]
+    return x, None
 
 
 NO_OUTPUT = Law(no_output, at_rest, design, commands_read=last_command)

@@ -34,7 +34,7 @@ LIKE_UNIFORM = LatencyModel(
     lambda u, mean_s, spread_s, _own: max(0.0, mean_s + 3.0**0.5 * spread_s * (2.0 * u - 1.0))
 )
 NEGATIVE = LatencyModel(lambda _u, _mean_s, _spread_s, _own: -1.0)
-WORD = LatencyModel(lambda _u, _mean_s, _spread_s, _own: "soon")  # type: ignore[arg-type,return-value]
+WORD = LatencyModel(lambda _u, _mean_s, _spread_s, _own: "soon")
 DIVIDES = LatencyModel(lambda u, mean_s, _spread_s, _own: u / mean_s)
 RARELY_NAN = LatencyModel(
     lambda u, mean_s, _spread_s, _own: float("nan") if 0.6 < u < 0.7 else mean_s
@@ -53,7 +53,7 @@ SQUARE = PathModel(
     lambda _own: path_through([(0, 0), (30, 0), (30, 30), (0, 30)], closed=True), settings=None
 )
 THREE_POINTS = PathModel(lambda _own: path_through([(0, 0), (1, 0), (2, 0)]))
-POINTS = PathModel(lambda _own: [(0, 0), (1, 0)])  # type: ignore[arg-type,return-value]
+POINTS = PathModel(lambda _own: [(0, 0), (1, 0)])
 
 
 def single_track(
@@ -75,6 +75,6 @@ PUSH = [
 ]
 PUSHES = DisturbanceModel(lambda _own: PUSH)
 BACKWARDS = DisturbanceModel(lambda _own: reversed(PUSH))
-NUMBERS = DisturbanceModel(lambda _own: [1.0])  # type: ignore[list-item]
+NUMBERS = DisturbanceModel(lambda _own: [1.0])
 
 PLAIN = {"quantile": two_routes}

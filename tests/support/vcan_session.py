@@ -87,7 +87,7 @@ class Outside:
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         if self._is_worker:
-            session.config.workeroutput[MARK] = (self._ran, self._backend)  # type: ignore[attr-defined]
+            session.config.workeroutput[MARK] = (self._ran, self._backend)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:

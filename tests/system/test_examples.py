@@ -138,7 +138,7 @@ def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]
 def test_an_example_works_as_a_notebook_in_an_empty_folder(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sphinx_gallery.py_source_parser import (  # type: ignore[import-untyped]
+    from sphinx_gallery.py_source_parser import (
         split_code_and_text_blocks,  # with it Sphinx, which no test for vcan0 needs
     )
 

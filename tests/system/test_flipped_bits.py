@@ -36,7 +36,7 @@ class Kept(NamedTuple):
 def write_costs(folder: Path) -> None:
     kept = KeptCosts(folder / "costs", "a digest")
     for what, cost in COSTS.items():
-        kept.cost(what, lambda cost=cost: cost)  # type: ignore[misc]
+        kept.cost(what, lambda cost=cost: cost)
 
 
 def read_costs(folder: Path) -> list[float]:
@@ -49,8 +49,8 @@ def frontier_rows() -> list[Row]:
     point = {
         name: {"pd.gain": 0.5} if name == "values" else next(numbers) for name in Point._fields
     }
-    trials = Trials(*(next(numbers) for _ in Trials._fields))  # type: ignore[arg-type]
-    return [Row(Point(**{**point, "structure": "PD"}), trials)]  # type: ignore[arg-type]
+    trials = Trials(*(next(numbers) for _ in Trials._fields))
+    return [Row(Point(**{**point, "structure": "PD"}), trials)]
 
 
 def write_frontier(folder: Path) -> None:

@@ -117,7 +117,7 @@ def installed(wheel: zipfile.ZipFile, tmp_path_factory: pytest.TempPathFactory) 
     wheel.extractall(folder)
     (entry_points,) = folder.glob("*.dist-info/entry_points.txt")
     parser = configparser.ConfigParser(delimiters="=")
-    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    parser.optionxform = str
     parser.read(entry_points, encoding="utf-8")
     (folder / "bin").mkdir()
     for name, place in parser["console_scripts"].items():

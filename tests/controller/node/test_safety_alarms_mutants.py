@@ -109,7 +109,7 @@ class Life:
         self.first_tick_ns = self.now_ns + random.choice((0, 0, 200 * MS))
 
     def arrival_ns(self, kind: type[Message]) -> int | None:
-        return self.received.reception.newest(kind).arrival_ns  # type: ignore[no-any-return]
+        return self.received.reception.newest(kind).arrival_ns
 
     def freshness(self, kind: type[Message]) -> Freshness:
         arrival_ns = self.arrival_ns(kind)

@@ -1,7 +1,7 @@
 """Checksums by rule: the published examples of each kind, and any damage is seen."""
 
 import pytest
-from crccheck.crc import Crc8Autosar  # type: ignore[import-untyped]
+from crccheck.crc import Crc8Autosar
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -199,7 +199,7 @@ def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
 
     watch = BusWatch(0, listening())
     for _ in frames:
-        monitor._listen(Reader(), watch, 0.0)  # type: ignore[arg-type]
+        monitor._listen(Reader(), watch, 0.0)
     view = watch.view(frames[-1].time_ns)
     heard = {one.name for one in view.messages if one.accepted > 90}
     assert heard == {"STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"}

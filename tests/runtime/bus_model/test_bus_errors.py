@@ -188,7 +188,7 @@ def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
 def test_a_bus_with_noise_of_rate_zero_is_the_bus_without() -> None:
     quiet = BusErrors(BusNoise(NoiseRates(0.0), BITRATE_BIT_S, 1))
     buses = BusModel(BITRATE_BIT_S), BusModel(BITRATE_BIT_S, errors=quiet)
-    draw, now_ns, ends = random.Random(3), 0, ([], [])  # type: ignore[var-annotated]
+    draw, now_ns, ends = random.Random(3), 0, ([], [])
     for number in range(2000):
         now_ns += draw.randrange(400_000)
         frame = Frame(draw.randrange(0x800), number.to_bytes(4, "little"))

@@ -42,7 +42,7 @@ def test_a_wrong_model_is_noticed(
     wrong: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def worse(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
-        return disturb(frame, index, is_passive=is_passive)._replace(**wrong)  # type: ignore[arg-type]
+        return disturb(frame, index, is_passive=is_passive)._replace(**wrong)
 
     monkeypatch.setattr(error_comparison, "disturb", worse)
     with pytest.raises(AssertionError):

@@ -91,7 +91,7 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
 
     clients = bench.broker.clients
     clients.accept(bench.now_ns)  # nobody is there: no pause
-    listener, clients.listener = clients.listener, Exhausted()  # type: ignore[assignment]
+    listener, clients.listener = clients.listener, Exhausted()
     clients.accept(bench.now_ns)
     clients.listener = listener
     late = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -208,16 +208,16 @@ def test_a_client_of_python_can_asks_is_notified_through_its_filters_and_is_refu
     with launched_broker(["--allow-bus-off"]) as address, launched_broker() as other:
         arguments = {"interface": "emulated", "channel": "can0"}
         with (
-            can.Bus(**arguments, address=address) as bus,  # type: ignore[arg-type]
-            can.Bus(**arguments, address=other) as forbidden,  # type: ignore[arg-type]
+            can.Bus(**arguments, address=address) as bus,
+            can.Bus(**arguments, address=other) as forbidden,
         ):
             bus.set_filters([{"can_id": 0x7, "can_mask": 0x7FF, "extended": False}])
             bus.send(can.Message(arbitration_id=0x100, is_extended_id=False))
-            bus.send_bus_off(0x100, 0.01)  # type: ignore[attr-defined]
+            bus.send_bus_off(0x100, 0.01)
             reported = [bus.recv(PATIENCE_S), bus.recv(PATIENCE_S)]
             assert [one and (one.is_error_frame, one.arbitration_id) for one in reported] == [
                 (True, 0x40),
                 (True, 0x100),
             ]
             with pytest.raises(can.CanOperationError, match="--allow-bus-off"):
-                forbidden.send_bus_off(0x100, 0.0)  # type: ignore[attr-defined]
+                forbidden.send_bus_off(0x100, 0.0)

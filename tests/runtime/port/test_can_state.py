@@ -62,7 +62,7 @@ def test_the_kernel_knows_whether_a_controller_is_in_bus_off(
 def test_no_answer_raises(noise: bytes, cut: int) -> None:
     answer = can_link(b"can\0", 3)
     for raw in (noise, answer[:cut], answer[:cut] + noise, link(noise)):
-        assert is_in_bus_off(LOOPBACK, lambda _, raw=raw: raw) in (True, False, None)  # type: ignore[misc]
+        assert is_in_bus_off(LOOPBACK, lambda _, raw=raw: raw) in (True, False, None)
 
 
 def test_where_there_is_no_interface_or_no_answer_nothing_is_known() -> None:

@@ -101,11 +101,11 @@ def opened(*arguments: str, fast: bool = True, ids: Sequence[int] | None = IDS) 
 
 
 def bus_of(found: OpenPort) -> Any:
-    return found.port.bus  # type: ignore[attr-defined]
+    return found.port.bus
 
 
 def given(found: OpenPort) -> Any:
-    return found.port.given  # type: ignore[attr-defined]
+    return found.port.given
 
 
 # The fast path

@@ -85,7 +85,7 @@ def test_the_bus_is_shut_down_however_the_run_ends(options: Options, channel: st
         run(options(), Probe(on_tick_do=fail))
     # Where the bus of the run is gone, a message reaches nobody.
     with can.Bus(interface="virtual", channel=channel) as bus:
-        assert len(bus.channel) == 1  # type: ignore[attr-defined]
+        assert len(bus.channel) == 1
 
 
 # Reports that cannot be written, readers that are gone

@@ -160,8 +160,8 @@ def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> 
     options = {"interface": "emulated", "channel": "can0"}
     with (
         launched_broker(["--allow-bus-off"]) as address,
-        can.Bus(**options, address=address) as node,  # type: ignore[arg-type]
-        can.Bus(**options, address=address) as own,  # type: ignore[arg-type]
+        can.Bus(**options, address=address) as node,
+        can.Bus(**options, address=address) as own,
     ):
         node.send(can.Message(arbitration_id=COMMAND_ID, is_extended_id=False))
         assert own.recv(PATIENCE_S) is not None
