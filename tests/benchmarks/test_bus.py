@@ -15,11 +15,9 @@ from benchmarks.bus import benchmark
 from benchmarks.bus.allocations import TickMemory, tick_memory
 from benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
 from benchmarks.bus.processes import (
-    PRIORITY_MIN,
     CompileError,
     CPrograms,
     compile_all,
-    may_have_priority,
 )
 from benchmarks.bus.records import (
     Answers,
@@ -43,10 +41,6 @@ from benchmarks.bus.runs import (
     AnswerRun,
     Bench,
     TickRun,
-    answer_run,
-    socketcan_options,
-    tick_run,
-    write_frames,
 )
 from benchmarks.bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
 from benchmarks.measurement import Line
@@ -58,7 +52,6 @@ from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.statistics import DurationSummary
 
 MS = 1_000_000
-RUNS_S = (0.2, 2.0, 20.0)  # the next where nobody has answered yet: a machine may be late
 needs_gcc = pytest.mark.skipif(
     sys.platform != "linux" or shutil.which("gcc") is None, reason="needs gcc on Linux"
 )
@@ -335,28 +328,3 @@ def test_without_can_lateness_and_skipped_ticks_are_measured(tmp_path: Path) -> 
     names = [line["name"] for line in content["lines"]]
     assert not [name for name in names if "turn-around" in name]
     assert "lateness, 100 Hz, controller, p99" in names
-
-
-@pytest.mark.vcan
-def test_an_echo_and_the_controller_answer_on_a_real_bus(tmp_path: Path) -> None:
-    priority = PRIORITY_MIN if may_have_priority() else 0
-    bus = (*socketcan_options("vcan0"), "--no-memory-lock")
-    bench = Bench("vcan0", bus, tmp_path, compile_all(tmp_path), priority)
-    write_frames(bench.frames)
-    for seconds in RUNS_S:
-        run = answer_run(bench, C_ECHO, 100, seconds)
-        answered = run.answers.durations.samples
-        assert answered + run.answers.unanswered == round(100 * seconds)
-        if answered:
-            break
-    assert answered
-    for seconds in RUNS_S:
-        beside = tick_run(bench, 100, seconds)
-        if beside.answers is not None and beside.answers.durations.samples:
-            break
-    else:
-        raise AssertionError("nobody answers at its own rate")
-    assert beside.report["connection"]["driver"] == "AF_CAN"
-    assert beside.ticks
-    assert beside.reference
-    assert all(tick.served_ns >= tick.deadline_ns for tick in (*beside.ticks, *beside.reference))

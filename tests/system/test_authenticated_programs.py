@@ -19,7 +19,6 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.dbc.secoc.key_option import AUTHENTICATED, NOBODY
-from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
@@ -198,12 +197,9 @@ def test_a_program_without_a_key_does_without_cryptography() -> None:
 
 
 @pytest.mark.vcan
-def test_a_pair_with_a_key_runs_on_vcan0_and_candump_and_cantools_read_it(
-    tmp_path: Path, key: str
-) -> None:
+def test_a_pair_with_a_key_runs_on_vcan0_and_candump_reads_it(tmp_path: Path, key: str) -> None:
     on_vcan = ["-i", "socketcan", "-c", "vcan0", "--key-file", key]
-    log, definitions = tmp_path / "candump.log", tmp_path / "secured.dbc"
-    definitions.write_text(secured_dbc(), encoding="ascii")
+    log = tmp_path / "candump.log"
     with log.open("wb") as file, subprocess.Popen(["candump", "-L", "vcan0"], stdout=file) as dump:
         try:
             with (
@@ -221,12 +217,3 @@ def test_a_pair_with_a_key_runs_on_vcan0_and_candump_and_cantools_read_it(
     assert plant.report()["connection"]["driver"] == "AF_CAN"
     with log.open(encoding="ascii") as lines:
         assert {len(entry.frame.data) for entry in CandumpReader(lines)} == {20, 48}
-    decoded = subprocess.run(
-        [sys.executable, "-m", "cantools", "decode", "--single-line", str(definitions)],
-        input=log.read_bytes(),
-        capture_output=True,
-        check=True,
-    ).stdout.decode("utf-8")
-    command_lines = [line for line in decoded.splitlines() if "STEERING_COMMAND(" in line]
-    assert len(command_lines) > COMMANDS_MIN
-    assert all("STEERING_COMMAND_MAC: " in line and "STEER: " in line for line in command_lines)

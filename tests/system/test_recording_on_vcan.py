@@ -21,7 +21,7 @@ DOWNLINK_S, UPLINK_S = 0.08, 0.02
 PLANT = [
     "--set", f"latency.downlink.mean_s={DOWNLINK_S}", "--set", f"latency.uplink.mean_s={UPLINK_S}",
 ]  # fmt: skip
-COMMANDS = 100
+COMMANDS = 60
 
 
 class Run(NamedTuple):

@@ -9,7 +9,7 @@ import select
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -109,6 +109,7 @@ def test_the_command_finds_vcan0_and_all_that_it_had_outside(backend: str, tmp_p
         "print(sys.argv[1:], sys.stdin.read(), sys.stdout.isatty());"
         "print(os.environ['WITH_VCAN_BACKEND']);"
         "print(open('/sys/class/net/vcan0/mtu').read().strip());"
+        "print(os.readlink('/proc/self/ns/net'));"
         "print('complaint', file=sys.stderr);"
         "open('made', 'w').write('here');"
         "sys.exit(7)"
@@ -117,7 +118,8 @@ def test_the_command_finds_vcan0_and_all_that_it_had_outside(backend: str, tmp_p
         "--backend", backend, sys.executable, "-c", script, "a b", "'\"$x", "--timeout",
         cwd=tmp_path, variables={"A_VARIABLE": "ä \n'\""}, file_mask=0o27, given="fed",
     )  # fmt: skip
-    assert done.stdout.splitlines() == [
+    *lines, network = done.stdout.splitlines()
+    assert lines == [
         f"{tmp_path} {os.getuid()} {os.getgid()} 0o27 ä ",
         "'\"",
         "['a b', '\\'\"$x', '--timeout'] fed False",
@@ -127,6 +129,8 @@ def test_the_command_finds_vcan0_and_all_that_it_had_outside(backend: str, tmp_p
     assert done.stderr == "complaint\n"
     assert done.returncode == 7
     assert (tmp_path / "made").read_text() == "here"
+    if backend != "uml":  # that is a kernel of its own
+        assert (network == os.readlink("/proc/self/ns/net")) is (backend == "host")
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root may become another")
@@ -228,49 +232,12 @@ def test_nothing_stays_when_the_wrapper_is_killed(
     wait_until(lambda: list(tmp_path.iterdir()) == [], "its folder is gone")
 
 
-SEND_AND_HEAR = """
-import socket, struct, sys
-first, second = (socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) for _ in range(2))
-first.bind(("vcan0",)), second.bind(("vcan0",))
-for line in sys.stdin:
-    if line == "send\\n":
-        first.send(struct.pack("=IB3x8x", int(sys.argv[1]), 0))
-    print(struct.unpack("=IB3x8x", second.recv(16))[0] if line == "hear\\n" else "done", flush=True)
-"""
-
-
-def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
-    command = [*COMMAND, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
-    with ExitStack() as stack:
-        one, two = (
-            stack.enter_context(
-                subprocess.Popen(
-                    [*command, number], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-                )
-            )
-            for number in ("1", "2")
-        )
-
-        def ask(process: subprocess.Popen[str], what: str) -> str:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            process.stdin.write(f"{what}\n")
-            process.stdin.flush()
-            return process.stdout.readline().strip()
-
-        assert [ask(one, "start"), ask(two, "start")] == ["done", "done"]
-        assert [ask(two, "send"), ask(one, "send")] == ["done", "done"]
-        assert [ask(one, "hear"), ask(two, "hear")] == ["1", "2"]
-        for process in (one, two):
-            process.communicate()
-            assert process.returncode == 0
-
-
-@pytest.mark.parametrize("backend", [NAMESPACE], indirect=True)
-def test_a_command_that_cannot_be_run_is_reported_as_by_a_shell(backend: str) -> None:
-    absent, folder = run("--backend", backend, "/absent"), run("--backend", backend, "/")
-    assert (absent.returncode, folder.returncode) == (127, 126)
-    assert absent.stderr.startswith("with-vcan: error: /absent: No such file")
+@pytest.mark.parametrize(("command", "status"), [("/absent", 127), ("/", 126)])
+def test_a_command_that_cannot_be_run_is_reported_as_by_a_shell(command: str, status: int) -> None:
+    code = f"from steer_by_wire.with_vcan.guard import execute; execute([{command!r}], {{}})"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == status
+    assert done.stderr.startswith(f"with-vcan: error: {command}: ")
 
 
 STOPPED_UNDER_A_TRACER = """

@@ -1,5 +1,8 @@
 """The kernel's network emulator in place of our own latency lines: two makers of latency.
 
+    steer-by-wire with-vcan --interfaces vcan0,vcan1 --netem "vcan1:delay 40ms" \
+        python -m pytest tests/soak/latency_in_the_kernel.py
+
 Every frame on the interface with netem meets its delay once, whichever way it goes. The same of our
 own is that delay on commands and on measurements.
 """
