@@ -127,8 +127,9 @@ def paths(folder: Path) -> Iterator[tuple[str, str]]:
 
 def runs(folder: Path) -> Iterator[tuple[str, str]]:
     file, log = folder / "plant.toml", folder / "run.log"
+    of_each_law = {settings.law: (name, settings) for name, settings in controllers().items()}
     for (name, settings), down, up in zip(
-        controllers().items(), cycle(JITTERS), cycle(reversed(JITTERS)), strict=False
+        of_each_law.values(), cycle(JITTERS), cycle(reversed(JITTERS)), strict=False
     ):
         file.write_text(RUN.format(down=down, up=up), encoding="utf-8")
         plant = load_settings(PlantSettings, read_preset(PLANTS, "paper_corner_d"), file)
@@ -140,7 +141,7 @@ def runs(folder: Path) -> Iterator[tuple[str, str]]:
 
 def study(folder: Path) -> Iterator[tuple[str, str]]:
     text = (ROOT / "closed_loop" / "studies" / "paper_box.toml").read_text(encoding="utf-8")
-    for whole, part in (("count = 512", "count = 8"), ("duration_s = 60.0", "duration_s = 12.0")):
+    for whole, part in (("count = 512", "count = 2"), ("duration_s = 60.0", "duration_s = 4.0")):
         assert whole in text
         text = text.replace(whole, part)
     text = text.replace('_ddob"]', '_ddob", "practical_predictor"]')

@@ -4,7 +4,6 @@ import argparse
 import doctest
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +34,11 @@ GIVEN = {
 OF_NODES = ("docs/can_wire.md", "docs/learn/6_measuring.md", "docs/learn/8_your_car.md")
 """Pages that show signals, or a bus, that compiled runs do not have; the others show the same
 numbers with these (tests/closed_loop/compiled)."""
+RIG_ALONE = (
+    *("--disable-plugin-autoload", "-p", "steer_by_wire.closed_loop.pytest_plugin"),
+    *("-p", "no:cacheprovider"),
+)
+"""Options for a pytest within this one."""
 SHORT_S = 3.0
 """Duration of what only has to run: tests of each program let it run for a minute."""
 
@@ -103,8 +107,8 @@ def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch, *, is_sh
     if command.why_not:
         if command.is_ours:
             parse(command, monkeypatch)
-    elif command.words[:1] == ("python",):
-        subprocess.run([sys.executable, *command.words[1:], "-p", "no:cacheprovider"], check=True)
+    elif command.words[:3] == ("python", "-m", "pytest"):
+        assert pytest.main([*command.words[3:], *RIG_ALONE]) == 0
     elif command.words[:1] in LIVE and "--check" not in command.words:
         bus = ("-i", "emulated", "-c", "pages", "--bus-kwargs", f"address={broker}")
         status = main([*command.words, *ORDINARY, "--duration", "0.05", *bus])
