@@ -172,11 +172,13 @@ def settings_of(
     given: str | Path | S,
     values: Mapping[str, Any],
     shared: SharedTable | None = None,
+    context: Mapping[str, Any] | None = None,
 ) -> S:
     """Return the settings of one side, plant or controller, as ``simulate`` takes them.
 
     ``values``  overrides, by ``table.key``; a part stands for its place
     ``shared``  table of the vehicle's file, in place of the same of a preset or file
+    ``context`` for validators, as that of ``load_settings``
 
     Raises SettingsError.
     """
@@ -186,9 +188,9 @@ def settings_of(
             raise SettingsError(f"vehicle and {side} of type {model.__name__}: give one of the two")
         settings = given
     elif isinstance(given, Path) or (isinstance(given, str) and given.endswith(".toml")):
-        settings = load_settings(model, file=Path(given), shared=shared)
+        settings = load_settings(model, file=Path(given), shared=shared, context=context)
     elif isinstance(given, str):
-        settings = load_settings(model, read_preset(presets, given), shared=shared)
+        settings = load_settings(model, read_preset(presets, given), shared=shared, context=context)
     else:
         raise SettingsError(
             f"{side} is of type {type(given).__name__} (allowed: name of a preset, path of a"
@@ -199,7 +201,7 @@ def settings_of(
         placed = by_place(values)
     except ValueError as error:
         raise SettingsError(f"{where}: {error}") from error
-    return with_values(settings, placed, where) if values else settings
+    return with_values(settings, placed, where, context) if values else settings
 
 
 def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:

@@ -3,22 +3,27 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..controller.node.node import ControllerNode
 from ..controller.settings import ControllerSettings
+from ..dbc.dialect import settings as ends
 from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
-from ..plant_emulator.faults.stage import FaultyNode, with_faults
+from ..plant_emulator.faults.messages_on_bus import messages_on
+from ..plant_emulator.faults.stage import with_faults
 from ..plant_emulator.node.node import PlantNode
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import Frame
-from ..runtime.node import NEVER_NS, Node
+from ..runtime.node import NEVER_NS, Node, ReportingNode
 from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ..runtime.program.garbage_collection import no_collections
 from ..runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
+
+if TYPE_CHECKING:
+    from ..dbc.dialect.dialect import Dialect
 
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60
@@ -33,7 +38,7 @@ class VirtualPair(NamedTuple):
     """
 
     plant: PlantNode
-    edge: PlantNode | FaultyNode[PlantNode]
+    edge: ReportingNode
     controller: ControllerNode
 
 
@@ -52,11 +57,26 @@ def make_virtual_pair(
 
 
 def make_virtual_plant(
-    settings: PlantSettings, samples_max: int = SAMPLES_MAX
-) -> tuple[PlantNode, PlantNode | FaultyNode[PlantNode]]:
-    """Make the plant, and its node on the bus: itself, behind the faults of its settings."""
+    settings: PlantSettings, samples_max: int = SAMPLES_MAX, dialect: "Dialect | None" = None
+) -> tuple[PlantNode, ReportingNode]:
+    """Make the plant, and its node on the bus: in a dialect, behind the faults of its settings."""
     plant = PlantNode(settings, 0, samples_max=samples_max)
-    return plant, with_faults(plant, settings.faults, settings.seed)
+    spoken = in_dialect(plant, dialect, ends.PLANT, 0)
+    return plant, with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
+
+
+def in_dialect(
+    node: ReportingNode, dialect: "Dialect | None", end: str, start_ns: int
+) -> ReportingNode:
+    """Return a node behind a gateway, if the bus speaks a car's messages.
+
+    ``end``  ``dbc.dialect.settings.PLANT`` or CONTROLLER
+    """
+    if dialect is None:
+        return node
+    from ..dbc.dialect.gateway import Gateway  # needs cantools, which takes a while to import
+
+    return Gateway(node, dialect, end, start_ns)
 
 
 def run_virtual_pair(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_node_in_dialect
 from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
@@ -124,6 +124,7 @@ def _run(options: argparse.Namespace) -> int:
         (*RECEIVED, *SENT),
         partial(conclude, settings),
         ENDING,
+        dialect_of(options.dialect),
         settings.law_that_reads_the_vehicle,
     )
 

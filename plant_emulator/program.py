@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, run_node_in_dialect
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_node_in_dialect
 from ..dbc.secoc.key_option import add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
@@ -20,7 +20,8 @@ from .check_option import check_text
 from .evaluation.fail_if_quantities import QUANTITIES
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
-from .faults.stage import FaultyNode, with_faults
+from .faults.messages_on_bus import messages_on, naming
+from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
 from .path.drivability import undrivable
 from .path.path_from_settings import build_path
@@ -61,8 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
+    dialect = dialect_of(options.dialect)
     settings = load_program_settings(
-        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle)
+        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle), naming(dialect)
     )
     if options.check:
         print(check_text(settings), end="")
@@ -77,18 +79,19 @@ def _run(options: argparse.Namespace) -> int:
         options,
         settings,
         PLANT,
-        lambda start_ns: with_faults(
-            PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
-        ),
+        lambda start_ns: PlantNode(settings, start_ns, params, samples_max),
         (*RECEIVED, *SENT),
         partial(_conclude, options),
         ENDING,
+        dialect,
+        edge_of=lambda node: with_faults(
+            node, settings.faults, settings.seed, messages_on(dialect)
+        ),
     )
 
 
-def _conclude(options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]) -> None:
+def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
     """Write the trace, and print how well the path was held."""
-    node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples, node.interventions.marks())
     for heading, text in plant_summary(node.report()):

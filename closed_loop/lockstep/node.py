@@ -2,19 +2,20 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect import settings as dialect_settings
-from ...dbc.dialect.dialect import Dialect
-from ...dbc.dialect.gateway import Gateway
+from ...dbc.dialect import settings as ends
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
-from ..pair_result import CONTROLLER, PLANT
 from ..process_group import ProcessError
+from ..virtual_pair import in_dialect
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.dialect import Dialect
 
 
 class LockstepNode:
@@ -101,13 +102,9 @@ def controller_node(
         yield LockstepNode(program, 0)
 
 
-def gateways_of(
-    dialect: Dialect | None, plant: ReportingNode, controller: ControllerNode | LockstepNode
-) -> dict[str, Gateway[ReportingNode]]:
-    """Return the gateways of a run in a dialect, by program; a program speaks it of itself."""
-    if dialect is None:
-        return {}
-    gateways = {PLANT: Gateway(plant, dialect, dialect_settings.PLANT, 0)}
-    if isinstance(controller, ControllerNode):
-        gateways[CONTROLLER] = Gateway(controller, dialect, dialect_settings.CONTROLLER, 0)
-    return gateways
+def controller_in(
+    dialect: "Dialect | None", controller: ControllerNode | LockstepNode
+) -> ReportingNode:
+    """Return the controller as it is on a bus in a dialect; a program speaks it of itself."""
+    own = dialect if isinstance(controller, ControllerNode) else None
+    return in_dialect(controller, own, ends.CONTROLLER, 0)

@@ -19,10 +19,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
+from ...dbc.dialect import settings as ends
+from ...dbc.dialect.option import dialect_of
+from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NS_PER_S, ReportingNode
@@ -39,12 +42,15 @@ from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
 from ..process_group import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
-from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
+from ..virtual_pair import (
+    START_S_MAX,
+    in_dialect,
+    make_virtual_plant,
+    run_virtual_nodes,
+    waits_in_vain,
+)
 from .command import STATUS_KILLED
 from .outcome_and_assertions import Outcome
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.dialect import Dialect
 
 MakeNode = Callable[[int], ReportingNode]
 _COMMAND = "steer_by_wire.closed_loop.rig.command"
@@ -78,16 +84,11 @@ class Rig:
         if bus not in BUSES:
             raise SettingsError(f"bus {bus}: there is none of this name ({hint(bus, BUSES)})")
         values = {**overrides, **({} if seed is None else {"seed": seed})}
-        self.settings = settings_of(PlantSettings, plant, values)
+        self._dialect_file = None if dialect is None else Path(dialect)
+        self._dialect = dialect_of(self._dialect_file)
+        self.settings = settings_of(PlantSettings, plant, values, context=naming(self._dialect))
         self.bus = bus
         self.outcomes: list[Outcome] = []
-        self._dialect_file = None if dialect is None else Path(dialect)
-        self._dialect: Dialect | None = None
-        if self._dialect_file is not None:
-            # Only a dialect needs cantools, which takes a while to import.
-            from ...dbc.dialect.dialect import read_dialect
-
-            self._dialect = read_dialect(self._dialect_file)
         self._folder = folder
 
     def run(
@@ -146,23 +147,13 @@ class Rig:
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
-        return self._in_dialect(ControllerNode(settings, start_ns), CONTROLLER, start_ns)
-
-    def _in_dialect(self, node: ReportingNode, end: str, start_ns: int) -> ReportingNode:
-        """Return a node behind a gateway, if the bus speaks a car's messages."""
-        if self._dialect is None:
-            return node
-        from ...dbc.dialect import settings as ends
-        from ...dbc.dialect.gateway import Gateway
-
-        name = ends.PLANT if end == PLANT else ends.CONTROLLER
-        return Gateway(node, self._dialect, name, start_ns)
+        node = ControllerNode(settings, start_ns)
+        return in_dialect(node, self._dialect, ends.CONTROLLER, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
     ) -> Outcome:
-        plant, node = make_virtual_plant(settings)
-        edge = self._in_dialect(node, PLANT, 0)
+        plant, edge = make_virtual_plant(settings, dialect=self._dialect)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         controller = make_node(0)
         run_virtual_nodes(edge, controller, bus, log, waits_in_vain(plant, START_S_MAX))

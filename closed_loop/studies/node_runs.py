@@ -27,8 +27,8 @@ from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time_loop import Wire
-from ..lockstep.node import LockstepNode, controller_node, gateways_of
-from ..pair_result import CONTROLLER, PLANT, Trace
+from ..lockstep.node import LockstepNode, controller_in, controller_node
+from ..pair_result import Trace
 from ..virtual_bus import shared_bus, with_clocks
 from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .compiled_figures import (
@@ -129,14 +129,12 @@ def _ran(pair: Pair, bus: BusSettings) -> Ran:
 
 
 def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
-    plant, edge = make_virtual_plant(pair.plant)
     dialect = read_dialect(FilePath(pair.dialect)) if pair.dialect else None
+    plant, edge = make_virtual_plant(pair.plant, dialect=dialect)
     listening = OURS if dialect is None else Overheard(dialect)
     listener = DelayListener(pair.plant, pair.controller, listening)
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        gateways = gateways_of(dialect, edge, controller)
-        ends = gateways.get(PLANT, edge), gateways.get(CONTROLLER, controller)
-        nodes = with_clocks(*ends, bus)
+        nodes = with_clocks(edge, controller_in(dialect, controller), bus)
         in_vain = waits_in_vain(plant, START_S_MAX)
         run_virtual_nodes(*nodes, wire, None, in_vain, listener.on_wire)
     return Ran(plant, controller, listener)

@@ -1,6 +1,7 @@
 """One message of a car: quantities to a frame with counter and checksum, and back."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -70,12 +71,7 @@ class CarMessage:
             raw[signal.name] = _raw_of(signal, scaled)
         if self.settings.counter:
             raw[self.settings.counter] = number % self.counters
-        rule = self.settings.checksum
-        if rule is not None:
-            raw[rule.signal] = 0
-            data = self._encoded(raw)
-            raw[rule.signal] = rule.compute(self.can_id, data, self._mask)
-        return Frame(self.can_id, self._encoded(raw), self.flags)
+        return Frame(self.can_id, self._sealed(raw), self.flags)
 
     def read(self, data: bytes) -> Reading | Refused:
         """Return the quantities in a frame, the mean where several signals carry one."""
@@ -101,6 +97,51 @@ class CarMessage:
         return Reading(values, int(raw.get(self.settings.counter, 0)))
 
     @property
+    def changeable(self) -> Sequence[str]:
+        """The names of its signals but counter and checksum."""
+        rule = self.settings.checksum
+        protecting = (self.settings.counter, rule and rule.signal)
+        return [name for name in self.signals if name not in protecting]
+
+    @property
+    def has_room_outside(self) -> bool:
+        """Whether a raw value of a signal can be outside the range in the database."""
+        return any(True for _ in self._raws_outside())
+
+    def changed(
+        self, data: bytes, name: str, change: Callable[[float], float], steps: int
+    ) -> bytes | None:
+        """Return a frame's data with a signal changed, its counter advanced, a valid checksum.
+
+        ``change``  new value from the value, in the database's unit; the end of the signal's range
+                    is sent for one beyond it
+
+        None if the data is not valid, or does not have the signal.
+        """
+        raw = self._raw(data)
+        if raw is None or name not in raw:
+            return None
+        signal = self._message.get_signal_by_name(name)
+        low, high = _range(signal)
+        value = change(raw[name] * signal.scale + signal.offset)
+        value = low if math.isnan(value) else min(max(value, low), high)
+        own = {name: _raw_of(signal, value)}
+        if self.settings.counter:
+            own[self.settings.counter] = (raw[self.settings.counter] + steps) % self.counters
+        return self._sealed(raw | own, self._beside_signals(data, raw))
+
+    def outside(self, data: bytes) -> bytes | None:
+        """Return a frame's data with a raw value outside its signal's range, a valid checksum.
+
+        None if the data is not valid, or has no signal with room outside its range.
+        """
+        raw = self._raw(data)
+        for name, own in self._raws_outside():
+            if raw is not None and name in raw:
+                return self._sealed(raw | {name: own}, self._beside_signals(data, raw))
+        return None
+
+    @property
     def signals(self) -> Sequence[str]:
         """The names of its signals, in the order of the database."""
         return [signal.name for signal in self._message.signals]
@@ -114,6 +155,41 @@ class CarMessage:
         """Return the signals of an accepted frame in words."""
         decoded: Any = self._message.decode(data, decode_choices=True)
         return ", ".join(f"{name} {_short(value)}" for name, value in decoded.items())
+
+    def _raw(self, data: bytes) -> dict[str, float] | None:
+        """Return the raw values in a frame that is valid."""
+        if isinstance(self.read(data), Refused):
+            return None
+        raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
+        return dict(raw)
+
+    def _beside_signals(self, data: bytes, raw: Mapping[str, float]) -> int:
+        """Return the bits of a frame that belong to no signal."""
+        return int.from_bytes(data, "big") ^ int.from_bytes(self._encoded(raw), "big")
+
+    def _raws_outside(self) -> Iterator[tuple[str, int]]:
+        """Yield signals with a raw value outside their range, first those that carry a quantity."""
+        carried = [name for name in self.changeable if name in self.settings.signals]
+        for name in dict.fromkeys((*carried, *self.changeable)):
+            signal = self._message.get_signal_by_name(name)
+            low, high = _range(signal)
+            for raw in () if signal.is_float else _raw_range(signal):
+                if not low <= raw * signal.scale + signal.offset <= high:
+                    yield name, raw
+
+    def _sealed(self, raw: Mapping[str, float], beside: int = 0) -> bytes:
+        """Return the data of raw values with their checksum; ``beside`` has the other bits."""
+        rule = self.settings.checksum
+        if rule is not None:
+            bare = self._with_bits({**raw, rule.signal: 0}, beside)
+            raw = {**raw, rule.signal: rule.compute(self.can_id, bare, self._mask)}
+        return self._with_bits(raw, beside)
+
+    def _with_bits(self, raw: Mapping[str, float], beside: int) -> bytes:
+        data = self._encoded(raw)
+        if not beside:
+            return data
+        return (int.from_bytes(data, "big") | beside).to_bytes(len(data), "big")
 
     def _encoded(self, raw: Mapping[str, float]) -> bytes:
         return self._message.encode(dict(raw), scaling=False, strict=False)
@@ -130,6 +206,16 @@ def _raw_range(signal: Signal) -> tuple[int, int]:
     """Return the least and the largest raw value that fits into a signal."""
     bits = signal.length
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
+
+
+def _range(signal: Signal) -> tuple[float, float]:
+    """Return the range of a signal in the database, within what fits into it."""
+    ends = [raw * signal.scale + signal.offset for raw in _raw_range(signal)]
+    low, high = (-math.inf, math.inf) if signal.is_float else (min(ends), max(ends))
+    return (
+        low if signal.minimum is None else max(low, signal.minimum),
+        high if signal.maximum is None else min(high, signal.maximum),
+    )
 
 
 def _raw_of(signal: Signal, scaled: float) -> float:

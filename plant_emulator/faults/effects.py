@@ -1,82 +1,30 @@
 """The effect of each kind of fault on one frame: the frames passed on, in order.
 
 Random numbers come from the fault's own stream, and only while it is active. A wire fault changes
-bytes. A signal fault decodes the message, changes one value and encodes it with the same counter,
-as a faulty sender would. A value beyond its signal's range is sent as the end of that range.
+bytes; a signal fault changes one value, as ``messages_on_bus`` does on this bus.
 """
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import NormalDist
 from types import MappingProxyType
 
-from ...dbc import messages
-from ...dbc.codec.layout import MessageLayout
-from ...dbc.codec.protection import COUNTERS, protect
-from ...dbc.contract.generated_layout import LAYOUTS
-from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from .settings import (
-    MESSAGES_OF,
-    FaultDirection,
-    FaultKind,
-    FaultSettings,
-    fields_of,
-    message_types_of,
-)
+from .messages_on_bus import OURS, MessagesOnBus
+from .settings import FaultKind, FaultSettings
 
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2
 RECORDED_MAX = 100_000
 """Frames that a replay or a delay stores: ten seconds of all messages at the highest rates."""
 
-_DOWN, _UP = (MESSAGES_OF[direction] for direction in FaultDirection)
-_MOVED_TO: Mapping[int, int] = MappingProxyType(
-    {
-        **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),
-        **dict.fromkeys(map(CAN_IDS.__getitem__, _UP), CAN_IDS[messages.LateralError]),
-        CAN_IDS[messages.SteeringCommand]: CAN_IDS[messages.ControllerStatus],
-        CAN_IDS[messages.SteeringPlan]: CAN_IDS[messages.ControllerStatus],
-        CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
-    }
-)
-"""The wrong identifier that replaces that of a message."""
-
-
-def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
-    """Yield first bit, length and a raw value outside its range of each signal that has one.
-
-    Enumerations and counts first: outside its range, a measured value may be "not available".
-    """
-    for signal in sorted(layout.signals, key=lambda signal: signal.scale != 1):
-        if signal.is_signed:
-            raw = 1 << signal.length - 1
-            is_outside = -raw * signal.scale < signal.minimum
-        else:
-            raw = (1 << signal.length) - 1
-            is_outside = raw * signal.scale > signal.maximum
-        if is_outside:
-            yield signal.start, signal.length, raw
-
-
-_RAW_OUTSIDE = MappingProxyType(
-    {layout.can_id: next(_raws_outside(layout)) for layout in LAYOUTS if layout.data_id is not None}
-)
-_TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
-
-
-def bits_of(fault: FaultSettings) -> int:
-    """Return the length of the frames' data [bits], of the shortest where there are several."""
-    ids = {CAN_IDS[message_type] for message_type in message_types_of(fault)}
-    return min(8 * layout.length for layout in LAYOUTS if layout.can_id in ids)
-
 
 class FaultMemory:
     """Memory of one fault.
 
     ``draws``     its random stream
+    ``messages``  on the bus
     ``now_ns``, ``since_onset_s``  of the present frame
     ``before``    the last frame of each identifier before the onset
     ``recorded``  frames and their arrival times [ns], for a replay
@@ -85,8 +33,8 @@ class FaultMemory:
     ``delayed``   frames and when they are passed on [ns]
     """
 
-    def __init__(self, draws: Iterator[float]) -> None:
-        self.draws = draws
+    def __init__(self, draws: Iterator[float], messages: MessagesOnBus = OURS) -> None:
+        self.draws, self.messages = draws, messages
         self.now_ns, self.since_onset_s = 0, 0.0
         self.before: dict[int, Frame] = {}
         self.recorded: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
@@ -156,12 +104,11 @@ def _shorten(p: FaultSettings, _x: FaultMemory, frame: Frame) -> Sequence[Frame]
 
 
 def _move(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
-    can_id = _MOVED_TO.get(frame.can_id, frame.can_id)
-    return (frame._replace(can_id=can_id) if x.happens(p.magnitude) else frame,)
+    return (x.messages.moved(frame) if x.happens(p.magnitude) else frame,)
 
 
-def _spoof(p: FaultSettings, _x: FaultMemory, frame: Frame) -> Sequence[Frame]:
-    forged = with_value(frame, str(p.signal), lambda _name, _value: p.magnitude, steps=1)
+def _spoof(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
+    forged = x.messages.with_value(frame, str(p.signal), lambda _name, _value: p.magnitude, 1)
     return (frame,) if forged is None else (frame, forged)
 
 
@@ -172,56 +119,32 @@ def _replay(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
 
 
 def _out_of_range(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
-    first, bits, raw = _RAW_OUTSIDE[frame.can_id]
-    if not x.happens(p.magnitude) or not isinstance(decode(frame), Decoded):
-        return (frame,)
-    word = int.from_bytes(frame.data, "little") & ~((1 << bits) - 1 << first) | raw << first
-    payload = bytearray(word.to_bytes(len(frame.data), "little"))
-    protect(payload, DATA_IDS[_TYPES_BY_ID[frame.can_id]])
-    return (frame._replace(data=bytes(payload)),)
+    outside = x.messages.outside(frame) if x.happens(p.magnitude) else None
+    return (outside or frame,)
 
 
 def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
-    before = decode(x.before[frame.can_id]) if frame.can_id in x.before else None
-    if not isinstance(before, Decoded) or not x.happens(p.magnitude):
+    before = x.before.get(frame.can_id)
+    values = x.messages.values(before, str(p.signal)) if before is not None else {}
+    if not values or not x.happens(p.magnitude):
         return (frame,)
-    message = before.message
-    return (_changed(p, frame, lambda name, _value: float(getattr(message, name))),)
+    return (_changed(p, x, frame, lambda name, value: values.get(name, value)),)
 
 
 def _noise(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     score = NormalDist().inv_cdf(min(max(next(x.draws), 1e-15), 1.0 - 1e-15))
-    return (_changed(p, frame, lambda _name, value: value + p.magnitude * score),)
+    return (_changed(p, x, frame, lambda _name, value: value + p.magnitude * score),)
 
 
 def _changing(change: Callable[[FaultSettings, FaultMemory, float], float]) -> Effect:
     """Return the effect that changes the value of the signal."""
-    return lambda p, x, frame: (_changed(p, frame, lambda _name, value: change(p, x, value)),)
+    return lambda p, x, frame: (_changed(p, x, frame, lambda _name, value: change(p, x, value)),)
 
 
-def _changed(p: FaultSettings, frame: Frame, change: Callable[[str, float], float]) -> Frame:
-    return with_value(frame, str(p.signal), change) or frame
-
-
-def with_value(
-    frame: Frame, signal: str, change: Callable[[str, float], float], steps: int = 0
-) -> Frame | None:
-    """Return the frame with a signal changed, its counter advanced by ``steps``, and a valid CRC.
-
-    ``change``  new value from a field's name and its value
-
-    None if the frame is not a valid message, or the message does not have the signal.
-    """
-    decoded = decode(frame)
-    if not isinstance(decoded, Decoded):
-        return None
-    message_type, fields = type(decoded.message), decoded.message._asdict()
-    names = fields_of(message_type, signal)
-    for name in names:
-        low, high = limits(message_type)[name]
-        value = change(name, float(fields[name]))
-        fields[name] = low if math.isnan(value) else min(max(value, low), high)
-    return encode(message_type(**fields), (decoded.counter + steps) % COUNTERS) if names else None
+def _changed(
+    p: FaultSettings, x: FaultMemory, frame: Frame, change: Callable[[str, float], float]
+) -> Frame:
+    return x.messages.with_value(frame, str(p.signal), change) or frame
 
 
 EFFECTS: Mapping[FaultKind, Effect] = MappingProxyType(

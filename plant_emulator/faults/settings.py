@@ -13,12 +13,12 @@ faults are those of a sender: the value is wrong, CRC and counter are valid.
 ``plant_emulator.faults.stage`` applies them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Annotated, NamedTuple, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from ...dbc import messages
 from ...dbc.messages import MESSAGE_TYPES, Message
@@ -132,9 +132,10 @@ class FaultSettings(Settings):
     kind: FaultKind
     direction: FaultDirection
     message: str = ALL
-    """A message of the DBC, or "all" messages of the direction."""
+    """A message of the DBC, or "all" messages of the direction; in a dialect one of the car's."""
     signal: str | None = None
-    """For signal faults: a field of the message, such as ``lateral_error_m``."""
+    """For signal faults: a field of the message, such as ``lateral_error_m``; in a dialect one of
+    the car's signals, in its database's unit."""
     onset_s: float = Field(0.0, ge=0.0, le=1e6)
     """After the first command that arrives at the plant, which starts the motion."""
     duration_s: float = Field(1e6, gt=0.0, le=1e6)
@@ -144,7 +145,7 @@ class FaultSettings(Settings):
     """Number of its random stream; default: its place in the list."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _fits_together(self, info: ValidationInfo) -> Self:
         what, low, high, is_whole = MAGNITUDES[self.kind]
         if not low <= self.magnitude <= high or (is_whole and self.magnitude % 1.0):
             whole = ", whole" if is_whole else ""
@@ -152,28 +153,49 @@ class FaultSettings(Settings):
                 f"magnitude of {self.kind} ({what}) must be {low:g} to {high:g}{whole},"
                 f" not {self.magnitude:g}"
             )
-        known = MESSAGES_OF[self.direction]
-        names = [name for name, kind in MESSAGE_TYPES.items() if kind in known]
-        if self.message != ALL and self.message not in names:
-            raise ValueError(
-                f"message of the {self.direction} must be {', '.join(names)} or {ALL},"
-                f" not {self.message!r}"
-            )
-        self._refuse_a_signal_that_is_none()
+        if self.kind not in SIGNAL_FAULTS and self.signal is not None:
+            raise ValueError(f"{self.kind} changes no single signal: leave signal out")
+        names: Names = (info.context or {}).get(NAMES, OUR_NAMES)
+        names.refuse(self)
         return self
 
-    def _refuse_a_signal_that_is_none(self) -> None:
-        if self.kind not in SIGNAL_FAULTS:
-            if self.signal is not None:
-                raise ValueError(f"{self.kind} changes no single signal: leave signal out")
-            return
-        if self.message == ALL:
-            raise ValueError(f"{self.kind} needs a message, and a signal of it")
-        fields = quantities_of(MESSAGE_TYPES[self.message])
-        if self.signal not in fields:
-            given = "none" if self.signal is None else repr(self.signal)
+
+class Names(NamedTuple):
+    """What faults can name on a bus.
+
+    ``signals``     of each message that can be changed, by direction and name of the message
+    ``impossible``  messages to which a kind cannot happen
+    ``whose``       the names are, for error messages
+    """
+
+    signals: Mapping[FaultDirection, Mapping[str, Collection[str]]]
+    impossible: Mapping[FaultKind, Collection[str]] = MappingProxyType({})
+    whose: str = ""
+
+    def messages(self, fault: FaultSettings) -> Collection[str]:
+        """Return the messages on which a fault of this kind and direction can act."""
+        never = self.impossible.get(fault.kind, ())
+        return [name for name in self.signals[fault.direction] if name not in never]
+
+    def refuse(self, fault: FaultSettings) -> None:
+        """Raise ValueError if a fault names what it cannot act on."""
+        names = self.messages(fault)
+        if fault.message not in names and (fault.message != ALL or not names):
             raise ValueError(
-                f"signal of {self.message} must be {' or '.join(fields) or 'none'}, not {given}"
+                f"message of the {fault.direction} must be {', '.join(names)} or {ALL}"
+                f"{self.whose}, not {fault.message!r}"
+                if names
+                else f"{fault.kind} can happen to no message of the {fault.direction}{self.whose}"
+            )
+        if fault.kind not in SIGNAL_FAULTS:
+            return
+        if fault.message == ALL:
+            raise ValueError(f"{fault.kind} needs a message, and a signal of it")
+        signals = self.signals[fault.direction][fault.message]
+        if fault.signal not in signals:
+            given = "none" if fault.signal is None else repr(fault.signal)
+            raise ValueError(
+                f"signal of {fault.message} must be {' or '.join(signals) or 'none'}, not {given}"
             )
 
 
@@ -195,3 +217,13 @@ def message_types_of(fault: FaultSettings) -> tuple[type[Message], ...]:
     if fault.message == ALL:
         return MESSAGES_OF[fault.direction]
     return (MESSAGE_TYPES[fault.message],)
+
+
+NAMES = "fault_names"
+"""Key of the names on the bus, in the context of validation; without it they are ours."""
+OUR_NAMES = Names(
+    {
+        direction: {name: quantities_of(kind) for name, kind in MESSAGE_TYPES.items() if kind in of}
+        for direction, of in MESSAGES_OF.items()
+    }
+)

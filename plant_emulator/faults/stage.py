@@ -13,14 +13,12 @@ Onsets count from the first command or plan that arrives, with which the motion 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from ...dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from ..network.random_streams import Stream, uniforms
 from .effects import EFFECTS, FaultMemory, overtake
-from .settings import FaultDirection, FaultKind, FaultSettings, message_types_of
-
-_COMMAND_IDS = frozenset((CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]))
+from .messages_on_bus import OURS, MessagesOnBus
+from .settings import FaultDirection, FaultKind, FaultSettings
 
 
 class FaultStage:
@@ -28,6 +26,7 @@ class FaultStage:
 
     ``seed``      of the run
     ``place``     in the list of faults; selects the random stream, unless the settings do
+    ``messages``  on the bus
 
     ``changed``   frames so far that were lost, changed, delayed or joined by others
 
@@ -35,12 +34,14 @@ class FaultStage:
     frames passed on instead.
     """
 
-    def __init__(self, settings: FaultSettings, seed: int, place: int) -> None:
+    def __init__(
+        self, settings: FaultSettings, seed: int, place: int, messages: MessagesOnBus = OURS
+    ) -> None:
         self.settings = settings
         self._effect = EFFECTS[settings.kind]
-        self._ids = frozenset(CAN_IDS[message_type] for message_type in message_types_of(settings))
+        self._ids = messages.ids(settings)
         stream = place if settings.stream is None else settings.stream
-        self._memory = FaultMemory(uniforms(seed, Stream.FAULTS, stream))
+        self._memory = FaultMemory(uniforms(seed, Stream.FAULTS, stream), messages)
         self._records = settings.kind is FaultKind.REPLAY
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
@@ -110,13 +111,23 @@ class FaultStage:
 class FaultyNode(Wrapper[N]):
     """Runs ``node`` with faults of its frames.
 
-    ``faults``  of both directions, in the order of their stages
-    ``seed``    of the run
+    ``faults``    of both directions, in the order of their stages
+    ``seed``      of the run
+    ``messages``  on the bus
     """
 
-    def __init__(self, node: N, faults: Sequence[FaultSettings], seed: int) -> None:
+    def __init__(
+        self,
+        node: N,
+        faults: Sequence[FaultSettings],
+        seed: int,
+        messages: MessagesOnBus = OURS,
+    ) -> None:
         super().__init__(node)
-        self.stages = [FaultStage(fault, seed, place) for place, fault in enumerate(faults)]
+        self._messages = messages
+        self.stages = [
+            FaultStage(fault, seed, place, messages) for place, fault in enumerate(faults)
+        ]
         self._down, self._up = (
             [stage for stage in self.stages if stage.settings.direction is direction]
             for direction in (FaultDirection.DOWNLINK, FaultDirection.UPLINK)
@@ -130,7 +141,7 @@ class FaultyNode(Wrapper[N]):
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame to the node through the downlink's faults."""
-        if self._start_ns is None and frame.can_id in _COMMAND_IDS:
+        if self._start_ns is None and self._messages.starts(frame, now_ns):
             self._start_ns = now_ns
         return self._hand_in(self._through(self._down, [frame], now_ns), now_ns)
 
@@ -163,6 +174,8 @@ class FaultyNode(Wrapper[N]):
         return frames
 
 
-def with_faults(node: N, faults: Sequence[FaultSettings], seed: int) -> N | FaultyNode[N]:
+def with_faults(
+    node: N, faults: Sequence[FaultSettings], seed: int, messages: MessagesOnBus = OURS
+) -> N | FaultyNode[N]:
     """Return the node behind the faults of its settings; the node itself if there are none."""
-    return FaultyNode(node, faults, seed) if faults else node
+    return FaultyNode(node, faults, seed, messages) if faults else node

@@ -2,10 +2,10 @@
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ..bus_model.settings import ClockSettings
 from ..command_line import (
@@ -122,14 +122,16 @@ def load_program_settings(
     options: argparse.Namespace,
     overrides: Sequence[str] = (),
     shared: SharedTable | None = None,
+    context: Mapping[str, Any] | None = None,
 ) -> _S:
     """Return the settings of the command line; raises SettingsError.
 
     ``overrides``  further ``table.key=value``, on top of those of ``--set``
+    ``context``    for validators, as that of ``load_settings``
     """
     preset = read_preset(preset_package, options.preset) if options.preset else None
     own = [*options.overrides, *overrides]
-    return load_settings(model, preset, options.settings, own, shared)
+    return load_settings(model, preset, options.settings, own, shared, context)
 
 
 def _recording_file(text: str) -> Path:

@@ -114,10 +114,12 @@ def load_settings(
     file: Path | None = None,
     overrides: Sequence[str] = (),
     shared: SharedTable | None = None,
+    context: Mapping[str, Any] | None = None,
 ) -> S:
     """Return the checked settings: ``preset``, ``file``, ``shared``, ``overrides`` in layers.
 
     ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
+    ``context``    what validators of the model find in ``ValidationInfo.context``
 
     Raises SettingsError.
     """
@@ -132,14 +134,17 @@ def load_settings(
         _merge(merged, shared.content, shared.source, (), sources)
     if overrides:
         _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
-    return _checked(model, merged, sources)
+    return _checked(model, merged, sources, context)
 
 
-def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
+def with_values(
+    settings: S, values: Mapping[str, Any], source: str, context: Mapping[str, Any] | None = None
+) -> S:
     """Return ``settings`` with other ``values``, each by its dotted key, as ``table.key``.
 
     ``values``  any TOML value, NumPy's numbers, paths, or settings
     ``source``  origin of the values, for error messages
+    ``context`` as that of ``load_settings``
 
     Raises SettingsError.
     """
@@ -152,7 +157,7 @@ def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
             raise SettingsError(f"{source}: {key} = None: settings have no such value")
         _set(tables, key.split("."), json.loads(json.dumps(value, default=_plain)), source)
     _merge(merged, tables, source, (), sources)
-    return _checked(type(settings), merged, sources)
+    return _checked(type(settings), merged, sources, context)
 
 
 def _plain(value: Any) -> Any:
@@ -162,11 +167,18 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)  # NumPy's
 
 
-def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]) -> S:
+def _checked(
+    model: type[S],
+    merged: dict[str, Any],
+    sources: dict[KeyPath, str],
+    context: Mapping[str, Any] | None,
+) -> S:
     """Return the settings of merged tables; raises SettingsError."""
     try:
         # As JSON: there "strict" still accepts lists for tuples and words for enums.
-        return model.model_validate_json(json.dumps(merged, default=str), strict=True)
+        return model.model_validate_json(
+            json.dumps(merged, default=str), strict=True, context=context
+        )
     except ValidationError as error:
         mistakes = explain(error, model.json_schema_for(merged), merged, sources)
     raise SettingsError(*mistakes)

@@ -17,7 +17,8 @@ def test_two_programs_speak_the_car_s_messages(tmp_path: Path) -> None:
     with launched_broker() as address:
         bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
         report, other = tmp_path / "plant.json", tmp_path / "controller.json"
-        drive = ("--duration", "60", "--set", "safety.ftti_ms=off")
+        fault = 'faults=[{kind="duplicate", direction="uplink", message="MOTION"}]'
+        drive = ("--duration", "60", "--set", "safety.ftti_ms=off", "--set", fault)
         with (
             running("steer_by_wire.plant_emulator", [*bus, *DIALECT, *drive], report) as plant,
             running("steer_by_wire.controller", [*bus, *DIALECT], other) as controller,
@@ -35,6 +36,7 @@ def test_two_programs_speak_the_car_s_messages(tmp_path: Path) -> None:
             "wrong length",
             "out of range",
         }
+    assert reports[0]["faults"][0]["changed"] > 0
     assert any("dialect: " in line for line in plant.printed)
 
 

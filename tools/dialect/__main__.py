@@ -13,15 +13,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from steer_by_wire.closed_loop.lockstep.node import gateways_of
+from steer_by_wire.closed_loop.lockstep.node import controller_in
 from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import (
     START_S_MAX,
-    make_virtual_pair,
+    make_virtual_plant,
     run_virtual_nodes,
     waits_in_vain,
 )
+from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_dialect
 from steer_by_wire.dbc.dialect.gateway import dialect_text
@@ -81,11 +82,11 @@ def _check(options: argparse.Namespace) -> int:
     for quantity in missing:
         print(f"missing: {quantity}: needed by {_NEEDED_BY[quantity]}")
     plant = PlantSettings(duration_s=MOTION_S)
-    pair = make_virtual_pair(plant, controller_preset(CONTROLLER_PRESET))
-    gateways = gateways_of(dialect, pair.edge, pair.controller)
-    bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(pair.plant, START_S_MAX)
-    run_virtual_nodes(gateways[PLANT], gateways[CONTROLLER], bus, options.out, in_vain)
-    for program, gateway in gateways.items():
+    node, edge = make_virtual_plant(plant, dialect=dialect)
+    controller = controller_in(dialect, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
+    bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
+    run_virtual_nodes(edge, controller, bus, options.out, in_vain)
+    for program, gateway in ((PLANT, edge), (CONTROLLER, controller)):
         print(f"{program.replace('_', ' ')}: {dialect_text(gateway.report()['dialect'])}")
     return ExitStatus.OK
 

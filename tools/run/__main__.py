@@ -26,10 +26,10 @@ from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
-from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.dbc.dialect.option import add_dialect_argument
+from steer_by_wire.dbc.dialect.dialect import Dialect
+from steer_by_wire.dbc.dialect.option import add_dialect_argument, dialect_of
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
-from steer_by_wire.plant_emulator.faults.stage import FaultyNode
+from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 from steer_by_wire.plant_emulator.path.drivability import undrivable
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
@@ -137,7 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    plant_settings, controller = _plant_settings(options), _controller(options)
+    dialect = dialect_of(options.dialect)
+    plant_settings, controller = _plant_settings(options, dialect), _controller(options)
     period_s = plant_settings.sensor_period_ns / NS_PER_S
     ours = controller if isinstance(controller, ControllerSettings) else None
     if ours is not None:
@@ -159,7 +160,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.interface and ours is not None:
         run = run_in_real_time(plant_settings, ours, log)
     else:
-        dialect = None if options.dialect is None else read_dialect(options.dialect)
         if dialect is not None and ours is not None:
             dialect.refuse_law(ours.law_that_reads_the_vehicle)
         run = run_in_virtual_time(
@@ -170,9 +170,8 @@ def _run(options: argparse.Namespace) -> int:
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
-        plant = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
-        marks = plant.interventions.marks()
-        write_trace(files.plant_trace, plant.path, plant.samples, marks)
+        marks = run.plant.interventions.marks()
+        write_trace(files.plant_trace, run.plant.path, run.plant.samples, marks)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
     status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))
@@ -184,13 +183,14 @@ def _run(options: argparse.Namespace) -> int:
     return status
 
 
-def _plant_settings(options: argparse.Namespace) -> PlantSettings:
+def _plant_settings(options: argparse.Namespace, dialect: Dialect | None) -> PlantSettings:
     name = preset_name(options, PLANT_SIDE)
     preset = read_preset(PLANT_PRESETS, name) if name else None
-    given = {"duration_s": options.duration, "seed": options.seed}
-    overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+    short = {"duration_s": options.duration, "seed": options.seed}
+    overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     vehicle, own = plant_vehicle(options.vehicle), of_side(options.overrides, PLANT_SIDE)
-    return load_settings(PlantSettings, preset, options.plant, [*own, *overrides], vehicle)
+    given = [*own, *overrides]
+    return load_settings(PlantSettings, preset, options.plant, given, vehicle, naming(dialect))
 
 
 def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:

@@ -1,7 +1,6 @@
 """A run of both nodes, its figures for the user, and what ``--fail-if`` may name of them."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ...closed_loop.lockstep.node import LockstepNode
@@ -11,10 +10,9 @@ from ...controller.node import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.gateway import Gateway, dialect_text
+from ...dbc.dialect.gateway import dialect_text
 from ...plant_emulator.evaluation import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
-from ...plant_emulator.faults.stage import FaultyNode
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import ReportingNode
@@ -37,20 +35,20 @@ QUANTITIES = {
 class Run(NamedTuple):
     """One run: its nodes, what carried their frames, what ended it.
 
+    ``edges``      both nodes as they are on the bus: in a dialect, behind faults
     ``elapsed_s``  how long it took [s]
     ``loops``      what the loop of each program adds to its report; nothing in virtual time
     ``shared``     the bus, where there was other traffic or noise on it
-    ``gateways``   of the programs that spoke a car's dialect
     """
 
-    plant: PlantNode | FaultyNode[PlantNode]
+    plant: PlantNode
     controller: ControllerNode | LockstepNode
+    edges: tuple[ReportingNode, ReportingNode]
     bus: str
     elapsed_s: float
     ended_by: str
     loops: Mapping[str, Mapping[str, Any]]
     shared: SharedBus | None = None
-    gateways: Mapping[str, Gateway[ReportingNode]] = MappingProxyType({})
 
 
 def reports_of(
@@ -61,8 +59,8 @@ def reports_of(
     ``controller``  its settings, or the words of its command
     """
     of_program: dict[str, tuple[Settings | Sequence[str], Mapping[str, Any]]] = {
-        PLANT: (plant, run.gateways.get(PLANT, run.plant).report()),
-        CONTROLLER: (controller, run.gateways.get(CONTROLLER, run.controller).report()),
+        PLANT: (plant, run.edges[0].report()),
+        CONTROLLER: (controller, run.edges[1].report()),
     }
     return {
         program: {
@@ -99,7 +97,9 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     for program in run.loops:
         lateness = durations_line(reports[program]["loop"]["lateness"])
         lines.append((program.replace("_", " "), f"lateness {lateness}"))
-    for program in run.gateways:
+    for program in PROGRAMS:
+        if "dialect" not in reports[program]["node"]:
+            continue
         text = dialect_text(reports[program]["node"]["dialect"])
         lines.append(("dialect", f"{program.replace('_', ' ')}: {text}"))
     lines += _failures(reports)

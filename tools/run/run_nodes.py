@@ -11,8 +11,7 @@ import can
 
 from ...closed_loop.bus_recorder import BusRecorder
 from ...closed_loop.live_bus import Bus
-from ...closed_loop.lockstep.node import LockstepNode, controller_node, gateways_of
-from ...closed_loop.pair_result import CONTROLLER, PLANT
+from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
 from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
 from ...closed_loop.virtual_pair import (
     START_S_MAX,
@@ -23,14 +22,14 @@ from ...closed_loop.virtual_pair import (
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
 from ...dbc.dialect.dialect import Dialect
-from ...plant_emulator.faults.stage import FaultyNode, with_faults
+from ...plant_emulator.faults.stage import with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import motion_params
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.exit_status import BusError
-from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.node.real_time_loop import LoopFigures, RealTimeExecutor
 from ...runtime.port.python_can import BusPort
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, StealClock, real_time
@@ -58,7 +57,7 @@ def run_in_virtual_time(
     ``is_ideal``    if frames are to take no time
     ``dialect``     of the bus; a program speaks it of itself
     """
-    plant, edge = make_virtual_plant(plant_settings)
+    plant, edge = make_virtual_plant(plant_settings, dialect=dialect)
     is_in_vain = waits_in_vain(plant, START_S_MAX)
     bitrate = settings.bitrate_bit_s
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
@@ -66,8 +65,7 @@ def run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         try:
-            gateways = gateways_of(dialect, edge, node)
-            edges = gateways.get(PLANT, edge), gateways.get(CONTROLLER, node)
+            edges = edge, controller_in(dialect, node)
             nodes = with_clocks(*edges, settings)
             run_virtual_nodes(*nodes, bus, candump_log, lambda: stop() or is_in_vain())
         except BusOverflowError as error:
@@ -80,7 +78,7 @@ def run_in_virtual_time(
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if isinstance(bus, SharedBus) else None
-    return Run(edge, node, where, elapsed_s, ended_by, {}, shared, gateways)
+    return Run(plant, node, edges, where, elapsed_s, ended_by, {}, shared)
 
 
 def run_in_real_time(
@@ -96,12 +94,9 @@ def run_in_real_time(
     stop = StopRequest()
     with real_time(RealTimeRequest()) as answers, stop.on_signals():
         steal = StealClock()
-        plant, controller, figures = run_threaded_nodes(
-            lambda start_ns: with_faults(
-                PlantNode(plant_settings, start_ns, params),
-                plant_settings.faults,
-                plant_settings.seed,
-            ),
+        plant, edge, controller, figures = run_threaded_nodes(
+            lambda start_ns: PlantNode(plant_settings, start_ns, params),
+            lambda node: with_faults(node, plant_settings.faults, plant_settings.seed),
             lambda start_ns: ControllerNode(on_bus(controller_settings, takes_fd=False), start_ns),
             candump_log,
             stop,
@@ -110,22 +105,25 @@ def run_in_real_time(
     loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
     description = "real time over python-can's interface virtual"
     elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
-    return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
+    ended_by = stop.reason or FINISHED
+    return Run(plant, controller, (edge, controller), description, elapsed_s, ended_by, loops)
 
 
 def run_threaded_nodes(
-    make_plant: Callable[[int], PlantNode | FaultyNode[PlantNode]],
+    make_plant: Callable[[int], PlantNode],
+    edge_of: Callable[[PlantNode], ReportingNode],
     make_controller: Callable[[int], ControllerNode],
     candump_log: Path | None,
     should_stop: Callable[[], bool],
-) -> tuple[PlantNode | FaultyNode[PlantNode], ControllerNode, dict[str, LoopFigures]]:
+) -> tuple[PlantNode, ReportingNode, ControllerNode, dict[str, LoopFigures]]:
     """Run both nodes, each in a thread and on a bus object of its own.
 
     ``make_plant``, ``make_controller``  called with the time of the first tick [ns]
+    ``edge_of``      returns what stands between the plant and the bus
     ``candump_log``  where every frame is written, as ``candump -L`` prints it
     ``should_stop``  ends the run before the plant has finished
 
-    Returns the nodes and the figures of their loops, by program. Raises BusError.
+    Returns plant, edge and controller, and the figures of their loops, by program. Raises BusError.
     """
     with ExitStack() as stack:
         channel = f"run_{next(_CHANNEL_NUMBERS)}"
@@ -134,12 +132,13 @@ def run_threaded_nodes(
             stack.enter_context(BusRecorder(Bus("virtual", channel, {}), candump_log))
         start_ns = time.monotonic_ns()
         plant, controller = make_plant(start_ns), make_controller(start_ns)
+        edge = edge_of(plant)
         executors = {
-            "plant_emulator": RealTimeExecutor(plant, BusPort(buses[0])),
+            "plant_emulator": RealTimeExecutor(edge, BusPort(buses[0])),
             "controller": RealTimeExecutor(controller, BusPort(buses[1])),
         }
         _run_all(list(executors.values()), should_stop)
-        return plant, controller, {name: run.figures for name, run in executors.items()}
+        return plant, edge, controller, {name: run.figures for name, run in executors.items()}
 
 
 def _run_all(executors: list[RealTimeExecutor], should_stop: Callable[[], bool]) -> None:

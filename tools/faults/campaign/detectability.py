@@ -25,7 +25,8 @@ from ....controller.settings import ControllerSettings
 from ....dbc.codec.protection import COUNTERS
 from ....dbc.codec.sequence_and_second_sender import SequenceRule
 from ....dbc.messages import MESSAGE_TYPES
-from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE, bits_of
+from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE
+from ....plant_emulator.faults.messages_on_bus import bits_of
 from ....plant_emulator.faults.settings import (
     ALL,
     MESSAGES_OF,

@@ -15,7 +15,7 @@ from ....dbc.messages import (
     decode,
     encode,
 )
-from ....plant_emulator.faults.effects import with_value
+from ....plant_emulator.faults.messages_on_bus import OURS
 from ....runtime.frame import Frame
 
 
@@ -55,7 +55,7 @@ class OurFrames:
         """Return the command that would follow a frame; None for a frame that is no command."""
         if frame.can_id != CAN_IDS[SteeringCommand]:
             return None
-        return with_value(frame, "steer_rad", lambda _name, _value: steer_rad, steps=1)
+        return OURS.with_value(frame, "steer_rad", lambda _name, _value: steer_rad, steps=1)
 
     def moved(self, frame: Frame) -> Frame:
         """Return the content of a status under the identifier of this frame."""

@@ -5,7 +5,7 @@ from importlib.resources import files
 import pytest
 
 from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
-from steer_by_wire.plant_emulator.faults.effects import with_value
+from steer_by_wire.plant_emulator.faults.messages_on_bus import OURS
 from steer_by_wire.runtime.settings import Preset, load_settings
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
@@ -76,7 +76,7 @@ def test_a_fault_of_a_plan_is_judged_as_that_of_a_command(case: str) -> None:
 
 def test_a_fault_of_a_whole_plan_changes_each_of_its_angles() -> None:
     plan = SteeringPlan(7, Mode.ACTIVE, 40, 5, *(0.001 * place for place in range(18)))
-    changed = with_value(encode(plan, 3), "steer_rad", lambda _name, value: value + 0.1)
+    changed = OURS.with_value(encode(plan, 3), "steer_rad", lambda _name, value: value + 0.1)
     assert changed is not None
     decoded = decode(changed)
     assert isinstance(decoded, Decoded)

@@ -1,0 +1,180 @@
+"""The messages that faults act on, as they are on the bus: ours, or a car's.
+
+A signal fault decodes a message, changes one value and encodes it with the same counter, as a
+faulty sender would. A value beyond its signal's range is sent as the end of that range.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ...dbc import messages
+from ...dbc.codec.layout import MessageLayout
+from ...dbc.codec.protection import COUNTERS, protect
+from ...dbc.contract.generated_layout import LAYOUTS
+from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
+from ...runtime.frame import Frame
+from .settings import (
+    MESSAGES_OF,
+    NAMES,
+    OUR_NAMES,
+    FaultDirection,
+    FaultSettings,
+    Names,
+    fields_of,
+    message_types_of,
+)
+
+if TYPE_CHECKING:
+    from ...dbc.dialect.dialect import Dialect
+
+Change = Callable[[str, float], float]
+"""``change(name, value)`` returns the new value of a field."""
+
+
+class MessagesOnBus(Protocol):
+    """What faults have to know of the messages on a bus."""
+
+    names: Names
+
+    def ids(self, fault: FaultSettings) -> frozenset[int]:
+        """Return the identifiers that a fault acts on."""
+        ...
+
+    def starts(self, frame: Frame, now_ns: int) -> bool:
+        """Return whether a frame to the plant is a command, with which the motion starts."""
+        ...
+
+    def moved(self, frame: Frame) -> Frame:
+        """Return a frame under the identifier of another message of its sender."""
+        ...
+
+    def outside(self, frame: Frame) -> Frame | None:
+        """Return the frame with a raw value outside its signal's range; None for an invalid one."""
+        ...
+
+    def values(self, frame: Frame, signal: str) -> Mapping[str, float]:
+        """Return the fields that a signal stands for; none of a frame that is not valid."""
+        ...
+
+    def with_value(self, frame: Frame, signal: str, change: Change, steps: int = 0) -> Frame | None:
+        """Return the frame with a signal changed, its counter advanced, and a valid checksum.
+
+        None if the frame is not a valid message, or the message does not have the signal.
+        """
+        ...
+
+
+_DOWN, _UP = (MESSAGES_OF[direction] for direction in FaultDirection)
+_MOVED_TO: Mapping[int, int] = MappingProxyType(
+    {
+        **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),
+        **dict.fromkeys(map(CAN_IDS.__getitem__, _UP), CAN_IDS[messages.LateralError]),
+        CAN_IDS[messages.SteeringCommand]: CAN_IDS[messages.ControllerStatus],
+        CAN_IDS[messages.SteeringPlan]: CAN_IDS[messages.ControllerStatus],
+        CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
+    }
+)
+"""The wrong identifier that replaces that of a message."""
+
+
+def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
+    """Yield first bit, length and a raw value outside its range of each signal that has one.
+
+    Enumerations and counts first: outside its range, a measured value may be "not available".
+    """
+    for signal in sorted(layout.signals, key=lambda signal: signal.scale != 1):
+        if signal.is_signed:
+            raw = 1 << signal.length - 1
+            is_outside = -raw * signal.scale < signal.minimum
+        else:
+            raw = (1 << signal.length) - 1
+            is_outside = raw * signal.scale > signal.maximum
+        if is_outside:
+            yield signal.start, signal.length, raw
+
+
+_RAW_OUTSIDE = MappingProxyType(
+    {layout.can_id: next(_raws_outside(layout)) for layout in LAYOUTS if layout.data_id is not None}
+)
+_TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
+
+
+def bits_of(fault: FaultSettings) -> int:
+    """Return the length of the frames' data [bits], of the shortest where there are several."""
+    ids = {CAN_IDS[message_type] for message_type in message_types_of(fault)}
+    return min(8 * layout.length for layout in LAYOUTS if layout.can_id in ids)
+
+
+class OurMessages:
+    """Our own; as ``MessagesOnBus`` describes."""
+
+    names = OUR_NAMES
+    _command_ids = frozenset((CAN_IDS[messages.SteeringCommand], CAN_IDS[messages.SteeringPlan]))
+
+    def ids(self, fault: FaultSettings) -> frozenset[int]:
+        """Return the identifiers that a fault acts on."""
+        return frozenset(CAN_IDS[message_type] for message_type in message_types_of(fault))
+
+    def starts(self, frame: Frame, now_ns: int) -> bool:  # noqa: ARG002 a car's depends on time
+        """Return whether a frame is a command or a plan."""
+        return frame.can_id in self._command_ids
+
+    def moved(self, frame: Frame) -> Frame:
+        """Return a frame under the identifier of another message of its sender."""
+        return frame._replace(can_id=_MOVED_TO.get(frame.can_id, frame.can_id))
+
+    def outside(self, frame: Frame) -> Frame | None:
+        """Return the frame with a raw value outside its signal's range; None for an invalid one."""
+        if not isinstance(decode(frame), Decoded):
+            return None
+        first, bits, raw = _RAW_OUTSIDE[frame.can_id]
+        word = int.from_bytes(frame.data, "little") & ~((1 << bits) - 1 << first) | raw << first
+        payload = bytearray(word.to_bytes(len(frame.data), "little"))
+        protect(payload, DATA_IDS[_TYPES_BY_ID[frame.can_id]])
+        return frame._replace(data=bytes(payload))
+
+    def values(self, frame: Frame, signal: str) -> Mapping[str, float]:
+        """Return the fields that a signal stands for; none of a frame that is not valid."""
+        decoded = decode(frame)
+        if not isinstance(decoded, Decoded):
+            return {}
+        names = fields_of(type(decoded.message), signal)
+        return {name: float(getattr(decoded.message, name)) for name in names}
+
+    def with_value(self, frame: Frame, signal: str, change: Change, steps: int = 0) -> Frame | None:
+        """Return the frame with a signal changed, its counter advanced by ``steps``."""
+        decoded = decode(frame)
+        if not isinstance(decoded, Decoded):
+            return None
+        message_type, fields = type(decoded.message), decoded.message._asdict()
+        names = fields_of(message_type, signal)
+        for name in names:
+            value = change(name, float(fields[name]))
+            fields[name] = within(value, *limits(message_type)[name])
+        if not names:
+            return None
+        return encode(message_type(**fields), (decoded.counter + steps) % COUNTERS)
+
+
+def within(value: float, low: float, high: float) -> float:
+    """Return the value, or the end of the range that it is beyond; the lower one if it is none."""
+    return low if math.isnan(value) else min(max(value, low), high)
+
+
+OURS = OurMessages()
+
+
+def messages_on(dialect: "Dialect | None") -> MessagesOnBus:
+    """Return the messages on a bus; without a dialect they are ours."""
+    if dialect is None:
+        return OURS
+    from .messages_of_car import MessagesOfCar  # needs cantools, which takes a while to import
+
+    return MessagesOfCar(dialect)
+
+
+def naming(dialect: "Dialect | None") -> Mapping[str, Any]:
+    """Return the context in which settings of a plant on this bus are validated."""
+    return {NAMES: messages_on(dialect).names}
