@@ -14,6 +14,7 @@ from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.runtime.frame import Frame
+from tests.support.combinations import sampled
 from tests.support.unrendered import unrendered as unrendered
 from tests.support.wrong_controllers import RIGHT, WRONG, Change, Changed, late, steers
 
@@ -59,7 +60,7 @@ def test_each_demand_on_its_conduct_is_switched_off_by_name(
     wrong(name).assert_holds(**switches)
 
 
-@pytest.mark.parametrize("preset", RIGHT)
+@pytest.mark.parametrize("preset", sampled(("practical_packet", "paper_pd"), RIGHT))
 def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
     sensor_ms, duration_s = (1.0, 4.0) if preset == "paper_pd" else (10.0, 8.0)
     overrides = {"duration_s": duration_s, "sensor_period_ms": sensor_ms}

@@ -34,7 +34,7 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import (
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.corridor import Outside
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.combinations import combined
+from tests.support.combinations import combined, sampled
 
 RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 TIME_S = np.arange(6001) * 0.01
@@ -212,9 +212,12 @@ def test_a_plant_that_nobody_commands_has_not_started() -> None:
 
 @pytest.mark.parametrize(
     ("preset", "where"),
-    combined(
-        ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"],
-        [("d", 0.0), ("d", 0.02), ("b", 0.0), ("c", 0.02)],
+    sampled(
+        [("highway_predictor", ("d", 0.02)), ("highway_pd_ddob", ("c", 0.02))],
+        combined(
+            ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"],
+            [("d", 0.0), ("d", 0.02), ("b", 0.0), ("c", 0.02)],
+        ),
     ),
 )
 def test_the_steering_passes_the_lane_change_for_the_highway(

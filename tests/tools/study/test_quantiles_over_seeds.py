@@ -98,13 +98,14 @@ def test_the_interval_leaves_a_fortieth_on_either_side(counted: tuple[int, int])
 
 
 PAGE = Path(__file__).parents[3] / "docs" / "packet.md"
+SEEDS = 10
 
 
 def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None:
-    """The first twenty of the thousand seeds, computed anew."""
+    """The first of the thousand seeds, computed anew."""
     shipped = Path(__file__).parents[3] / "closed_loop" / "studies" / "compare_at_speed.toml"
     text = shipped.read_text(encoding="utf-8")
-    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", "[0.2, 0.4]").replace("= 1000", "= 20")
+    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", "[0.2, 0.4]").replace("= 1000", f"= {SEEDS}")
     few = re.sub(r"\[[^]]*5000 kg\"\]\n(.*= .*\n)+", "", few)  # not on the page
     study = read_study(computed(tmp_path, few))
     rows = read_rows(study)
@@ -126,16 +127,16 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
             & (rows.controller == study.names.index(law))
         )
         peak_m = rows.peak_m[at]
-        assert len(peak_m) == 20
+        assert len(peak_m) == SEEDS
         median_m, _, worst_m = (
             math.inf if figure == "lost" else float(figure) for figure in figures[:3]
         )
         half_digit = 0.00501
         assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
-        if median_m < math.inf:  # 20 of 1,000: fewer than 3 on one side with a probability of 2e-4
-            assert np.count_nonzero(peak_m <= median_m + half_digit) >= 3
-            assert np.count_nonzero(peak_m >= median_m - half_digit) >= 3
+        if median_m < math.inf:  # all on one side with a probability of 1e-3
+            assert peak_m.min() <= median_m + half_digit
+            assert peak_m.max() >= median_m - half_digit
         share = float(figures[-1].split()[0])
         count = np.count_nonzero(peak_m > 0.5)
-        assert binom.cdf(count, 20, 0.01 * share + 5e-4) > 1e-6
-        assert binom.sf(count - 1, 20, 0.01 * share + 5e-4) > 1e-6
+        assert binom.cdf(count, SEEDS, 0.01 * share + 5e-4) > 1e-6
+        assert binom.sf(count - 1, SEEDS, 0.01 * share + 5e-4) > 1e-6
