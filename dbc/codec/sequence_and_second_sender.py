@@ -40,6 +40,8 @@ from .protection import COUNTERS
 
 HALF = COUNTERS // 2
 """A counter this far ahead or further is taken for an older one."""
+QUARTER = COUNTERS // 4
+"""At most so many counters back a receiver goes, so that the next ones are no older ones."""
 PERIOD_NS_MIN = 1_000_000
 """Shortest period of any message [ns]."""
 CAUTION_NS = 10_000_000_000
@@ -104,6 +106,15 @@ class SequenceRule(NamedTuple):
         """Return the largest step of a counter that is believed after ``elapsed_ns``."""
         return min(1 + (self.lead_ns + elapsed_ns) // period_ns, HALF - 1)
 
+    def cautious_step_max(self, period_ns: int, elapsed_ns: int) -> int:
+        """Return the largest step during caution, 0 once a newer counter may be an older one.
+
+        The lead is at most half of QUARTER: the other counters are for the time that passes.
+        """
+        lead_ns = min(self.lead_ns, QUARTER // 2 * period_ns)
+        step_max = 1 + (lead_ns + elapsed_ns) // period_ns
+        return step_max if step_max < HALF - 1 else 0
+
 
 class _Frame(NamedTuple):
     """A frame in sequence: how far ahead of the one in use, when it came, and what it is."""
@@ -116,14 +127,17 @@ class _Frame(NamedTuple):
 class _Caution:
     """The frames that wait, in order of arrival, which is that of their counters.
 
+    ``period_ns`` of the sender, by the frames that are known [ns]
     ``wait_ns``   for how long [ns]
     ``until_ns``  end of the caution [ns]
     ``quiet_until_ns``  until when no frame is used; 0 before a second stream [ns]
     ``came``      the first content of each counter beyond that of the frame in use
     """
 
-    def __init__(self, wait_ns: int, until_ns: int, came: dict[int, object]) -> None:
-        self.wait_ns, self.until_ns = wait_ns, until_ns
+    def __init__(
+        self, period_ns: int, wait_ns: int, until_ns: int, came: dict[int, object]
+    ) -> None:
+        self.period_ns, self.wait_ns, self.until_ns = period_ns, wait_ns, until_ns
         self._came = came
         self._waiting: list[_Frame] = []
         self.quiet_until_ns = 0
@@ -211,11 +225,12 @@ class SequenceCheck:
             self._caution = None
         frame = _Frame((counter - self.counter) % COUNTERS, now_ns, content)
         elapsed_ns = now_ns - self._arrivals_ns[self.counter]
-        step_max = self._rule.step_max(self._period_ns, elapsed_ns)
-        if self._caution is None and step_max < frame.forward < HALF:
-            step_max = self._rule.step_max(self._period_ns, elapsed_ns + self._held_up_ns())
-        elif self._caution is not None and step_max == HALF - 1:
-            step_max = 0
+        if self._caution is None:
+            step_max = self._rule.step_max(self._period_ns, elapsed_ns)
+            if step_max < frame.forward < HALF:
+                step_max = self._rule.step_max(self._period_ns, elapsed_ns + self._held_up_ns())
+        else:
+            step_max = self._rule.cautious_step_max(self._caution.period_ns, elapsed_ns)
         if not 1 <= frame.forward <= step_max:
             return self._refuse(counter, frame)
         if self._caution is not None:
@@ -235,7 +250,8 @@ class SequenceCheck:
         else:  # the frame is to wait, and none is in use
             self.counter = (counter - 1) % COUNTERS
             self._arrivals_ns[self.counter] = now_ns
-            self._caution = _Caution(self._caution.wait_ns, self._caution.until_ns, {})
+            old = self._caution
+            self._caution = _Caution(old.period_ns, old.wait_ns, old.until_ns, {})
             return self._wait(counter, self._caution, _Frame(1, now_ns, content))
         self._contents[counter], self._arrivals_ns[counter] = content, now_ns
         self.counter, self.arrival_ns = counter, now_ns
@@ -246,7 +262,7 @@ class SequenceCheck:
         """Let a frame in sequence wait, unless it contradicts another."""
         taken = caution.take(counter, frame)
         if taken is _CONTRADICTED:
-            return self._restarted(counter, frame) or self._doubt(frame.arrived_ns)
+            return self._restarted(counter, frame) or self._doubt(counter, frame.arrived_ns)
         if taken is not SequenceResult.REPEATED:
             self._run, self._is_alone = 0, False
             self._waited_ns = frame.arrived_ns
@@ -286,7 +302,7 @@ class SequenceCheck:
         is_explained = (known is None or known is _SKIPPED) and late_ns <= self._late_ns_max
         is_other = is_ahead or not (is_explained or known == frame.content)
         if is_other and (self._is_second(now_ns) or self._had_second()):
-            return self._doubt_all(now_ns)
+            return self._doubt_all(counter, now_ns)
         if is_ahead:
             return SequenceResult.TOO_FAR
         if known is _SKIPPED:
@@ -299,7 +315,7 @@ class SequenceCheck:
         else:
             is_contradiction = known is not None and known != frame.content
         if is_contradiction and frame.content is not None and not self._may_have_wrapped(frame):
-            return self._doubt(now_ns)
+            return self._doubt(counter, now_ns)
         return SequenceResult.OUT_OF_ORDER if frame.forward else SequenceResult.REPEATED
 
     def _may_have_wrapped(self, frame: _Frame) -> bool:
@@ -340,7 +356,7 @@ class SequenceCheck:
         self.resynchronised += 1
         return self._start(counter, now_ns, frame.content)
 
-    def _doubt(self, now_ns: int) -> SequenceResult:
+    def _doubt(self, counter: int, now_ns: int) -> SequenceResult:
         """Be cautious after a frame that contradicts an accepted one, and go back to before it."""
         caution, until_ns = self._caution, now_ns + CAUTION_NS
         if caution is not None:
@@ -352,28 +368,47 @@ class SequenceCheck:
             self._is_alone = True
             return _CONTRADICTED
         self._next, self._is_alone = _NONE, True
+        # A frame that has overtaken this one, or has its counter, may be the forged one.
+        overtaken_ns = self._arrivals_ns[counter]
+        known = [
+            one
+            for one in self._newest_until(now_ns)
+            if (one - counter) % COUNTERS >= HALF or self._arrivals_ns[one] > overtaken_ns
+        ]
+        period_ns = self._shortest_period_ns(known)
         longest_ns = self._rule.resync_ns // 2 or GAP_NS_MAX
         # A frame that came no later cannot be forged: its true one would have come by now.
-        before = self._newest_until(now_ns - self._rule.lead_ns - longest_ns)
+        old_ns = now_ns - min(self._rule.lead_ns + longest_ns, QUARTER * period_ns)
+        before = [one for one in known if self._arrivals_ns[one] <= old_ns]
         gap_ns = max(self._period_ns, min(self._longest_gap_ns(before[:GAPS]), longest_ns))
         # Shortly after the start there is none: the first one is then the least likely to be.
-        before = before or self._newest_until(now_ns)[1:][-1:]
+        before = before or known[-1:]
         last = before[0] if before else self.counter
         newer = ((last + 1 + step) % COUNTERS for step in range((self.counter - last) % COUNTERS))
         came = {one: self._contents[one] for one in newer if self._contents[one] is not _SKIPPED}
-        self._caution = _Caution(round(WAIT_CYCLES * gap_ns), until_ns, came)
+        self._caution = _Caution(period_ns, round(WAIT_CYCLES * gap_ns), until_ns, came)
         if not before:
             return _CONTRADICTED
         self.counter, self.arrival_ns = last, now_ns
         return SequenceResult.TAKEN_BACK
 
+    def _shortest_period_ns(self, known: list[int]) -> int:
+        """Return the sender's period by the frames that are known, newest first, if shorter.
+
+        Where the network drops most frames, no wrap of the counters measures it.
+        """
+        if not known or (passed := (known[0] - known[-1]) % COUNTERS) < GAPS:
+            return self._period_ns
+        span_ns = self._arrivals_ns[known[0]] - self._arrivals_ns[known[-1]]
+        return min(max(span_ns // passed, PERIOD_NS_MIN), self._period_ns)
+
     def _had_second(self) -> bool:
         """Whether another stream beside this one has caused the caution."""
         return self._caution is not None and self._caution.quiet_until_ns > 0
 
-    def _doubt_all(self, now_ns: int) -> SequenceResult:
+    def _doubt_all(self, counter: int, now_ns: int) -> SequenceResult:
         """Use no frame that waits, since those of another stream come beside them."""
-        result = self._doubt(now_ns)
+        result = self._doubt(counter, now_ns)
         if self._caution is not None:
             self._caution.quiet_until_ns = now_ns + QUIET_NS
             self._note_second(self._caution, now_ns)

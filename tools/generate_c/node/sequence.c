@@ -3,7 +3,7 @@
 #include <string.h>
 
 enum known { UNKNOWN, SKIPPED, KNOWN }; /* of came_as: SKIPPED has not come */
-enum { NO_COUNTER = -1, GAPS = 8, COUNTER_BYTE = 2 };
+enum { NO_COUNTER = -1, GAPS = 8, COUNTER_BYTE = 2, QUARTER = COUNTERS / 4 };
 
 #define PERIOD_NS_MIN INT64_C(1000000)
 #define CAUTION_NS INT64_C(10000000000)
@@ -110,9 +110,17 @@ static void use(struct sequence *x, const struct arrived *frame, int64_t now_ns)
     x->arrival_ns = now_ns;
 }
 
-/* The counters that came up to time_ns and are known, newest first: the newest, -1 for none, and
- * the longest time between the arrivals of the first GAPS of them. */
-static int newest_until(const struct sequence *x, int64_t time_ns, int64_t *gap_ns)
+/* Whether a frame is known, and has neither overtaken that of ``counter`` nor its counter. */
+static bool is_clear(const struct sequence *x, int one, int counter)
+{
+    const bool is_older = wrapped(one - counter) >= HALF;
+
+    return x->known_as[one] == KNOWN
+        && (is_older || x->arrivals_ns[one] > x->arrivals_ns[counter]);
+}
+
+/* The newest clear counter that came up to ``time_ns``, and the longest gap before it. */
+static int newest_until(const struct sequence *x, int counter, int64_t time_ns, int64_t *gap_ns)
 {
     int newest = NO_COUNTER, last = NO_COUNTER, found = 0;
 
@@ -120,7 +128,7 @@ static int newest_until(const struct sequence *x, int64_t time_ns, int64_t *gap_
     for (int behind = 0; behind < HALF && found < GAPS; behind++) {
         const int one = wrapped(x->counter - behind);
 
-        if (x->arrivals_ns[one] > time_ns || x->known_as[one] != KNOWN)
+        if (x->arrivals_ns[one] > time_ns || !is_clear(x, one, counter))
             continue;
         if (found++ == 0) {
             newest = one;
@@ -134,14 +142,26 @@ static int newest_until(const struct sequence *x, int64_t time_ns, int64_t *gap_
     return newest;
 }
 
-/* Return the oldest counter that is known, but for the one in use. */
-static int oldest_before(const struct sequence *x)
+/* The oldest clear counter, and the sender's period by those that are clear, if shorter. */
+static int oldest_clear(const struct sequence *x, int counter, int64_t now_ns, int64_t *period_ns)
 {
-    int oldest = NO_COUNTER;
+    int newest = NO_COUNTER, oldest = NO_COUNTER;
 
-    for (int behind = 1; behind < HALF; behind++)
-        if (x->known_as[wrapped(x->counter - behind)] == KNOWN)
-            oldest = wrapped(x->counter - behind);
+    for (int behind = 0; behind < HALF; behind++) {
+        const int one = wrapped(x->counter - behind);
+
+        if (x->arrivals_ns[one] > now_ns || !is_clear(x, one, counter))
+            continue;
+        newest = newest == NO_COUNTER ? one : newest;
+        oldest = one;
+    }
+    *period_ns = x->period_ns;
+    if (oldest != NO_COUNTER && wrapped(newest - oldest) >= GAPS) {
+        const int64_t span_ns = x->arrivals_ns[newest] - x->arrivals_ns[oldest];
+
+        *period_ns = larger(span_ns / wrapped(newest - oldest), PERIOD_NS_MIN);
+        *period_ns = smaller(*period_ns, x->period_ns);
+    }
     return oldest;
 }
 
@@ -194,6 +214,16 @@ static int64_t largest_step(const struct sequence *x, int64_t elapsed_ns)
     return smaller(1 + (LEAD_NS + elapsed_ns) / x->period_ns, HALF - 1);
 }
 
+/* The same during caution; 0 once a newer counter may be an older one. */
+static int64_t cautious_step(const struct sequence *x, int64_t elapsed_ns)
+{
+    const int64_t period_ns = x->caution.period_ns;
+    const int64_t lead_ns = smaller(LEAD_NS, QUARTER / 2 * period_ns);
+    const int64_t step_max = 1 + (lead_ns + elapsed_ns) / period_ns;
+
+    return step_max < HALF - 1 ? step_max : 0;
+}
+
 /* Whether time explains that the counters have come round to an old one again. */
 static bool may_have_wrapped(const struct sequence *x, const struct arrived *frame)
 {
@@ -203,11 +233,11 @@ static bool may_have_wrapped(const struct sequence *x, const struct arrived *fra
 }
 
 /* Be cautious after a frame that contradicts an accepted one, and go back to before it. */
-static enum sequence_result doubt(struct sequence *x, int64_t now_ns)
+static enum sequence_result doubt(struct sequence *x, int counter, int64_t now_ns)
 {
     const int64_t longest_ns = RESYNC_NS / 2 > 0 ? RESYNC_NS / 2 : GAP_NS_MAX;
     struct caution *caution = &x->caution;
-    int64_t gap_ns;
+    int64_t period_ns, gap_ns;
 
     if (caution->is_on) {
         caution->until_ns = now_ns + CAUTION_NS;
@@ -220,14 +250,17 @@ static enum sequence_result doubt(struct sequence *x, int64_t now_ns)
     }
     x->next = NO_COUNTER;
     x->is_alone = true;
+    const int oldest = oldest_clear(x, counter, now_ns, &period_ns);
     /* A frame that came no later cannot be forged: its true one would have come by now. */
-    int before = newest_until(x, now_ns - LEAD_NS - longest_ns, &gap_ns);
+    const int64_t old_ns = smaller(LEAD_NS + longest_ns, QUARTER * period_ns);
+    int before = newest_until(x, counter, now_ns - old_ns, &gap_ns);
     if (before == NO_COUNTER) /* shortly after the start */
-        before = oldest_before(x);
+        before = oldest;
     const int last = before == NO_COUNTER ? x->counter : before;
     gap_ns = larger(x->period_ns, smaller(gap_ns, longest_ns));
     const int64_t half = 3 * gap_ns / 2; /* to the nearest, halves to even */
     begin_caution(x, half + (3 * gap_ns % 2 != 0 && half % 2 != 0 ? 1 : 0), now_ns + CAUTION_NS);
+    caution->period_ns = period_ns;
     for (int step = 1; step <= wrapped(x->counter - last); step++) {
         const int newer = wrapped(last + step);
 
@@ -395,7 +428,7 @@ static enum sequence_result refuse(struct sequence *x, const struct arrived *fra
         : late_ns <= larger(LEAD_NS, RESYNC_NS);
     if ((is_ahead || !is_explained)
         && (is_second(x, now_ns) || (x->caution.is_on && x->caution.quiet_until_ns > 0))) {
-        const enum sequence_result result = doubt(x, now_ns);
+        const enum sequence_result result = doubt(x, counter, now_ns);
 
         x->caution.quiet_until_ns = now_ns + QUIET_NS;
         note_second(x, now_ns);
@@ -404,7 +437,7 @@ static enum sequence_result refuse(struct sequence *x, const struct arrived *fra
     if (is_ahead)
         return REFUSED;
     const bool is_contradiction = contradicts(x, frame);
-    return is_contradiction && !may_have_wrapped(x, frame) ? doubt(x, now_ns) : REFUSED;
+    return is_contradiction && !may_have_wrapped(x, frame) ? doubt(x, counter, now_ns) : REFUSED;
 }
 
 enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, int64_t now_ns)
@@ -426,11 +459,10 @@ enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, 
     if (now_ns >= x->caution.until_ns)
         x->caution.is_on = false;
     const int64_t elapsed_ns = now_ns - x->arrivals_ns[x->counter];
-    int64_t step_max = largest_step(x, elapsed_ns);
+    int64_t step_max = x->caution.is_on ? cautious_step(x, elapsed_ns)
+                                        : largest_step(x, elapsed_ns);
     if (!x->caution.is_on && step_max < frame.forward && frame.forward < HALF)
         step_max = largest_step(x, elapsed_ns + held_up_ns(x));
-    else if (x->caution.is_on && step_max == HALF - 1)
-        step_max = 0;
     if (frame.forward < 1 || frame.forward > step_max)
         return refuse(x, &frame);
     if (x->caution.is_on) {
@@ -438,7 +470,7 @@ enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, 
 
         if (result == CONTRADICTED)
             result = restarted(x, &frame);
-        return result == NOT_RESTARTED ? doubt(x, now_ns) : result;
+        return result == NOT_RESTARTED ? doubt(x, counter, now_ns) : result;
     }
     x->run = 0;
     use(x, &frame, now_ns);

@@ -16,6 +16,7 @@ enum sequence_result {
 
 struct caution { /* the frames that wait, in order of arrival, which is that of their counters */
     bool is_on;
+    int64_t period_ns; /* by the frames that are known */
     int64_t wait_ns, until_ns, quiet_until_ns; /* the last one 0 before a second stream */
     struct { int64_t arrived_ns; int forward; } waiting[HALF];
     int count;
