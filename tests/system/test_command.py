@@ -17,6 +17,7 @@ from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
 from steer_by_wire.runtime.former_names import FORMER_COMMANDS
+from tests.support.no_jitter import no_jitter as no_jitter
 from tests.support.running_program import PATIENCE_S
 from tests.support.unrendered import unrendered as unrendered
 
@@ -78,7 +79,7 @@ def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
         assert end.value.code == 0
 
 
-@pytest.mark.usefixtures("unrendered")
+@pytest.mark.usefixtures("unrendered", "no_jitter")
 @pytest.mark.parametrize("name", CHEAP)
 def test_an_example_works_as_it_is_printed(
     name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -49,10 +49,10 @@ LATENCY_S = 0.08
 MARK_ID = 0x7F0
 A_COMMAND = " 100#"
 FOREIGN_ID = 0x5A0
-FLOOD_FRAMES = 4_000
+FLOOD_FRAMES = 2_000
 FD_FRAMES = 100
-PHASE_COMMANDS = 60
-"""Of a phase in which nothing is done to the pair: five times what is sent most rarely."""
+PHASE_COMMANDS = 40
+"""Of a phase in which nothing is done to the pair: three times what is sent most rarely."""
 ON_CHANNEL = ["-i", "socketcan", "-c", CHANNEL, *ORDINARY, *UNSUPERVISED]
 PLANT_OPTIONS = [
     *ON_CHANNEL, "--preset", "paper_nominal", "--set", "duration_s=600",

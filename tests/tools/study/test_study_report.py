@@ -37,7 +37,7 @@ title = "Small & <quick>"
 plant_preset = "paper_nominal"
 controllers = ["practical_pd_ddob", "practical_pd"]
 [base.plant]
-duration_s = 20.0
+duration_s = 8.0
 path = "practical_ellipse"
 disturbance = { steps = [{ at_s = 1.0, steering_offset_rad = 0.05 }] }
 latency = { downlink = { model = "gamma" } }
@@ -133,7 +133,7 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
 ) -> None:
     drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
     drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
-    drawn = drawn.replace("duration_s = 20.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
+    drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
     folder = computed(tmp_path, drawn + 'kind = "latin_hypercube"\ncount = 50\n')
     study = read_study(folder)
     axes = study_axes(study, read_rows(study))
@@ -147,7 +147,7 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
 def test_a_study_without_latencies_has_a_page_too_whose_pictures_are_the_same_bytes_again(
     tmp_path: Path,
 ) -> None:
-    bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 20.0", "duration_s = 2.0")
+    bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 8.0", "duration_s = 2.0")
     folder = computed(tmp_path, bare)
     text = write(folder).read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == 1
