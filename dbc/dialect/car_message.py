@@ -122,7 +122,7 @@ class CarMessage:
         if raw is None or name not in raw:
             return None
         signal = self._message.get_signal_by_name(name)
-        low, high = _range(signal)
+        low, high = signal_range(signal)
         value = change(raw[name] * signal.scale + signal.offset)
         value = low if math.isnan(value) else min(max(value, low), high)
         own = {name: _raw_of(signal, value)}
@@ -172,7 +172,7 @@ class CarMessage:
         carried = [name for name in self.changeable if name in self.settings.signals]
         for name in dict.fromkeys((*carried, *self.changeable)):
             signal = self._message.get_signal_by_name(name)
-            low, high = _range(signal)
+            low, high = signal_range(signal)
             for raw in () if signal.is_float else _raw_range(signal):
                 if not low <= raw * signal.scale + signal.offset <= high:
                     yield name, raw
@@ -208,7 +208,7 @@ def _raw_range(signal: Signal) -> tuple[int, int]:
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
 
 
-def _range(signal: Signal) -> tuple[float, float]:
+def signal_range(signal: Signal) -> tuple[float, float]:
     """Return the range of a signal in the database, within what fits into it."""
     ends = [raw * signal.scale + signal.offset for raw in _raw_range(signal)]
     low, high = (-math.inf, math.inf) if signal.is_float else (min(ends), max(ends))
