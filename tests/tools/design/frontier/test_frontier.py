@@ -55,6 +55,8 @@ FOUND = {
 TRIED = sampled(["PD + map", "PID + heading"], [*FOUND])
 
 QUIET = {
+    "PD": {"k_p": 0.66, "k_d": 0.0435, "derivative_filter": 7.4},
+    "PID": {"k_p": 0.53, "k_d": 0.128, "derivative_filter": 3.55, "k_i": 0.315},
     "PD + CDOB": {
         "k_p": 0.97,
         "k_d": 0.0073,
