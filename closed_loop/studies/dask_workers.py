@@ -4,7 +4,7 @@ Workers need this package in the same version, and waypoint and trace files of t
 """
 
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any
@@ -27,18 +27,30 @@ CONNECT_S = 20.0
 
 
 class DaskWorkers:
-    """Workers of a scheduler."""
+    """Workers of a scheduler; ``say`` is told in one line when one is lost or comes."""
 
-    def __init__(self, client: Any, study: Study, description: str) -> None:
+    def __init__(
+        self, client: Any, study: Study, description: str, say: Callable[[str], None]
+    ) -> None:
         self._client = client
         self._payload = payload_of(study)
         self._wait = importlib.import_module("distributed").wait
+        self._say = say
+        self._known: int | None = None
         self.description = description
 
     @property
     def count(self) -> int:
         """How many compute at the same time."""
-        return max(1, sum(int(threads) for threads in self._client.nthreads().values()))
+        now = sum(int(threads) for threads in self._client.nthreads().values())
+        before, self._known = self._known, now
+        if now == 0 and before != 0:
+            self._say("no worker is there: waiting for one; Ctrl-C keeps what is computed")
+        elif before is not None and now < before:
+            self._say(f"lost {before - now} of {before} workers: the others repeat what was lost")
+        elif before is not None and now > before:
+            self._say(f"workers: {now}, {now - before} more than before")
+        return max(1, now)
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield what is done."""
@@ -75,8 +87,8 @@ class DaskWorkers:
 
 
 @contextmanager
-def dask_workers(study: Study, address: str) -> Iterator[DaskWorkers]:
-    """Join a scheduler until the block ends.
+def dask_workers(study: Study, address: str, say: Callable[[str], None]) -> Iterator[DaskWorkers]:
+    """Join a scheduler until the block ends; ``say`` as for ``DaskWorkers``.
 
     Raises SettingsError where distributed is missing or no scheduler answers.
     """
@@ -90,4 +102,4 @@ def dask_workers(study: Study, address: str) -> Iterator[DaskWorkers]:
     except (OSError, ValueError) as error:
         raise SettingsError(f"--scheduler {address}: nobody answers there") from error
     with client:
-        yield DaskWorkers(client, study, f"the workers of {address}")
+        yield DaskWorkers(client, study, f"the workers of {address}", say)

@@ -112,7 +112,7 @@ def _run_study(options: argparse.Namespace) -> int:
     with stop.on_signals():
         if options.replay is not None:
             return _replay(options.replay, console, store, Computer(scenarios))
-        with _workers(options, scenarios) as workers:
+        with _workers(options, scenarios, console) as workers:
             is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
     if not is_complete:
         stored = store.stored()
@@ -147,9 +147,11 @@ def _sizes(scenarios: Scenarios) -> list[str]:
     return lines
 
 
-def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
+def _workers(
+    options: argparse.Namespace, scenarios: Scenarios, console: Console
+) -> AbstractContextManager[Workers]:
     if options.scheduler:
-        return dask_workers(scenarios.study, options.scheduler)
+        return dask_workers(scenarios.study, options.scheduler, console.print)
     count = min(options.workers or os.cpu_count() or 1, scenarios.study.runs)
     if scenarios.study.bus is not None and count > 1:
         return nullcontext(Processes(scenarios.study, count))

@@ -8,7 +8,7 @@ from unittest import mock
 
 import pytest
 
-from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
+from steer_by_wire.closed_loop.studies.dask_workers import DaskWorkers, dask_workers
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from tests.support.small_study import complete, make_scenarios, never, open_store
 
@@ -29,8 +29,20 @@ def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, dashboard_address=None
         ) as cluster,
-        dask_workers(scenarios.study, cluster.scheduler_address) as workers,
+        dask_workers(scenarios.study, cluster.scheduler_address, print) as workers,
     ):
         assert workers.count == 1
         assert run_missing(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected
+
+
+def test_a_lost_worker_is_said_in_one_line(tmp_path: Path) -> None:
+    study = make_scenarios(tmp_path).study
+    said: list[str] = []
+    present = iter(({"a": 1, "b": 1}, {"a": 1}, {"a": 1}, {}, {}, {"c": 1}))
+    client = mock.Mock(nthreads=lambda: next(present))
+    workers = DaskWorkers(client, study, "those", said.append)
+    assert [workers.count for _ in range(6)] == [2, 1, 1, 1, 1, 1]
+    assert [line.partition(":")[0] for line in said] == [
+        "lost 1 of 2 workers", "no worker is there", "workers",
+    ]  # fmt: skip
