@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from ..runtime.command_line import installation
+
 if TYPE_CHECKING:
     from .live_bus import Bus
     from .rig import Rig
@@ -129,7 +131,7 @@ def _picture(outcome: Any) -> str:
     try:
         return str(outcome.draw())
     except ImportError as error:
-        return f"none: pip install {error.name}"
+        return f"none: {installation(str(error.name))}"
 
 
 def _to_step_summary(test: str, lines: list[str]) -> None:

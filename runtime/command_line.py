@@ -321,21 +321,32 @@ def missing_library(error: ModuleNotFoundError) -> str:
 
 
 def installation(*libraries: str) -> str:
-    """Return the command that installs the extras with these libraries; no index has them."""
-    extras = ",".join(filter(None, map(_extra_of, libraries)))
-    what = f"'.[{extras}]'" if extras else "."
-    return f"pip install {what} in the project's folder"
+    """Return the command that installs the extras with these libraries, from where this came."""
+    # Imported here, because they would double what a program without other libraries imports.
+    import json
+    from importlib.metadata import distributions
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    # More than one where a build has left its own beside the sources, which names no origin.
+    found = [*distributions(name=DISTRIBUTION)]
+    texts = filter(None, (one.read_text("direct_url.json") for one in found))  # of PEP 610
+    # Started from a folder, nothing is installed.
+    nowhere: dict[str, Any] = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {}}
+    origin: dict[str, Any] = json.loads(next(texts, "{}")) if found else nowhere
+    requirements = found[0].requires or () if found else ()
+    extras = ",".join(filter(None, (_extra_of(library, requirements) for library in libraries)))
+    brackets = f"[{extras}]" if extras else ""
+    url = origin.get("url", "")
+    if "dir_info" in origin:
+        option = "-e " if origin["dir_info"].get("editable") else ""
+        return f"pip install {option}'{url2pathname(urlsplit(url).path)}{brackets}'"
+    scheme = f"{origin['vcs_info']['vcs']}+" if "vcs_info" in origin else ""
+    return f"pip install '{DISTRIBUTION}{brackets}{f' @ {scheme}{url}' if url else ''}'"
 
 
-def _extra_of(library: str) -> str:
+def _extra_of(library: str, requirements: Iterable[str]) -> str:
     """Return the extra that brings a library; empty for a required or unknown one."""
-    # Imported here, because it would double what a program without other libraries imports.
-    from importlib.metadata import PackageNotFoundError, requires
-
-    try:
-        requirements = requires(DISTRIBUTION) or ()
-    except PackageNotFoundError:  # started from a folder without being installed
-        return ""
     for requirement in requirements:
         if requirement.lower().startswith(library.lower().replace("_", "-")):
             return requirement.partition('extra == "')[2].partition('"')[0]

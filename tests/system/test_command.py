@@ -1,13 +1,14 @@
 """The one command: its help on the programs, that its examples work, and its other names."""
 
 import argparse
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import metadata
+from importlib.metadata import PathDistribution, metadata
 from pathlib import Path
 
 import pytest
@@ -186,18 +187,27 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
 
 
 @pytest.mark.parametrize(
-    ("library", "reported"),
+    ("origin", "library", "reported"),
     [
-        ("rich", "pip install '.[tools]' in the project's folder"),
-        ("distributed", "pip install '.[cluster]' in the project's folder"),
-        ("numpy", "pip install . in the project's folder"),
-        ("e2e", "pip install . in the project's folder"),
+        ({"dir_info": {}, "url": "file:///a%20b"}, "rich", "'/a b[tools]'"),
+        ({"dir_info": {"editable": True}, "url": "file:///a"}, "distributed", "-e '/a[cluster]'"),
+        ({"dir_info": {}, "url": "file:///a"}, "numpy", "'/a'"),
+        ({"dir_info": {}, "url": "file:///a"}, "e2e", "'/a'"),
+        ({"archive_info": {}, "url": "file:///a.whl"}, "rich", f"'{DISTRIBUTION}[tools] @ file:///a.whl'"),
+        ({"vcs_info": {"vcs": "git"}, "url": "https://x"}, "rich", f"'{DISTRIBUTION}[tools] @ git+https://x'"),
+        (None, "rich", f"'{DISTRIBUTION}[tools]'"),
     ],
-)
-def test_what_installs_a_library_comes_from_the_distributions_metadata(
-    library: str, reported: str
+)  # fmt: skip
+def test_what_installs_a_library_comes_from_where_this_was_installed(
+    monkeypatch: pytest.MonkeyPatch, origin: object, library: str, reported: str
 ) -> None:
-    assert installation(library) == reported
+    read = PathDistribution.read_text
+    text = json.dumps(origin) if origin else None
+    monkeypatch.setattr(
+        "importlib.metadata.PathDistribution.read_text",
+        lambda self, name: text if name == "direct_url.json" else read(self, name),
+    )
+    assert installation(library) == f"pip install {reported}"
 
 
 def test_every_extra_that_is_named_anywhere_exists() -> None:
@@ -229,8 +239,7 @@ def test_a_missing_library_is_reported_in_one_line(
     monkeypatch.setattr("steer_by_wire.runtime.command_line.importlib.import_module", missing)
     assert main(["demo"]) == 2
     assert capsys.readouterr().err == (
-        "steer-by-wire demo: error: matplotlib is not installed: "
-        "pip install '.[tools]' in the project's folder\n"
+        f"steer-by-wire demo: error: matplotlib is not installed: {installation('rich')}\n"
     )
 
 

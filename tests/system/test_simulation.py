@@ -220,8 +220,8 @@ def test_tables_become_pandas_frames(run: Run, monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize(
     ("missing", "method", "line"),
     [
-        ("pandas", "to_pandas", r"^to_pandas\(\) needs pandas: pip install '.\[pandas\]' in .*$"),
-        ("matplotlib", "plot", r"^plot\(\) needs matplotlib: pip install '.\[tools\]' in .*$"),
+        ("pandas", "to_pandas", r"^to_pandas\(\) needs pandas: pip install .*\[pandas\]'$"),
+        ("matplotlib", "plot", r"^plot\(\) needs matplotlib: pip install .*\[tools\]'$"),
     ],
 )
 def test_what_is_not_installed_is_named_in_one_line(

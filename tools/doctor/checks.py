@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...closed_loop.reports.findings import Finding, finding_lines
-from ...runtime.command_line import DISTRIBUTION
+from ...runtime.command_line import DISTRIBUTION, installation
 from ...runtime.exit_status import BusError
 from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
@@ -34,7 +34,7 @@ NO_ADAPTERS = ("virtual", "udp_multicast")
 CHANNELS_SHOWN_MAX = 4
 CAN_UTILS = ("candump", "cansend", "cangen", "canplayer")
 LIBRARIES = ("python-can", "cantools", "numpy", "scipy", "pydantic")
-OPTIONAL_LIBRARIES = {"matplotlib": "tools", "rich": "tools", "msgpack": "multicast"}
+OPTIONAL_LIBRARIES = ("matplotlib", "rich", "msgpack")
 REAL_TIME_PRIORITY = 50
 """The default of both programs."""
 
@@ -67,21 +67,18 @@ def examine() -> tuple[Section, ...]:
 
 
 def _software() -> list[Finding]:
-    extras = OPTIONAL_LIBRARIES.items()
     return [
         Finding("Python", True, f"{platform.python_version()} ({sys.executable})"),
         Finding("system", True, platform.platform()),
-        _library(DISTRIBUTION, "pip install ."),
-        *(_library(name, f"pip install '{name}'") for name in LIBRARIES),
-        *(_library(name, f"pip install '.[{extra}]'") for name, extra in extras),
+        *map(_library, (DISTRIBUTION, *LIBRARIES, *OPTIONAL_LIBRARIES)),
     ]
 
 
-def _library(name: str, advice: str) -> Finding:
+def _library(name: str) -> Finding:
     try:
         return Finding(name, True, version(name))
     except PackageNotFoundError:
-        return Finding(name, False, "not installed", advice)
+        return Finding(name, False, "not installed", installation(name))
 
 
 def _kernel_can() -> Finding:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
@@ -83,7 +84,7 @@ def test_a_missing_library_is_one_clear_line_that_names_the_extra(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
     assert main([str(constant.log), "--out", str(tmp_path), "--mcap"]) == ExitStatus.SETTINGS
-    assert "pip install '.[mcap]'" in capsys.readouterr().err
+    assert installation("mcap") in capsys.readouterr().err
 
 
 def test_the_report_needs_nothing_but_itself(varying: Run, tmp_path: Path) -> None:
