@@ -8,8 +8,9 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import PathDistribution, metadata
+from importlib.metadata import metadata, requires
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -201,12 +202,9 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
 def test_what_installs_a_library_comes_from_where_this_was_installed(
     monkeypatch: pytest.MonkeyPatch, origin: object, library: str, reported: str
 ) -> None:
-    read = PathDistribution.read_text
-    text = json.dumps(origin) if origin else None
-    monkeypatch.setattr(
-        "importlib.metadata.PathDistribution.read_text",
-        lambda self, name: text if name == "direct_url.json" else read(self, name),
-    )
+    records = {"direct_url.json": json.dumps(origin)} if origin else {}
+    installed = SimpleNamespace(read_text=records.get, requires=requires(DISTRIBUTION))
+    monkeypatch.setattr("importlib.metadata.distributions", lambda name: [installed])  # noqa: ARG005
     assert installation(library) == f"pip install {reported}"
 
 
