@@ -293,6 +293,16 @@ def test_a_live_loop_is_watched_driven_and_recorded(
     assert analyse_files([file]).figures["laws"] == ["PID"]
 
 
+NOTE_BEGIN = """
+    const wish = cockpit.wish;
+    cockpit.wish = (what) => {
+      if (what.do === "reset") window.begunS = cockpit.nowS;
+      return wish.call(cockpit, what);
+    };
+    0
+"""
+
+
 def key(browser: Browser, kind: str, name: str) -> None:
     browser.call("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
@@ -309,8 +319,13 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     browser.wait_for("document.querySelectorAll('.scenario').length")
     browser.read(press("Drive it: 250 ms"))
     browser.wait_for("cockpit.isDriven && cockpit.status?.lanes[0]?.score && cockpit.nowS > 0.1")
+    browser.read(NOTE_BEGIN)
     key(browser, "keyDown", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} > 0.01")
+    begun = [
+        f"Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {s}))" for s in (0.0, 0.2)
+    ]
+    assert [browser.read(is_steered) for is_steered in begun] == [True, False]
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
     browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
     browser.wait_for(f"{value_of('ghost_m')} > 0.01")

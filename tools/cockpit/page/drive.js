@@ -111,14 +111,17 @@ export class Drive {
     if (byId("drive").hidden || !this.scenario) return;
     this.hand.step(elapsedS);
     const { nowS } = this.app;
-    const isMoving = this.lane < 0 ? this.app.status?.lanes[0]?.law : this.hand.isOn;
-    if (this.startS === null && isMoving && nowS > 0) this.begin(nowS);
-    if (this.lane >= 0 && this.startS !== null && nowMs - this.sentMs >= SEND_MS) {
+    const isDriver = this.lane >= 0 && this.hand.isOn;
+    if (isDriver && nowMs - this.sentMs >= SEND_MS) {
       this.sentMs = nowMs;
       this.app.wish({ do: "steer", steer_rad: this.steerRad });
     }
+    // The minute begins with the first command on the bus: the hand's process takes seconds to start.
+    const isSteered = Number.isFinite(this.app.lanes[Math.max(this.lane, 0)]?.value("steer_rad", nowS));
+    if (this.startS === null && isSteered) this.begin(nowS);
     this.drawWheel(nowS);
     if (this.startS !== null) this.count(nowS - this.startS);
+    else if (isDriver) setText(this.score, "The wheel is being connected");
     else if (this.isKiosk && nowS > ROUND_S && this.scenario.title !== this.rounds[0].title) this.welcome();
   }
 
