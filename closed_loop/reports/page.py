@@ -37,7 +37,7 @@ a { color: #0b5394; }
     linear-gradient(to left, var(--shade), transparent) 100% / .9rem 100%;
   background-repeat: no-repeat; }
 .verdict { font-size: 1.1rem; }
-nav { columns: 16rem; font-size: .92rem; }
+nav { columns: 16rem; font-size: .92rem; } nav a { display: inline-block; }
 @media (max-width: 40rem) { body { padding: 0 .8rem; margin: 1rem auto; }
   .good, .fair, .poor { white-space: normal; display: inline-block; }
   .picture { overflow-x: auto; } .picture img { max-width: none; width: 42rem; }

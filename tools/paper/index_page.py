@@ -43,7 +43,7 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
     about = Section("What is compared", [_ABOUT], tables=(_meanings(written), _summary(written)))
     sections = [_section(item, read_png) for item in written]
     counts = Counter(str(item.verdict) for item in written)
-    verdict = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+    verdict = "; ".join(f"{count}: {name}" for name, count in counts.most_common())
     return page("SAE 2018-01-1086, reproduced", [about, *sections], verdict)
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
@@ -28,6 +29,8 @@ CONDITIONS_MAX = 24
 SHOWN_MAX = 8
 """Delays in a table; those between are in the picture."""
 PANELS_MAX = 6
+CURVES_MAX = 8
+"""Laws in a picture; more go into further ones."""
 _VEHICLE = "plant.vehicle."
 _TOP_M = 3.0
 """Largest error drawn."""
@@ -182,11 +185,17 @@ def _peak(found: LawByDelay, place: tuple[int, int, int]) -> str:
     return f"{found.peak_m[place]:.2f} / {found.cg_peak_m[place]:.2f}"
 
 
-def draw_error_over_delay(found: LawByDelay, shown: Sequence[str]) -> Figure:
+def portions(names: Sequence[str]) -> Iterator[tuple[str, Sequence[str]]]:
+    """Yield the laws of each picture, behind the end of its name, empty where one is enough."""
+    for first in range(0, len(names), CURVES_MAX):
+        end = f"_{1 + first // CURVES_MAX}" if len(names) > CURVES_MAX else ""
+        yield end, names[first : first + CURVES_MAX]
+
+
+def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
     """Draw some laws under the first condition, and the delay at which each breaks."""
     figure = Figure(figsize=(9.0, 4.8))
     axes = figure.subplots()
-    names = shown or found.controllers
     for name, (colour, dashes) in zip(names, _styles(), strict=False):
         law = found.controllers.index(name)
         breaks_ms = found.breaks_at_ms(0, law)
@@ -196,7 +205,7 @@ def draw_error_over_delay(found: LawByDelay, shown: Sequence[str]) -> Figure:
             place = found.delays_ms.index(breaks_ms)
             error_mm = 1e3 * min(found.settled_m[0, law, place], _TOP_M)
             axes.plot(breaks_ms, error_mm, "x", color=colour, ms=11, mew=2.5)
-    axes.set_yscale("log")
+    _scale_errors(axes)
     axes.set(
         xlabel="mean delay [ms]",
         ylabel=f"RMS error from {SETTLED_S:g} s on, worst [mm]",
@@ -207,24 +216,31 @@ def draw_error_over_delay(found: LawByDelay, shown: Sequence[str]) -> Figure:
     return figure
 
 
-def draw_conditions(found: LawByDelay) -> Figure:
-    """Draw all laws, one panel a condition."""
+def draw_conditions(found: LawByDelay, names: Sequence[str]) -> Figure:
+    """Draw some laws, one panel a condition."""
     count = min(len(found.conditions), PANELS_MAX)
     lines = -(-count // 2)
     figure = Figure(figsize=(12.0, 3.6 * lines + 1.6))
     panels = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False).ravel()
     for condition, panel in enumerate(panels[:count]):
-        for law, (name, style) in enumerate(zip(found.controllers, _styles(), strict=False)):
-            _draw_law(panel, found, (condition, law), *style, name)
-        panel.set(yscale="log", title=found.conditions[condition])
-        panel.set_xlabel("mean delay [ms]")
-        panel.tick_params(labelbottom=condition + 2 >= count)  # also above an empty place
+        for name, style in zip(names, _styles(), strict=False):
+            _draw_law(panel, found, (condition, found.controllers.index(name)), *style, name)
+        _scale_errors(panel)
+        panel.set(title=found.conditions[condition], xlabel="mean delay [ms]")
+        panel.tick_params(which="both", labelbottom=True, labelleft=True)
     for panel in panels[::2]:
         panel.set_ylabel(f"worst RMS from {SETTLED_S:g} s on [mm]")
     for panel in panels[count:]:
         panel.set_axis_off()
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+def _scale_errors(axes: Axes) -> None:
+    """Let errors grow by factors, with plain numbers beside them, in less than a decade too."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(LogFormatter())
+    axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
 
 
 def _draw_law(

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,13 @@ from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
 from .delay_errors import delay_sections
 from .heat_maps import draw_held, draw_rms, heat_maps, map_section
-from .law_by_delay import draw_conditions, draw_error_over_delay, law_by_delay, law_section
+from .law_by_delay import (
+    draw_conditions,
+    draw_error_over_delay,
+    law_by_delay,
+    law_section,
+    portions,
+)
 from .level_by_level import level_sections
 from .quantiles_over_seeds import seeds_section
 from .worst_runs import draw_worst, worst_runs, worst_section
@@ -68,11 +75,16 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     found = law_by_delay(study, rows, axes)
     if found is None:
         return []
-    drawn = study.report.error_over_delay
+    drawn = study.report.error_over_delay or found.controllers
     pictures = [
-        _save(study, "error_over_delay", lambda: draw_error_over_delay(found, drawn)),
-        _save(study, "law_by_delay", lambda: draw_conditions(found)),
+        _save(study, f"error_over_delay{end}", partial(draw_error_over_delay, found, names))
+        for end, names in portions(drawn)
     ]
+    if len(found.conditions) > 1:  # else it would be the same picture
+        pictures += [
+            _save(study, f"law_by_delay{end}", partial(draw_conditions, found, names))
+            for end, names in portions(found.controllers)
+        ]
     return [law_section(found, pictures)]
 
 
