@@ -125,6 +125,10 @@ CHECKS: dict[str, Callable[[Any], None]] = {
     "packetised_mpc": check_packetised_mpc,
 }
 
+OF_NODES = ("own_vehicle", "networked_prediction", "packetised_mpc")
+"""Examples with a model or law that is not compiled; of the others a compiled run is, bit for bit,
+what the nodes do (tests/closed_loop/compiled)."""
+
 
 @pytest.fixture(autouse=True)
 def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
@@ -144,6 +148,9 @@ def test_an_example_works_as_a_notebook_in_an_empty_folder(
         split_code_and_text_blocks,  # with it Sphinx, which no test for vcan0 needs
     )
 
+    if name not in OF_NODES:
+        defaults = {**(simulate.__kwdefaults__ or {}), "engine": "compiled"}
+        monkeypatch.setattr(simulate, "__kwdefaults__", defaults)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if Path(path) != EXAMPLES])
     notebook = ModuleType("__main__")
     monkeypatch.setitem(sys.modules, "__main__", notebook)
