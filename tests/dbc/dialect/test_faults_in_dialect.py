@@ -9,9 +9,9 @@ import pytest
 from steer_by_wire.closed_loop.rig import Rig
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
+from steer_by_wire.plant_emulator.faults.messages_on_bus import messages_on, naming
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from tests.dbc.dialect.test_gateway import CAR, DATABASE, request
@@ -161,3 +161,28 @@ def test_settings_with_our_names_are_refused_in_a_dialect() -> None:
     )
     with pytest.raises(SettingsError, match="must be STEER_ANGLE, MOTION, LANE or all"):
         make_virtual_plant(ours, dialect=DIALECT)
+
+
+def test_bits_of_no_signal_stay_as_they_are() -> None:
+    message = next(one for one in DIALECT.messages if one.name == "STEER_REQUEST")
+    padded = bytearray(request(2.0, 3).data)
+    padded[5:7] = b"\xa5\x5a"
+    padded[7] = (sum(padded[:7]) + 1 + len(padded)) % 256  # 1: the bytes of 0x100
+    changed = message.changed(bytes(padded), "ANGLE_REQUEST", lambda value: value + 1.0, 1)
+    assert changed is not None
+    assert changed[5:7] == b"\xa5\x5a"
+    assert changed[7] == (sum(changed[:7]) + 1 + len(changed)) % 256
+    said: Any = DATABASE.decode_message(0x100, changed)
+    assert (said["ANGLE_REQUEST"], said["REQUEST_COUNTER"]) == (pytest.approx(3.0), 4)
+
+
+def test_a_moved_frame_has_the_format_of_its_new_identifier() -> None:
+    moved = messages_on(DIALECT).moved(Frame(LANE_ID, bytes(8), EXTENDED))
+    assert moved == Frame(ANGLE_ID, bytes(8))
+
+
+def test_onsets_count_from_the_first_request_that_the_car_takes() -> None:
+    messages = messages_on(DIALECT)
+    refused = (request(0.0, 0, active=0), request(0.0, 1, spoilt=1), Frame(7, bytes(8)))
+    assert not any(messages.starts(frame, 0) for frame in refused)
+    assert messages.starts(request(0.0, 2), 0)
