@@ -1,21 +1,22 @@
 """The one command: ``steer-by-wire NAME ...`` starts every program of the project.
 
 Each program has its own parser and its own ``--help``; here are only the names, in the order in
-which a newcomer needs them. A program is imported only when it is started.
+which a newcomer needs them. A program is imported only when it is started, and what completion
+does without only where it is used: every key in the shell starts this anew.
 """
 
-import argparse
-import difflib
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from . import __version__
 from .completion import answer_from_cache, keep, offer_values
-from .runtime.command_line import start_program
 from .runtime.former_names import FORMER_COMMANDS
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
@@ -114,6 +115,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def start(name: str, words: Sequence[str]) -> int:
     """Import a program and run it; a missing library is reported in one line."""
+    from .runtime.command_line import start_program
+
     program = PROGRAMS[name]
     module = f"{__package__}.{program.module}"
     return start_program(module, words, f"{NAME} {name}", program.main)
@@ -129,6 +132,8 @@ def _print(text: str) -> int:
 
 
 def _nearest(word: str) -> str:
+    import difflib
+
     close = difflib.get_close_matches(word, PROGRAMS, n=2, cutoff=0.5)
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
@@ -170,9 +175,11 @@ def _complete() -> int:
     is_bash = os.environ.get("_ARGCOMPLETE_SHELL", "bash") == "bash"
     if named and is_behind and is_bash and answer_from_cache(named[0], line):
         return 0
+    import argparse
+
     import argcomplete
 
-    def answer(parser: argparse.ArgumentParser, *_arguments: object) -> NoReturn:
+    def answer(parser: "ArgumentParser", *_arguments: object) -> NoReturn:
         if named and parser.prog == f"{NAME} {named[0]}":
             keep(named[0], parser)
         offer_values(parser)

@@ -5,24 +5,29 @@ program's name still does; its options and their values then lie in the user's c
 until a file of the package changes. Standard library only.
 """
 
-import argparse
 import json
 import os
 import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import __version__
-from .runtime.output_file import write_text
+
+if TYPE_CHECKING:
+    from argparse import Action, ArgumentParser
 
 NO_SPACE = "="
 """Behind the key of a setting there is a value."""
 
 
-def keep(program: str, parser: argparse.ArgumentParser) -> None:
+def keep(program: str, parser: "ArgumentParser") -> None:
     """Keep what a parser knows; one with subcommands is left to argcomplete."""
+    import argparse
+
+    from .runtime.output_file import write_text
+
     if any(isinstance(action, argparse._SubParsersAction) for action in parser._actions):
         return
     options = {
@@ -66,12 +71,12 @@ def _candidates(known: dict[str, Any], before: str, last: str) -> Iterator[str]:
     yield from (value for value in values if value.startswith(last))
 
 
-def _values(action: argparse.Action) -> list[str]:
+def _values(action: "Action") -> list[str]:
     values = getattr(action.type, "values", None) or getattr(action, "values", None)
     return [*map(str, action.choices or ())] if values is None else list(values())
 
 
-def offer_values(parser: argparse.ArgumentParser) -> None:
+def offer_values(parser: "ArgumentParser") -> None:
     """Let argcomplete know the values too."""
     for action in parser._actions:
         if values := _values(action):
