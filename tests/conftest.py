@@ -21,10 +21,10 @@ from typing import Any
 import pytest
 
 from tests.support.combinations import ALL
-from tests.support.forked_programs import forked_programs
-from tests.support.frozen_heap import FrozenHeap
-from tests.support.last_line import last_line
-from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
+from tests.support.suite.forked_programs import forked_programs
+from tests.support.suite.frozen_heap import FrozenHeap
+from tests.support.suite.last_line import last_line
+from tests.support.suite.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
 
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. It must be set before numpy is imported.
@@ -105,7 +105,7 @@ LONGEST = (
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
-        "markers", "vcan: needs a real vcan0, see tests/support/vcan_session.py"
+        "markers", "vcan: needs a real vcan0, see tests/support/suite/vcan_session.py"
     )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
     config.pluginmanager.register(FrozenHeap())

@@ -21,7 +21,7 @@ import numpy as np
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import controller_preset
-from tests.support.law_in_c import (
+from tests.support.in_c.law_in_c import (
     TICKS_A_RECORD,
     Target,
     built,
@@ -33,7 +33,7 @@ from tests.support.law_in_c import (
     presets_in_c,
     written,
 )
-from tests.support.size_on_m7 import executed, logging_words, sizes
+from tests.support.in_c.size_on_m7 import executed, logging_words, sizes
 
 ANY_COMMANDS = """
 #include "steering_law.c"

@@ -28,8 +28,8 @@ from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.faults.campaign import watched_pair
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings, PointSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import Scenario, scenarios_of
-from tests.support.law_in_c import Target, every_target, presets_in_c
-from tests.support.node_in_c import (
+from tests.support.in_c.law_in_c import Target, every_target, presets_in_c
+from tests.support.in_c.node_in_c import (
     NODE,
     ON_TIME,
     OVERRUN,
@@ -42,7 +42,7 @@ from tests.support.node_in_c import (
     segments,
     settings_of,
 )
-from tests.support.size_on_m7 import executed, logging_words, sizes
+from tests.support.in_c.size_on_m7 import executed, logging_words, sizes
 
 IMPATIENT = ("overruns.overruns_max=3", "overruns.missed_periods_max=40")
 """Limits that a drawn sequence exceeds."""

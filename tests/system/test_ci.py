@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests import conftest
-from tests.support import vcan_session
+from tests.support.suite import vcan_session
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / ".ci" / "run"

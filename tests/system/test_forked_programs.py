@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.support import forked_programs
+from tests.support.suite import forked_programs
 
 VERSION = [sys.executable, "-m", "steer_by_wire", "--version"]
 

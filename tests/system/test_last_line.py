@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from tests.support.last_line import last_line
+from tests.support.suite.last_line import last_line
 
 
 def skipped(reason: str) -> SimpleNamespace:

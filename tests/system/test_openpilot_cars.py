@@ -31,7 +31,7 @@ from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.openpilot_safety import SafetyCode
+from tests.support.in_c.openpilot_safety import SafetyCode
 
 opendbc: Any = pytest.importorskip("opendbc", reason="no opendbc: no car of others was driven")
 

@@ -30,7 +30,7 @@ from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.tools.run.__main__ import main
-from tests.support.random_frames import sendable_frames
+from tests.support.wire.random_frames import sendable_frames
 
 OURS = [sys.executable, "-m", "tests.closed_loop.lockstep.lockstep_controller"]
 ECHO = f"""

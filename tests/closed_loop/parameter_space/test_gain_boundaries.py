@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.gain_loops import (
+from tests.support.loops.gain_loops import (
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
     LEAD,

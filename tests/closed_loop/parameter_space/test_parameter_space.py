@@ -25,7 +25,7 @@ from steer_by_wire.controller.filters.nominal_model import (
     steer_to_lateral_error,
 )
 from steer_by_wire.runtime.node import NS_PER_MS
-from tests.support.gain_loops import (
+from tests.support.loops.gain_loops import (
     CORNERS,
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
@@ -38,7 +38,7 @@ from tests.support.gain_loops import (
     WINDOW,
     Loop,
 )
-from tests.support.gain_regions import verified
+from tests.support.loops.gain_regions import verified
 
 
 def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:

@@ -20,7 +20,7 @@ from steer_by_wire.plant_emulator.network.latency_distributions import gamma_qua
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.combinations import combined
-from tests.support.wide_stretches import (
+from tests.support.loops.wide_stretches import (
     PD,
     PD_CDOB,
     PD_DDOB,

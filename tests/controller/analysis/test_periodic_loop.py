@@ -17,7 +17,7 @@ from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from tests.support.straight_runs import PUSH, decay_1_s, run_straight
+from tests.support.loops.straight_runs import PUSH, decay_1_s, run_straight
 
 MS = 1_000_000
 PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")

@@ -28,7 +28,7 @@ from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
-from tests.support.own_vehicle import VEHICLE
+from tests.support.loops.own_vehicle import VEHICLE
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

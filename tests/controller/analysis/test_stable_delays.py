@@ -24,7 +24,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.wide_stretches import (
+from tests.support.loops.wide_stretches import (
     PD,
     PD_CDOB,
     PD_DDOB,

@@ -10,8 +10,8 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, steady_s
 from steer_by_wire.controller.limits.fades_and_ramps import NOTHING
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
-from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
-from tests.support.own_vehicle import transition
+from tests.support.loops.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
+from tests.support.loops.own_vehicle import transition
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 

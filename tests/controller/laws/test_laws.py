@@ -15,7 +15,7 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import read_preset
-from tests.support.own_vehicle import transition
+from tests.support.loops.own_vehicle import transition
 
 PERIOD_S = 0.01
 STEER_RAD_MAX = 0.6

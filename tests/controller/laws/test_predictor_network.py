@@ -14,8 +14,8 @@ from steer_by_wire.controller.prediction.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from tests.support.deaf_controller import is_echo, run_deaf
-from tests.support.predictor_law import controller, history
+from tests.support.loops.deaf_controller import is_echo, run_deaf
+from tests.support.loops.predictor_law import controller, history
 
 MS = 1_000_000
 

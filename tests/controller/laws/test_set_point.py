@@ -18,8 +18,8 @@ from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.baseline_runs import vehicle_of
 from tests.support.compiled_runs import plant_settings as rig
+from tests.support.loops.baseline_runs import vehicle_of
 from tests.support.no_jitter import no_jitter as no_jitter
 
 CG = "followed_point=centre_of_gravity"

@@ -14,7 +14,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
-from tests.support.straight_runs import decay_1_s, run_straight
+from tests.support.loops.straight_runs import decay_1_s, run_straight
 
 MS = 1_000_000
 CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))

@@ -14,7 +14,7 @@ from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, La
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig
-from tests.support.own_vehicle import transition
+from tests.support.loops.own_vehicle import transition
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 

@@ -32,7 +32,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
-from tests.support.own_vehicle import VEHICLE
+from tests.support.loops.own_vehicle import VEHICLE
 
 
 def link(**tables: Any) -> Link:

@@ -18,7 +18,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState, model_step
 from steer_by_wire.plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
-from tests.support.own_vehicle import VEHICLE
+from tests.support.loops.own_vehicle import VEHICLE
 
 SPEED_M_S = 60.0 / 3.6
 LIMIT_RAD = steady_turn_rad(VEHICLE, SPEED_M_S, 16.0)

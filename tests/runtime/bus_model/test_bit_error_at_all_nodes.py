@@ -1,4 +1,4 @@
-"""A slice of what ``python -m tests.support.errored_frames 1000000`` sends."""
+"""A slice of what ``python -m tests.support.wire.errored_frames 1000000`` sends."""
 
 from collections import Counter
 
@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.runtime.bus_model.bus_model import Delivery
 from steer_by_wire.runtime.frame import Frame
-from tests.support.errored_frames import SCENARIOS, Receipts, send
+from tests.support.wire.errored_frames import SCENARIOS, Receipts, send
 
 
 def test_errors_lose_repeat_and_reorder_only_what_the_standard_permits() -> None:

@@ -1,6 +1,6 @@
 """The model's closed forms against nodes that step bit by bit on a wire.
 
-A slice of what ``python -m tests.support.error_comparison 10000`` compares.
+A slice of what ``python -m tests.support.wire.error_comparison 10000`` compares.
 """
 
 import pytest
@@ -8,9 +8,9 @@ import pytest
 from steer_by_wire.runtime.bus_model.bit_error_at_all_nodes import Disturbed, disturb
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
-from tests.support import error_comparison
-from tests.support.error_comparison import compare, compare_random
-from tests.support.random_frames import FORMATS
+from tests.support.wire import error_comparison
+from tests.support.wire.error_comparison import compare, compare_random
+from tests.support.wire.random_frames import FORMATS
 
 
 @pytest.mark.parametrize("flags", FORMATS)

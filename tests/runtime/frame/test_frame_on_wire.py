@@ -9,7 +9,7 @@ from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import crc15, frame_bits
 from steer_by_wire.runtime.frame.wire_bits import CRC_15, crc_of, frame_on_wire, stuff_count
 from steer_by_wire.runtime.recording.candump import parse_entry
-from tests.support.random_frames import frames_on_a_bus
+from tests.support.wire.random_frames import frames_on_a_bus
 
 ENCODED = Path(__file__).with_name("encoded_frames.txt")
 """Frames as for cansend, their bits as a hexadecimal number, and how many.

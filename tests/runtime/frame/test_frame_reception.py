@@ -8,7 +8,7 @@ from hypothesis import given
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.received_bits import WireError, receive
 from steer_by_wire.runtime.frame.wire_bits import CRC_15, WireBit, crc_of, frame_on_wire
-from tests.support.random_frames import frames_on_a_bus
+from tests.support.wire.random_frames import frames_on_a_bus
 
 ONE_OF_EACH_FORMAT = (
     Frame(0x100, bytes.fromhex("0123456789ABCDEF")),

@@ -18,7 +18,7 @@ from steer_by_wire.tools.can.response_time_bounds import (
     wire_of,
     worst_response_ns,
 )
-from tests.support.simulated_responses import critical_response_ns
+from tests.support.wire.simulated_responses import critical_response_ns
 
 PUBLISHED = tomllib.loads(
     Path(__file__).with_name("published_responses.toml").read_text(encoding="utf-8")

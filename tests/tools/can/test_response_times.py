@@ -27,7 +27,7 @@ from steer_by_wire.tools.can.response_time_bounds import (
     wire_of,
     worst_response_ns,
 )
-from tests.support.simulated_responses import critical_response_ns, random_responses_ns
+from tests.support.wire.simulated_responses import critical_response_ns, random_responses_ns
 
 BITRATE_BIT_S = 500_000
 MS = 1_000_000

@@ -9,7 +9,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.can.__main__ import main
 from steer_by_wire.tools.can.message_set import BusSettings, read_messages, respond
-from tests.support.simulated_responses import critical_response_ns, random_responses_ns
+from tests.support.wire.simulated_responses import critical_response_ns, random_responses_ns
 
 RESPONSE_TIMES = "response-times"
 AT_ONCE_MAX = 1_000_000

@@ -9,8 +9,8 @@ from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
-from tests.support.law_in_c import hosts
-from tests.support.node_in_c import (
+from tests.support.in_c.law_in_c import hosts
+from tests.support.in_c.node_in_c import (
     HELD_UP,
     ON_TIME,
     OVERRUN,

@@ -1,6 +1,6 @@
 """The model's closed forms of an error against nodes that step bit by bit on a wire.
 
-    python -m tests.support.error_comparison 10000
+    python -m tests.support.wire.error_comparison 10000
 
 compares so many random frames of eight kinds, with an error at each of their bits: seen by all, by
 the sender alone, by one receiver alone; each with everybody error active, and with the sender, or
@@ -29,8 +29,8 @@ from steer_by_wire.runtime.frame import (
 )
 from steer_by_wire.runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 from steer_by_wire.runtime.frame.wire_bits import WireBit, frame_on_wire
-from tests.support.bit_oracle import Bit, Node, Wire
-from tests.support.random_frames import FORMATS
+from tests.support.wire.bit_oracle import Bit, Node, Wire
+from tests.support.wire.random_frames import FORMATS
 
 ALL, SENDER, RECEIVER = (0, 1, 2), (0,), (2,)
 _SHORT = [length for length in DATA_LENGTH_CODE if length <= 8]

@@ -1,6 +1,6 @@
 """Frames on a bus with errors: none lost, duplicated or reordered beyond what the standard permits.
 
-    python -m tests.support.errored_frames 1000000
+    python -m tests.support.wire.errored_frames 1000000
 
 Three nodes send numbered frames of eight kinds beside periodic traffic, while noise hits all of
 them or one alone, some of it in bursts. What ISO 11898-1 permits, and all that is permitted:
@@ -26,8 +26,8 @@ from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Re
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
 from steer_by_wire.runtime.node import NEVER_NS
-from tests.support.error_comparison import random_frame
-from tests.support.random_frames import FORMATS
+from tests.support.wire.error_comparison import random_frame
+from tests.support.wire.random_frames import FORMATS
 
 BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
 NODES = range(3)

@@ -5,7 +5,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tests.support.law_in_c import M7_FLAGS
+from tests.support.in_c.law_in_c import M7_FLAGS
 
 _FLAGS = [it for it in M7_FLAGS if it.startswith("-m")]
 

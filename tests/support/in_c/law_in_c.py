@@ -24,7 +24,7 @@ from steer_by_wire.controller.settings import PRESETS, ControllerSettings, contr
 from steer_by_wire.runtime.settings import preset_names
 from steer_by_wire.tools.generate_c.law_source import LAWS, law_source, params_of
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PROTOCOL = ROOT / "closed_loop/lockstep"
 Floats = npt.NDArray[np.float64]
 STRICT = (

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from steer_by_wire.with_vcan.system_calls import adopt_orphans
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FORKED = ("steer_by_wire", "can", "cantools", "pytest", "tests")
 STREAMS = (0, 1, 2)
 PRELOADED = (

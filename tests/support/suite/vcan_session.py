@@ -20,7 +20,7 @@ from typing import IO, Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 WITH_VCAN = ROOT / "tools" / "with_vcan"
 NETEM_CHANNEL, NETEM_DELAY_S = "vcan1", 0.04
 """The interface that has a latency in the kernel, and how much: every frame on it meets it."""
