@@ -33,6 +33,7 @@ from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..agreed_point import judged_like
+from ..foreign_program import STATUS_KILLED
 from ..live_bus import BUSES, Bus, open_channels
 from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
@@ -48,11 +49,10 @@ from ..virtual_pair import (
     run_virtual_nodes,
     waits_in_vain,
 )
-from .command import STATUS_KILLED
 from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
-_COMMAND = "steer_by_wire.closed_loop.rig.command"
+_COMMAND = "steer_by_wire.closed_loop.foreign_program"
 _POLL_S = 0.05
 __tracebackhide__ = True  # pytest shows the line of the test that made the mistake
 

@@ -1,5 +1,6 @@
 """A rig: one plant, any controller."""
 
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,12 @@ def test_a_program_that_speaks_the_contract_holds_the_path(tmp_path: Path) -> No
     outcome = rig.run(command)
     outcome.assert_holds(rms_m=0.2)
     assert "emulated" in outcome.bus
+
+
+def test_what_starts_a_command_adds_nothing_to_what_it_prints() -> None:
+    starter = [sys.executable, "-W", "error", "-m", "steer_by_wire.closed_loop.foreign_program"]
+    done = subprocess.run([*starter, "echo", "ready"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ready\n", "")
 
 
 def test_a_command_that_is_not_there_never_drives_the_plant(tmp_path: Path) -> None:
