@@ -58,7 +58,7 @@ def write(folder: Path) -> Path:
         *filter(None, (seeds_section(study, rows),)),
         *_laws(study, rows, axes),
         *delay_sections(study, rows),
-        *filter(None, (_maps(study, rows, axes),)),
+        *filter(None, (maps_of(study, rows, axes),)),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows),
     ]
@@ -88,7 +88,8 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     return [law_section(found, pictures)]
 
 
-def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section | None:
+def maps_of(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section | None:
+    """Return the heat maps over mean latency and jitter; None where one of them does not vary."""
     if len(axes.jitter.labels) < 2 or len(axes.mean.labels) < 2:
         return None  # one row or column of cells says less than the table of the laws
     maps = heat_maps(rows, axes, len(study.names))
