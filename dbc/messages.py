@@ -63,6 +63,11 @@ SteeringPlan, which takes the place of SteeringCommand.
 One that is sent cyclically and spontaneously comes in between as well, at changes.
 """
 
+NUMBERED_WITH: Mapping[type[Message], type[Message]] = MappingProxyType(
+    {SteeringPlan: SteeringCommand}  # noqa: F405
+)
+"""The message in whose place another is sent: both are one sequence of E2E counters."""
+
 
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
     """The range of each field of ``message_type``, so that a node can clamp to it."""

@@ -11,7 +11,7 @@ the node, against which it has its fallback; what came of a forged measurement i
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
@@ -22,6 +22,7 @@ from .messages import (
     CYCLE_TIMES_MS,
     DATA_IDS,
     MESSAGE_TYPES,
+    NUMBERED_WITH,
     Decoded,
     DelayStatus,
     GroundTruth,
@@ -31,8 +32,6 @@ from .messages import (
     PathAhead,
     Rejection,
     SecondSender,
-    SteeringCommand,
-    SteeringPlan,
     VehicleState,
     decode,
     rejection_of,
@@ -43,7 +42,7 @@ from .secoc.secured_frame import Refused, is_secured
 Cause = Rejection | SequenceResult | Refused
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _COMES_WITH: Mapping[type[Message], type[Message]] = {
-    SteeringPlan: SteeringCommand,
+    **NUMBERED_WITH,
     PathAhead: VehicleState,
     GroundTruth: LateralError,
     ModelStatus: DelayStatus,
@@ -77,7 +76,7 @@ class Reception:
     ``sent_types``     what this node alone sends
 
     ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
-    ``taken_back_to``  the newest message that came into use again, because those after it may be
+    ``taken_back_to``  the message that came into use again last, because those after it may be
                 forged; None before the first
     ``sends``   whether the node sends its messages now. One that still waits for others to begin
                 does not pause: with its own frames it will contradict those that now are followed
@@ -94,9 +93,13 @@ class Reception:
             if message_type not in DATA_IDS  # sent by hand, so it has no counter
             else SequenceCheck(rule, cycle_ns(message_type))
             for message_type in message_types
+            if message_type not in NUMBERED_WITH
         }
         self._received = {
-            CAN_IDS[message_type]: (*unpacking(message_type), self._checks[CAN_IDS[message_type]])
+            CAN_IDS[message_type]: (
+                *unpacking(message_type),
+                self._checks[CAN_IDS[NUMBERED_WITH.get(message_type, message_type)]],
+            )
             for message_type in message_types
         }
         self._taken = self._received
@@ -173,29 +176,30 @@ class Reception:
         if check is not None:
             result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
-                return self._later(result, check, unpack)
+                return self._later(result, check)
         self.accepted += 1
         return message
 
-    def _later(
-        self,
-        result: SequenceResult,
-        check: SequenceCheck,
-        unpack: Callable[[bytes], tuple[Message, int] | Rejection],
-    ) -> Message | SequenceResult:
+    def _later(self, result: SequenceResult, check: SequenceCheck) -> Message | SequenceResult:
         """Return what to act on after a frame that is not used at once."""
         if result is SequenceResult.CONFIRMED:
             self.accepted += 1
         elif result is not SequenceResult.WAITING:
             self._refuse(result)
         if result in CHANGING and isinstance(check.content, bytes):
-            unpacked = unpack(check.content)
-            if isinstance(unpacked, tuple):
-                message = unpacked[0]
-                if result is SequenceResult.TAKEN_BACK:
-                    self.taken_back_to = message
-                return message
+            message = self._message_of(check, check.content)
+            if result is SequenceResult.TAKEN_BACK:
+                self.taken_back_to = message
+            return message or result
         return result
+
+    def _message_of(self, check: SequenceCheck, data: bytes) -> Message | None:
+        """Return the message of an earlier frame; its length says which of two in one sequence."""
+        for length, _, unpack, its in self._received.values():
+            if its is check and length == len(data):
+                unpacked = unpack(data)
+                return unpacked[0] if isinstance(unpacked, tuple) else None
+        return None
 
     def _take_other(self, frame: Frame, now_ns: int) -> Message | Cause | None:
         """Take a frame that is not received here, or not in a pause."""

@@ -79,4 +79,8 @@ class CommandFrames:
         """
         limit_plan(self._limits, self._periods_per_sample, acting, before, row)
         self.plans += 1
-        return self._plans.frame(plan_message(row, self.sent.on_sent(now_ns), mode))
+        commands, plans = self._commands, self._plans
+        plans.counter = commands.counter  # one sequence, since each takes the other's place
+        frame = plans.frame(plan_message(row, self.sent.on_sent(now_ns), mode))
+        commands.counter = plans.counter
+        return frame

@@ -4,7 +4,8 @@ A protected payload starts with the profile's header:
 
     bytes 0, 1   CRC-16 (polynomial 0x1021, start 0xFFFF), low byte first, over bytes 2 to the end
                  and then the Data ID, low byte first; the Data ID itself is not sent
-    byte 2       counter, one more for each frame of the message; 255 is followed by 0
+    byte 2       counter, one more for each frame of the message, or one in its place; 255 is
+                 followed by 0
 
 The CRC detects corruption and, by the Data ID, a payload under the wrong identifier. In our frames
 it detects every change of up to three bits, and others with probability 1 - 2**-16. The counter

@@ -115,6 +115,8 @@ class PlantNode:
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
+        self._returning: list[SteeringCommand | SteeringPlan] = []
+        self._has_returned = False
         self._sends_truth = settings.ground_truth
         self._status_frames = PlantStatusFrames()
         self._sampling = Sampling(
@@ -153,6 +155,8 @@ class PlantNode:
         if isinstance(received, STEERING):
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
+            if received is self._reception.taken_back_to:
+                self._returning.append(received)
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
@@ -283,9 +287,10 @@ class PlantNode:
         """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
-            if released is self._reception.taken_back_to:
-                self._reception.taken_back_to = None  # a duplicate of it does not return again
-                self._unit.on_return(self._motion_ns(due_ns))
+            if any(released is one for one in self._returning):
+                # A duplicate of it does not return again.
+                self._returning = [one for one in self._returning if one is not released]
+                self._has_returned = True
             command = self._plans.take(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, latency_s, due_ns)
@@ -295,6 +300,9 @@ class PlantNode:
     ) -> None:
         """Process a command at ``due_ns``."""
         motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
+        if self._has_returned and is_new:  # of a plan, when its first value acts
+            self._has_returned = False
+            self._unit.on_return(motion_ns)
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):

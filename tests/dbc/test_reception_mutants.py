@@ -1,6 +1,7 @@
 """A test notices every mutant of the reception: random streams against rules written apart."""
 
 from collections import Counter
+from itertools import permutations
 from random import Random
 from types import ModuleType
 from typing import Any
@@ -25,12 +26,14 @@ from steer_by_wire.dbc.messages import (
     Rejection,
     SecondSender,
     SteeringCommand,
+    SteeringPlan,
     VehicleState,
     decode,
     encode,
     rejection_of,
 )
 from steer_by_wire.dbc.secoc.secured_frame import Refused
+from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from tests.support.mutation import survivors
 
@@ -134,6 +137,8 @@ def message_of(kind: type[Message], value: float) -> Message:
         return LateralError(value, 0.0)
     if kind is VehicleState:
         return VehicleState(1.4, value, 0.02)
+    if kind is SteeringPlan:
+        return SteeringPlan(7, Mode.ACTIVE, 1, 1, *(value for _ in range(PLAN_VALUES)))
     return SteeringCommand(value, 7, Mode.ACTIVE)
 
 
@@ -185,6 +190,24 @@ def drive(tested: ModuleType, random: Random) -> None:
             assert tested_one.second_sender(at_ns) is told.second_sender(at_ns)
 
 
+def check_that_plans_and_commands_are_one_sequence(tested: ModuleType) -> None:
+    """Each contradicts the other under one counter, and what was in use before comes back."""
+    frames = {
+        kind: [encode(message_of(kind, 0.25), number) for number in range(20)]
+        for kind in (SteeringCommand, SteeringPlan)
+    }
+    for kinds in permutations(frames):
+        for one, other in permutations(frames):
+            receiver = tested.Reception(kinds, RULE)
+            for number, frame in enumerate(frames[one]):
+                assert type(receiver.take(frame, number * 10 * MS)) is one
+            back = receiver.take(frames[other][-1], 195 * MS)
+            assert type(back) is one
+            assert receiver.taken_back_to is back
+            assert receiver.rejected == {"taken_back": 1}
+            assert receiver.lost == 0
+
+
 def edges(noticed_ns: int) -> tuple[int, ...]:
     return tuple(noticed_ns + NOTICE_NS + step for step in (-1, 0, 1))
 
@@ -198,6 +221,7 @@ def is_killed(mutant: ModuleType) -> bool:
         untimed = mutant.Reception(PERIODS_MS, RULE)
         untimed.take(encode(message_of(LateralError, 0.0), 0))
         assert untimed.newest(LateralError).arrival_ns == 0
+        check_that_plans_and_commands_are_one_sequence(mutant)
         for number in range(DRIVES):
             drive(mutant, Random(number))
     except Exception:

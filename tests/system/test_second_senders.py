@@ -19,6 +19,7 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
     SecondSender,
     SteeringCommand,
+    SteeringPlan,
     decode,
     encode,
 )
@@ -323,3 +324,13 @@ def test_the_limits_of_the_steering_forget_a_forged_command_at_speed() -> None:
     forged = drive(plant, law, attack)
     assert forged.plant["rejected"]["taken_back"] == 1
     assert forged.peak_m < drive(plant, law).peak_m + 0.02
+
+
+@pytest.mark.parametrize("ahead", [1, 60])
+def test_forged_commands_beside_plans_are_of_the_same_sequence(ahead: int) -> None:
+    """0.9 and 8.9 m where each has its own: the intruder is then the only sender of commands."""
+    plant, law = PlantSettings(duration_s=10.0), controller_preset("practical_packet")
+    shots = [[Shot(SOON_NS, ahead)]]
+    run = drive(plant, law, Attack(SteeringPlan, -0.5, 6 * NS_PER_S, 2 * NS_PER_S, shots))
+    assert run.plant["second_senders"] == run.controller["second_senders"] == ["STEERING_COMMAND"]
+    assert run.peak_m < 0.1
