@@ -5,12 +5,19 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from threading import Thread
 from typing import Any
 
+from ..runtime.exit_status import UserError
+
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Limits numerical libraries to one thread: workers would wait for each other's threads."""
+
+
+class WorkerEndedError(UserError):
+    """A worker process has ended before its work was done."""
 
 
 class _Pool(ProcessPoolExecutor):
@@ -28,6 +35,7 @@ def worker_pool(
     """Open worker processes, which call ``begin(*arguments)`` first.
 
     An exception in the block, Ctrl-C included, ends them at once without waiting for their work.
+    A worker that ended before is WorkerEndedError.
     Ctrl-C reaches every process of a terminal; the workers leave it to this process. They end when
     this process has ended, however it ended.
     """
@@ -38,11 +46,16 @@ def worker_pool(
     try:
         with _one_thread():
             yield pool
-    except BaseException:
+    except BaseException as error:
         with _ctrl_c_held():  # a second Ctrl-C would leave processes running
             pool.shutdown(wait=False, cancel_futures=True)
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
+        if isinstance(error, BrokenProcessPool):
+            text = "a worker process was ended from outside (by a signal, or for want of memory)"
+            raise WorkerEndedError(
+                f"{text}: run again, with fewer workers or more memory"
+            ) from error
         raise
     pool.shutdown()
 

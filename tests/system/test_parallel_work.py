@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.parallel_work import worker_pool
+from steer_by_wire.closed_loop.parallel_work import WorkerEndedError, worker_pool
 from tests.support.running_program import PATIENCE_S, wait_until
 
 PARENT = """
@@ -87,3 +87,9 @@ def test_an_exception_ends_what_the_workers_do() -> None:
     # The pool's own thread waits for it too: the later of two joins returns without the status.
     wait_until(lambda: worker.exitcode is not None, "the worker's end")
     assert worker.exitcode == -signal.SIGTERM
+
+
+def test_a_worker_that_is_killed_is_one_line_for_the_user() -> None:
+    ended = pytest.raises(WorkerEndedError, match=r"^a worker process was ended .*fewer workers")
+    with ended, worker_pool(1) as pool:
+        pool.submit(os._exit, 1).result()

@@ -122,7 +122,7 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
     sampling, runs = study.sampling, len(rows.id)
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
-        "Size": f"{size}: {len(study.names)} controllers, {sampling['replicates']:,} replicates",
+        "Size": f"{size}: {len(study.names)} controllers, replicates: {sampling['replicates']:,}",
         "Points": f"{study.runs // len(study.names) // sampling['replicates']:,}, "
         f"{sampling['kind']}",
         "Seed": f"{sampling['seed']}; all controllers meet the same networks",
