@@ -76,7 +76,8 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
     runs = {}
-    for label, law in {"pd": "pd", "with an integral": LAW}.items():
+    laws: dict[str, str | Law] = {"pd": "pd", "with an integral": LAW}
+    for label, law in laws.items():
         run = simulate(controller="practical_pd", law=law, overrides=network)
         axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
         runs[label] = run
