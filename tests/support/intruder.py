@@ -8,15 +8,18 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
+    NUMBERED_WITH,
     Decoded,
     LateralError,
     Message,
     Mode,
     SteeringCommand,
+    SteeringPlan,
     decode,
     encode,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
@@ -38,16 +41,23 @@ class Attack(NamedTuple):
     shots: Sequence[Sequence[Shot]] = ()
     repeats: bool = True
 
-    def forged(self, counter: int) -> Frame:
-        """Return an intact frame that the true sender has not sent."""
+    def forged(self, counter: int, like: Message) -> Frame:
+        """Return an intact forged frame; beside true plans, half of them are plans.
+
+        ``like``  the newest true one
+        """
         if self.kind is LateralError:
             return encode(LateralError(self.value, 0.0), counter % 256)
+        if isinstance(like, SteeringPlan) and counter % 2:
+            plan = SteeringPlan(*like[:-PLAN_VALUES], *(PLAN_VALUES * [self.value]))
+            return encode(plan, counter % 256)
         return encode(SteeringCommand(self.value, counter % 65_536, Mode.ACTIVE), counter % 256)
 
     def lasts(self, frame: Frame, now_ns: int) -> bool:
-        """Whether a frame is of the message, and comes during the attack."""
+        """Whether a frame is of the message, or in its place, and comes during the attack."""
         is_now = self.onset_ns <= now_ns < self.onset_ns + self.lasts_ns
-        return is_now and frame.can_id == CAN_IDS[self.kind]
+        kinds = (self.kind, *(one for one, it in NUMBERED_WITH.items() if it is self.kind))
+        return is_now and frame.can_id in {CAN_IDS[kind] for kind in kinds}
 
 
 class Intruder:
@@ -59,6 +69,7 @@ class Intruder:
         self._attack = attack
         self._heard = 0
         self._waiting: list[tuple[int, int, int]] = []
+        self._newest: Message = LateralError(0.0, 0.0)
 
     @property
     def deadline_ns(self) -> int:
@@ -69,6 +80,7 @@ class Intruder:
         if self._attack.lasts(frame, now_ns):
             decoded = decode(frame)
             assert isinstance(decoded, Decoded)
+            self._newest = decoded.message
             if self._attack.repeats or self._heard < len(shots):
                 for order, (after_ns, ahead) in enumerate(shots[self._heard % len(shots)]):
                     entry = (now_ns + after_ns, order, decoded.counter + ahead)
@@ -79,7 +91,8 @@ class Intruder:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         frames = []
         while self._waiting and self._waiting[0][0] <= now_ns:
-            frames.append(self._attack.forged(heapq.heappop(self._waiting)[2]))
+            _, _, counter = heapq.heappop(self._waiting)
+            frames.append(self._attack.forged(counter, self._newest))
         return frames
 
 

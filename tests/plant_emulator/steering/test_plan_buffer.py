@@ -103,7 +103,7 @@ def test_beside_a_second_sender_the_plan_from_before_is_played_and_silence_begin
     codes = [status.status for _, status in tested.messages(SteeringStatus)]
     assert codes.index(SteeringStatusCode.HOLDING) == 22 + 14
     report = tested.node.report()
-    assert report["second_senders"] == ["STEERING_PLAN"]
+    assert report["second_senders"] == ["STEERING_COMMAND"]  # whose sequence plans are of
     assert report["safety"]["holdings"] == 1
 
 
