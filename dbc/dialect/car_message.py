@@ -98,10 +98,17 @@ class CarMessage:
 
     @property
     def changeable(self) -> Sequence[str]:
-        """The names of its signals but counter and checksum."""
+        """The names of its signals but counter, checksum and multiplexers.
+
+        Under another multiplexer the data would be those of other signals, which the frame lacks.
+        """
         rule = self.settings.checksum
-        protecting = (self.settings.counter, rule and rule.signal)
-        return [name for name in self.signals if name not in protecting]
+        kept = (self.settings.counter, rule and rule.signal)
+        return [
+            signal.name
+            for signal in self._message.signals
+            if signal.name not in kept and not signal.is_multiplexer
+        ]
 
     @property
     def has_room_outside(self) -> bool:
