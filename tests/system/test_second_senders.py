@@ -327,7 +327,7 @@ def test_the_limits_of_the_steering_forget_a_forged_command_at_speed() -> None:
 
 @pytest.mark.parametrize("ahead", [1, 60])
 def test_forged_commands_and_plans_beside_plans_are_of_one_sequence(ahead: int) -> None:
-    """0.9 and 8.9 m where each message has its own: the only sender of commands is then the intruder."""
+    """0.9 and 8.9 m where each message has its own: only the intruder then sends commands."""
     plant, law = PlantSettings(duration_s=10.0), controller_preset("practical_packet")
     silence = Attack(SteeringCommand, -0.5, 6 * NS_PER_S, 2 * NS_PER_S)
     run = drive(plant, law, silence._replace(shots=[[Shot(SOON_NS, ahead)]]))
