@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.live_pair import Program
+from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.closed_loop.rig.outcome_and_assertions import Detection, first_reaction
 from steer_by_wire.controller.node.node import ControllerNode
@@ -154,6 +156,23 @@ def test_of_a_program_that_crashes_its_exception_or_signal_is_said(
     outcome = rig.run([sys.executable, "-c", JOIN + crash, "{bus}"])
     ending, *_ = failure_of(outcome)
     assert ending == f"controller has ended with status {said.format(python=sys.executable)}"
+
+
+def test_a_command_is_told_the_name_of_the_interface_and_the_options_that_join_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[str] = []
+
+    def instead(*_: object, controller: Program, **__: object) -> None:
+        started.extend(controller.words)
+        raise ProcessError("this machine may have no vcan0")
+
+    monkeypatch.setattr("steer_by_wire.closed_loop.live_bus.socketcan_obstacle", lambda _: "")
+    monkeypatch.setattr("steer_by_wire.closed_loop.rig.rig.LivePair", instead)
+    with pytest.raises(ProcessError):
+        Rig(tmp_path, bus="socketcan").run(["./mine", "{channel}", "--can={channel}", "{bus}"])
+    options = ["--interface", "socketcan", "--channel", "vcan0"]
+    assert started == ["./mine", "vcan0", "--can=vcan0", *options]
 
 
 def test_a_command_that_cannot_join_the_emulated_bus_is_refused(tmp_path: Path) -> None:
