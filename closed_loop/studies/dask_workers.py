@@ -39,25 +39,25 @@ class DaskWorkers:
         self._known: int | None = None
         self.description = description
 
-    @property
-    def count(self) -> int:
-        """How many compute at the same time."""
-        now = sum(int(threads) for threads in self._client.nthreads().values())
-        before, self._known = self._known, now
+    def threads(self) -> int:
+        """Return how many blocks they compute at the same time; say which workers went or came."""
+        threads: dict[str, int] = self._client.nthreads()
+        before, now = self._known, len(threads)
+        self._known = now
         if now == 0 and before != 0:
             self._say("no worker is there: waiting for one; Ctrl-C keeps what is computed")
         elif before is not None and now < before:
             self._say(f"lost {before - now} of {before} workers: the others repeat what was lost")
         elif before is not None and now > before:
             self._say(f"workers: {now}, {now - before} more than before")
-        return max(1, now)
+        return max(1, sum(threads.values()))
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield what is done."""
         source = iter(blocks)
         waiting: set[Any] = set()
         while True:
-            free = self.count * WAITING_PER_WORKER - len(waiting)
+            free = self.threads() * WAITING_PER_WORKER - len(waiting)
             fresh = [] if should_stop() else islice(source, max(free, 0))
             waiting |= {
                 self._client.submit(compute_block, self._payload, block, pure=False)

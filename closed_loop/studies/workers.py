@@ -70,11 +70,6 @@ class Workers(Protocol):
         """What they are, in a few words."""
         ...
 
-    @property
-    def count(self) -> int:
-        """How many compute at the same time."""
-        ...
-
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield completed blocks; none computed is lost on a stop. An empty one now and then lets
         the caller act.

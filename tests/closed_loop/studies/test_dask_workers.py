@@ -31,18 +31,20 @@ def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
         ) as cluster,
         dask_workers(scenarios.study, cluster.scheduler_address, print) as workers,
     ):
-        assert workers.count == 1
+        assert workers.threads() == 1
         assert run_missing(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected
 
 
-def test_a_lost_worker_is_said_in_one_line(tmp_path: Path) -> None:
+def test_a_lost_worker_of_many_threads_is_one_worker_in_one_line(tmp_path: Path) -> None:
     study = make_scenarios(tmp_path).study
     said: list[str] = []
-    present = iter(({"a": 1, "b": 1}, {"a": 1}, {"a": 1}, {}, {}, {"c": 1}))
+    present = iter(({"a": 8, "b": 4}, {"a": 8}, {"a": 8}, {}, {}, {"c": 2}))
     client = mock.Mock(nthreads=lambda: next(present))
     workers = DaskWorkers(client, study, "those", said.append)
-    assert [workers.count for _ in range(6)] == [2, 1, 1, 1, 1, 1]
-    assert [line.partition(":")[0] for line in said] == [
-        "lost 1 of 2 workers", "no worker is there", "workers",
-    ]  # fmt: skip
+    assert [workers.threads() for _ in range(6)] == [12, 8, 8, 1, 1, 2]
+    assert [line.partition(": ")[::2] for line in said] == [
+        ("lost 1 of 2 workers", "the others repeat what was lost"),
+        ("no worker is there", "waiting for one; Ctrl-C keeps what is computed"),
+        ("workers", "1, 1 more than before"),
+    ]
