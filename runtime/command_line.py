@@ -337,12 +337,16 @@ def installation(*libraries: str) -> str:
     requirements = found[0].requires or () if found else ()
     extras = ",".join(filter(None, (_extra_of(library, requirements) for library in libraries)))
     brackets = f"[{extras}]" if extras else ""
-    url = origin.get("url", "")
+    url: str = origin.get("url", "")
     if "dir_info" in origin:
         option = "-e " if origin["dir_info"].get("editable") else ""
         return f"pip install {option}'{url2pathname(urlsplit(url).path)}{brackets}'"
-    scheme = f"{origin['vcs_info']['vcs']}+" if "vcs_info" in origin else ""
-    return f"pip install '{DISTRIBUTION}{brackets}{f' @ {scheme}{url}' if url else ''}'"
+    if "vcs_info" in origin:
+        info = origin["vcs_info"]
+        url = f"{info['vcs']}+{url}@{info.get('requested_revision') or info['commit_id']}"
+    if "subdirectory" in origin:
+        url += f"#subdirectory={origin['subdirectory']}"
+    return f"pip install '{DISTRIBUTION}{brackets}{f' @ {url}' if url else ''}'"
 
 
 def _extra_of(library: str, requirements: Iterable[str]) -> str:

@@ -187,6 +187,10 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
     assert capsys.readouterr().err.splitlines()[-1].startswith(line)
 
 
+GIT = {"vcs": "git", "commit_id": "1f"}
+TAG = GIT | {"requested_revision": "v2"}
+
+
 @pytest.mark.parametrize(
     ("origin", "library", "reported"),
     [
@@ -195,7 +199,11 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
         ({"dir_info": {}, "url": "file:///a"}, "numpy", "'/a'"),
         ({"dir_info": {}, "url": "file:///a"}, "e2e", "'/a'"),
         ({"archive_info": {}, "url": "file:///a.whl"}, "rich", f"'{DISTRIBUTION}[tools] @ file:///a.whl'"),
-        ({"vcs_info": {"vcs": "git"}, "url": "https://x"}, "rich", f"'{DISTRIBUTION}[tools] @ git+https://x'"),
+        ({"vcs_info": GIT, "url": "https://x"}, "rich", f"'{DISTRIBUTION}[tools] @ git+https://x@1f'"),
+        (
+            {"vcs_info": TAG, "url": "https://x", "subdirectory": "a"},
+            "rich", f"'{DISTRIBUTION}[tools] @ git+https://x@v2#subdirectory=a'",
+        ),
         (None, "rich", f"'{DISTRIBUTION}[tools]'"),
     ],
 )  # fmt: skip
