@@ -41,7 +41,7 @@ from .protection import COUNTERS
 HALF = COUNTERS // 2
 """A counter this far ahead or further is taken for an older one."""
 QUARTER = COUNTERS // 4
-"""At most so many counters back a receiver goes, so that the next ones are no older ones."""
+"""At most so many periods back a receiver goes, so that the next counters are no older ones."""
 PERIOD_NS_MIN = 1_000_000
 """Shortest period of any message [ns]."""
 CAUTION_NS = 10_000_000_000
@@ -354,6 +354,9 @@ class SequenceCheck:
         if not is_run or now_ns - (self.arrival_ns or 0) < self._rule.resync_ns:
             return None
         self.resynchronised += 1
+        if caution is not None:  # too few frames were known to measure it, so the run does
+            measured_ns = (now_ns - self._run_since_ns) // (self._run - 1)
+            caution.period_ns = min(max(measured_ns, PERIOD_NS_MIN), caution.period_ns)
         return self._start(counter, now_ns, frame.content)
 
     def _doubt(self, counter: int, now_ns: int) -> SequenceResult:

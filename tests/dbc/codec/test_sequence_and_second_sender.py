@@ -338,7 +338,7 @@ def test_one_forged_frame_delays_the_true_ones_by_two_periods_for_ten_seconds(
 
 
 ONE_FORGED_NS_MAX = NS_PER_S
-"""Behind jitter, a frame that waits is confirmed later; at most 553 ms in 6,000 draws."""
+"""Behind jitter, a frame that waits is confirmed later."""
 
 
 @pytest.mark.parametrize(
@@ -350,8 +350,10 @@ ONE_FORGED_NS_MAX = NS_PER_S
     ids=RULES,
 )
 @given(seed=st.integers(0, 2**32))
+@example(seed=10_000_620)  # soon after the start, at 1.6 ms
+@example(seed=10_001_733)  # at 1.1 ms
 @settings(deadline=None, max_examples=40)
-def test_one_forged_frame_locks_the_true_ones_out_at_no_period_and_behind_no_jitter(
+def test_one_forged_frame_locks_the_true_ones_out_at_no_period_and_behind_little_jitter(
     rule: SequenceRule, spread_ns_max: int, orders: list[Order], seed: int
 ) -> None:
     stream = drawn(seed, spread_ns_max, orders)

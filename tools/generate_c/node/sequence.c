@@ -381,6 +381,11 @@ static enum sequence_result restarted(struct sequence *x, const struct arrived *
         || frame->at_ns - x->run_since_ns < (is_on ? x->caution.wait_ns : 0)
         || frame->at_ns - x->arrival_ns < RESYNC_NS)
         return NOT_RESTARTED;
+    if (is_on) { /* too few frames were known to measure it, so the run does */
+        const int64_t measured_ns = (frame->at_ns - x->run_since_ns) / (x->run - 1);
+
+        x->caution.period_ns = smaller(larger(measured_ns, PERIOD_NS_MIN), x->caution.period_ns);
+    }
     return start(x, frame);
 }
 
