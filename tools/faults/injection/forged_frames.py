@@ -10,6 +10,7 @@ from ....dbc.messages import (
     LateralError,
     Mode,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     decode,
@@ -52,7 +53,13 @@ class OurFrames:
         return encode(LateralError(0.0, 0.0), number % COUNTERS)
 
     def next_of(self, frame: Frame, steer_rad: float) -> Frame | None:
-        """Return the command that would follow a frame; None for a frame that is no command."""
+        """Return the command that would follow a frame; None for neither a command nor a plan."""
+        decoded = decode(frame)
+        plan = decoded.message if isinstance(decoded, Decoded) else None
+        if isinstance(plan, SteeringPlan) and isinstance(decoded, Decoded):
+            number = (plan.plan_number + 1) % COMMAND_COUNTERS
+            command = SteeringCommand(steer_rad, number, plan.mode)
+            return encode(command, (decoded.counter + 1) % COUNTERS)
         if frame.can_id != CAN_IDS[SteeringCommand]:
             return None
         return OURS.with_value(frame, "steer_rad", lambda _name, _value: steer_rad, steps=1)

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.dbc.dialect.option import add_dialect_argument
+from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     command_parser,
@@ -152,6 +153,8 @@ def _forged(dialect: Path | None) -> ForgedFrames:
 
 def _received(forged: ForgedFrames) -> frozenset[int] | None:
     """Return the identifiers that it listens to; None: all, for commands of 29 bits."""
+    if isinstance(forged, OurFrames):
+        return frozenset({CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]})
     command = forged.command(0.0, 0)
     return None if command.flags & EXTENDED else frozenset({command.can_id})
 

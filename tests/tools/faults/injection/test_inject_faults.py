@@ -16,6 +16,7 @@ from steer_by_wire.dbc.messages import (
     Mode,
     Rejection,
     SteeringCommand,
+    SteeringPlan,
     decode,
     encode,
 )
@@ -318,3 +319,10 @@ def test_the_next_frame_of_a_car_is_forged() -> None:
         overheard.hear(frame, START_NS)
     assert overheard.counts("STEER_REQUEST") == (2, 0, 0, {"repeated counter": 1})
     assert source.on_frame(forged.measurement(0), START_NS) == ()
+
+
+def test_the_next_of_a_plan_is_a_command() -> None:
+    plan = encode(SteeringPlan(65_535, Mode.ACTIVE, 7, 2, *[0.1] * 18), 255)
+    following = OurFrames().next_of(plan, 0.25)
+    assert following is not None
+    assert decode(following) == Decoded(SteeringCommand(0.25, 0, Mode.ACTIVE), 0)
