@@ -22,6 +22,7 @@ from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,
     MESSAGE_TYPES,
+    NUMBERED_WITH,
     Decoded,
     LateralError,
     Message,
@@ -101,8 +102,8 @@ class BusListener:
         self._checks = {
             name: SequenceCheck(RULE, PERIOD_NS_MIN)
             for kind, name in NAMES.items()
-            if kind in DATA_IDS  # others are sent by hand, so it has no counter
-        }
+            if kind in DATA_IDS and kind not in NUMBERED_WITH
+        }  # others are sent by hand, so it has no counter, or are of another's sequence
         self._accepted = Counter[str]()
         self._late = Counter[str]()
         self._refused = {name: Counter[str]() for name in MESSAGE_TYPES}
@@ -120,7 +121,10 @@ class BusListener:
         return dict(sorted(total.items()))
 
     def counts(self, name: str) -> MessageCounts:
-        """Return the counts of the message called ``name`` on the bus."""
+        """Return the counts of the message called ``name`` on the bus.
+
+        What is missing of one sequence is counted under the first of its messages.
+        """
         if (of_car := self.listening.counts(name)) is not None:
             return of_car
         check = self._checks.get(name)
@@ -143,8 +147,9 @@ class BusListener:
         decoded = decode(plain(frame))
         if isinstance(decoded, Decoded):
             message, counter = decoded
-            name = NAMES[type(message)]
-            result = self._in_sequence(name, counter)
+            kind = type(message)
+            name = NAMES[kind]
+            result = self._in_sequence(NAMES[NUMBERED_WITH.get(kind, kind)], counter)
             if result is SequenceResult.ACCEPTED:
                 self._accepted[name] += 1
                 if isinstance(message, LateralError):

@@ -156,7 +156,7 @@ class PlantNode:
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
             if received is self._reception.taken_back_to:
-                self._returning.append(received)
+                self._returning = [*self._returning[-7:], received]  # the line may lose some
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
@@ -300,7 +300,7 @@ class PlantNode:
     ) -> None:
         """Process a command at ``due_ns``."""
         motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
-        if self._has_returned and is_new:  # of a plan, when its first value acts
+        if self._has_returned and is_new:  # a plan, or one after it, acts from a sample on
             self._has_returned = False
             self._unit.on_return(motion_ns)
         if not math.isfinite(steer_rad):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.recordings.bus_listener import command_at
+from steer_by_wire.closed_loop.recordings.bus_listener import BusListener, command_at
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analyse_files
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
@@ -104,3 +104,15 @@ def test_a_plan_before_any_measurement_is_its_first_value() -> None:
     command = watch.view(0).command
     assert command is not None
     assert command.steer_rad == pytest.approx(command_at(PLAN, 0).steer_rad)
+
+
+def test_plans_and_commands_are_one_sequence_to_the_listener() -> None:
+    listener = BusListener()
+    kinds = [*[SteeringPlan] * 40, *[SteeringCommand] * 150, *[SteeringPlan] * 40]
+    for number, kind in enumerate(kinds):
+        message = PLAN if kind is SteeringPlan else SteeringCommand(0.0, number, Mode.ACTIVE)
+        if number not in (20, 100, 101):
+            taken = listener.take(encode(message, number % 256), number)
+            assert [one.is_late for one in taken.messages] == [False]
+    assert listener.counts("STEERING_COMMAND")[:3] == (148, 3, 0)
+    assert listener.counts("STEERING_PLAN")[:3] == (79, 0, 0)

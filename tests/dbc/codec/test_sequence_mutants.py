@@ -225,8 +225,10 @@ STREAMS = [
     (
         "fastest",
         250,
-        "7* 4a1 | 40* 4a1 | 9* 4+a2 | 150* 4a1 | 5* 50b-3 5a1 10b-20 | 9* 4a1 | 40* 10+a1 0a1 2b127",
-        "206A T W 16X 2W 5C W X 2W X 2W X 2W X 2W X 2W X 2W X 2W X 2W X 2W 91X; 478a 470, lost 10, 1, 0",
+        "7* 4a1 | 40* 4a1 | 9* 4+a2 | 150* 4a1 | 5* 50b-3 5a1 10b-20 | 9* 4a1 | 40* 10+a1 0a1 "
+        "2b127",
+        "206A T W 16X 2W 5C W X 2W X 2W X 2W X 2W X 2W X 2W X 2W X 2W X 2W 91X; 478a 470, "
+        "lost 10, 1, 0",
     ),
     (
         "acts",
@@ -237,8 +239,10 @@ STREAMS = [
     (
         "acts",
         0,
-        "7* 2a1 | 40* 2a1 | 9* 50+b3 2b64 1a5 | 40* 2a1 | 5* 10a1 500a5 | 120* 2a1 | 5* 100+a1 10a1 5a1",
-        "48A F 2A F 2A T 2W X 2W X 2W X 2W X 3W X 2W X 37W 50X 38W 46C 2W C 2W C 2W C 2W C 2W; 293a 15, lost 53, 1, 741",
+        "7* 2a1 | 40* 2a1 | 9* 50+b3 2b64 1a5 | 40* 2a1 | 5* 10a1 500a5 | 120* 2a1 | 5* "
+        "100+a1 10a1 5a1",
+        "48A F 2A F 2A T 2W X 2W X 2W X 2W X 3W X 2W X 37W 50X 38W 46C 2W C 2W C 2W C 2W C "
+        "2W; 293a 15, lost 53, 1, 741",
     ),
 ]
 """The receiver, the number of the first true frame, the stream, and what becomes of it."""
