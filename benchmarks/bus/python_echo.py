@@ -22,13 +22,14 @@ _TIMEOUT_S = 0.05
 def main() -> NoReturn:
     """Answer without end."""
     channel, request_id, reply_id, wait = sys.argv[1:]
-    bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    echo = {"bare": _echo, "select": _echo_with_timeout}[wait]
     wanted = struct.pack("=II", int(request_id, 0), _11_BIT_DATA)
+    head = struct.pack("=I", int(reply_id, 0))
+    bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     bus.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
     bus.bind((channel,))
-    head = struct.pack("=I", int(reply_id, 0))
     print("ready", flush=True)
-    (_echo_with_timeout if wait == "select" else _echo)(bus, head)
+    echo(bus, head)
 
 
 def _echo(bus: socket.socket, head: bytes) -> NoReturn:

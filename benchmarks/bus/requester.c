@@ -84,10 +84,10 @@ int main(int count, char **arguments)
 {
     if (count != 6)
         die("requester CHANNEL PERIOD_NS COUNT FRAMES LOG");
-    int bus = open_bus(arguments[1]);
     int64_t period_ns = number(arguments[2]), requests = number(arguments[3]);
     size_t frames;
     const struct can_frame *table = read_frames(arguments[4], &frames);
+    int bus = open_bus(arguments[1]);
     struct log log = {.room = (size_t)requests * PASSAGES_PER_REQUEST + 1024};
     log.passages = malloc(log.room * sizeof *log.passages);
     if (!log.passages)

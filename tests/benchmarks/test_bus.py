@@ -3,21 +3,26 @@
 import array
 import gc
 import json
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from benchmarks.bus import benchmark
+from benchmarks.bus import benchmark, runs, watched_controller
 from benchmarks.bus.allocations import TickMemory, tick_memory
 from benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
 from benchmarks.bus.processes import (
     CompileError,
     CPrograms,
+    Role,
     compile_all,
+    started,
 )
 from benchmarks.bus.records import (
     Answers,
@@ -41,12 +46,18 @@ from benchmarks.bus.runs import (
     AnswerRun,
     Bench,
     TickRun,
+    answer_run,
+    socketcan_options,
+    tick_run,
+    write_frames,
 )
 from benchmarks.bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
 from benchmarks.measurement import Line
+from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.statistics import DurationSummary
@@ -109,6 +120,53 @@ def test_the_c_loop_wakes_up_on_its_grid_and_never_early(
     assert all((tick.deadline_ns - ticks[0].deadline_ns) % MS == 0 for tick in ticks)
     assert all(tick.served_ns >= tick.deadline_ns for tick in ticks)
     assert ticks == sorted(set(ticks))
+
+
+NO_SUCH_CHANNEL = "nosuchcan0"
+NOT_THERE = r"Address family not supported|No such device|no network interface nosuchcan0"
+"""What the programs say of that channel, when they have read the rest of their command lines."""
+
+
+class AllStartedError(Exception):
+    """Ends a run before its programs begin."""
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    "run",
+    [*(partial(answer_run, who=who) for who in benchmark.ANSWERING), tick_run],
+    ids=[*benchmark.ANSWERING, "at its rate"],
+)
+def test_every_program_reads_its_command_line_until_it_misses_the_interface(
+    run: Callable[..., object],
+    programs: CPrograms,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    roles: list[Role] = []
+
+    @contextmanager
+    def noted(role: Role, _folder: Path) -> Iterator[None]:
+        roles.append(role)
+        if role.name not in ("timer_loop", "requester"):
+            raise AllStartedError
+        yield
+
+    monkeypatch.setattr(runs, "started", noted)
+    options = socketcan_options(NO_SUCH_CHANNEL)
+    bench = Bench(NO_SUCH_CHANNEL, options, tmp_path, programs, priority=0)
+    write_frames(bench.frames)
+    with pytest.raises(AllStartedError):
+        run(bench, rate_hz=100, seconds=0.01)
+    for role in roles[-2:]:
+        if role.name == "controller":  # here: a process would import for a second
+            arguments = role.command[role.command.index(watched_controller.__name__) + 1 :]
+            assert watched_controller.main(arguments) == ExitStatus.BUS
+            assert re.search(NOT_THERE, capsys.readouterr().err)
+        else:
+            with pytest.raises(ProcessError, match=NOT_THERE), started(role, tmp_path):
+                pass
 
 
 # --- what the logs say --------------------------------------------------------------------------
