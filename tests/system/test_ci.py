@@ -16,7 +16,7 @@ from tests.support.suite import vcan_session
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / ".ci" / "run"
 WORKFLOWS = ROOT / ".github" / "workflows"
-NAMES = ("ci.yml", "vcan.yml", "release.yml")
+NAMES = ("ci.yml", "explore.yml", "vcan.yml", "release.yml")
 ACTION = ROOT / "action.yml"
 PACKAGES = {"user-mode-linux", "kmod", "can-utils", "iproute2"}
 
@@ -82,6 +82,12 @@ def test_the_workflow_runs_the_suite_on_every_python_and_system(jobs: dict[str, 
     systems = jobs["elsewhere"]["strategy"]["matrix"]["system"]
     assert {system.partition("-")[0] for system in systems} == {"macos", "windows"}
     assert "python -m pytest" in commands(jobs["elsewhere"])
+
+
+def test_what_a_push_only_samples_is_run_whole_every_week() -> None:
+    workflow = content_of(WORKFLOWS / "explore.yml")
+    assert "schedule" in workflow[True]  # YAML 1.1 reads the key "on" as true
+    assert "--hypothesis-profile=explore" in commands(workflow["jobs"]["explore"])
 
 
 def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, Any]) -> None:
