@@ -135,6 +135,17 @@ def test_every_command_that_is_named_is_one() -> None:
     assert wrong_in(unknown) == {}
 
 
+def test_a_container_is_removed_and_writes_into_a_folder_of_yours_as_you() -> None:
+    """The image's own user may not."""
+
+    def wrong(page: str) -> Iterator[str]:
+        for options in re.findall(r"^docker run (.+)", PAGES[page], re.MULTILINE):
+            if "--rm " not in options or ("$PWD" in options) != ("--user" in options):
+                yield options
+
+    assert wrong_in(wrong) == {}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=str)
 def test_every_formula_can_be_drawn(page: str) -> None:
     text = re.sub(r"```.*?```|`[^`\n]*`", "", PAGES[page], flags=re.DOTALL)
