@@ -287,13 +287,17 @@ class PlantNode:
         """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
-            if any(released is one for one in self._returning):
-                # A duplicate of it does not return again.
-                self._returning = [one for one in self._returning if one is not released]
-                self._has_returned = True
+            if self._returning:
+                self._note_return(released)
             command = self._plans.take(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, latency_s, due_ns)
+
+    def _note_return(self, released: SteeringCommand | SteeringPlan) -> None:
+        """Note whether it is in use again; a duplicate of it does not return again."""
+        others = [one for one in self._returning if one is not released]
+        self._has_returned |= len(others) < len(self._returning)
+        self._returning = others
 
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
