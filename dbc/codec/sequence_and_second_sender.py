@@ -116,6 +116,11 @@ class SequenceRule(NamedTuple):
         return step_max if step_max < HALF - 1 else 0
 
 
+def _measured_ns(span_ns: int, periods: int, longest_ns: int) -> int:
+    """Return the period of a sender that sent for so many, within what is possible [ns]."""
+    return min(max(span_ns // periods, PERIOD_NS_MIN), longest_ns)
+
+
 class _Frame(NamedTuple):
     """A frame in sequence: how far ahead of the one in use, when it came, and what it is."""
 
@@ -283,8 +288,8 @@ class SequenceCheck:
             is_most = passed >= HALF and self.lost - self._wrapped_lost <= passed // 2
             # A few leaps measure nothing, and one that goes back may pass the wrap twice.
             if self._caution is None and is_most:
-                measured_ns = (arrived_ns - self._wrapped_ns) // passed
-                self._period_ns = min(max(measured_ns, PERIOD_NS_MIN), self._period_ns_max)
+                span_ns = arrived_ns - self._wrapped_ns
+                self._period_ns = _measured_ns(span_ns, passed, self._period_ns_max)
             self._wrapped_ns, self._wrapped_at = arrived_ns, counter
             self._wrapped_lost = self.lost
         self._contents[counter], self._arrivals_ns[counter] = frame.content, arrived_ns
@@ -355,8 +360,8 @@ class SequenceCheck:
             return None
         self.resynchronised += 1
         if caution is not None:  # too few frames were known to measure it, so the run does
-            measured_ns = (now_ns - self._run_since_ns) // (self._run - 1)
-            caution.period_ns = min(max(measured_ns, PERIOD_NS_MIN), caution.period_ns)
+            span_ns = now_ns - self._run_since_ns
+            caution.period_ns = _measured_ns(span_ns, self._run - 1, caution.period_ns)
         return self._start(counter, now_ns, frame.content)
 
     def _doubt(self, counter: int, now_ns: int) -> SequenceResult:
@@ -403,7 +408,7 @@ class SequenceCheck:
         if not known or (passed := (known[0] - known[-1]) % COUNTERS) < GAPS:
             return self._period_ns
         span_ns = self._arrivals_ns[known[0]] - self._arrivals_ns[known[-1]]
-        return min(max(span_ns // passed, PERIOD_NS_MIN), self._period_ns)
+        return _measured_ns(span_ns, passed, self._period_ns)
 
     def _had_second(self) -> bool:
         """Whether another stream beside this one has caused the caution."""

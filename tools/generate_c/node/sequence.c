@@ -27,6 +27,12 @@ static int64_t smaller(int64_t one, int64_t other)
     return one < other ? one : other;
 }
 
+/* The period of a sender that sent for so many, within what is possible. */
+static int64_t measured_ns(int64_t span_ns, int64_t periods, int64_t longest_ns)
+{
+    return smaller(larger(span_ns / periods, PERIOD_NS_MIN), longest_ns);
+}
+
 static int wrapped(int counter)
 {
     return (counter + COUNTERS) % COUNTERS;
@@ -98,8 +104,7 @@ static void use(struct sequence *x, const struct arrived *frame, int64_t now_ns)
 
         /* A few leaps measure nothing, and one that goes back may pass the wrap twice. */
         if (!x->caution.is_on && passed >= HALF && x->lost - x->wrapped_lost <= passed / 2)
-            x->period_ns = smaller(larger((frame->at_ns - x->wrapped_ns) / passed, PERIOD_NS_MIN),
-                                   x->period_ns_max);
+            x->period_ns = measured_ns(frame->at_ns - x->wrapped_ns, passed, x->period_ns_max);
         x->wrapped_ns = frame->at_ns;
         x->wrapped_at = counter;
         x->wrapped_lost = x->lost;
@@ -159,8 +164,7 @@ static int oldest_clear(const struct sequence *x, int counter, int64_t now_ns, i
     if (oldest != NO_COUNTER && wrapped(newest - oldest) >= GAPS) {
         const int64_t span_ns = x->arrivals_ns[newest] - x->arrivals_ns[oldest];
 
-        *period_ns = larger(span_ns / wrapped(newest - oldest), PERIOD_NS_MIN);
-        *period_ns = smaller(*period_ns, x->period_ns);
+        *period_ns = measured_ns(span_ns, wrapped(newest - oldest), x->period_ns);
     }
     return oldest;
 }
@@ -382,9 +386,9 @@ static enum sequence_result restarted(struct sequence *x, const struct arrived *
         || frame->at_ns - x->arrival_ns < RESYNC_NS)
         return NOT_RESTARTED;
     if (is_on) { /* too few frames were known to measure it, so the run does */
-        const int64_t measured_ns = (frame->at_ns - x->run_since_ns) / (x->run - 1);
+        const int64_t span_ns = frame->at_ns - x->run_since_ns;
 
-        x->caution.period_ns = smaller(larger(measured_ns, PERIOD_NS_MIN), x->caution.period_ns);
+        x->caution.period_ns = measured_ns(span_ns, x->run - 1, x->caution.period_ns);
     }
     return start(x, frame);
 }
