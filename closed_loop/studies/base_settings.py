@@ -8,6 +8,8 @@ from typing import Any
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...dbc.dialect.option import dialect_of
+from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
@@ -32,7 +34,15 @@ NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
 """The paths of SAE 2018-01-1086, and those on which the practical presets were measured."""
 
 
-def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:
+def naming_in(dialect: str) -> Tables:
+    """Return the context in which a plant is validated that speaks a dialect's file, if any.
+
+    Raises SettingsError with the mistakes in the file.
+    """
+    return naming(dialect_of(Path(dialect)) if dialect else None)
+
+
+def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -> Tables:
     """Return the tables of the plant; raises SettingsError naming the study ``file``."""
     below = folder / base.plant_file if base.plant_file else None
     vehicle = folder / base.vehicle if base.vehicle else None
@@ -43,7 +53,8 @@ def plant_tables(base: BaseSettings, file: str, folder: Path) -> Tables:
     if "path" in tables:
         tables["path"] = named_path(tables["path"])
     shared = plant_vehicle(vehicle)
-    return _checked(PlantSettings, preset, below, leaves(tables), f"{file}: base.plant", shared)
+    values, where = leaves(tables), f"{file}: base.plant"
+    return _checked(PlantSettings, preset, below, values, where, shared, context)
 
 
 def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
@@ -101,11 +112,12 @@ def _checked(
     values: Sequence[tuple[str, Any]],
     where: str,
     shared: SharedTable | None,
+    context: Tables | None = None,
 ) -> Tables:
     """Return settings with ``values`` on top; a mistake in these names ``where`` they stand."""
     overrides = [f"{key}={_toml(value)}" for key, value in values]
     try:
-        settings = load_settings(model, preset, below, overrides, shared)
+        settings = load_settings(model, preset, below, overrides, shared, context)
     except SettingsError as error:
         raise SettingsError(
             *(

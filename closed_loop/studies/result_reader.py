@@ -161,15 +161,18 @@ def read_study(folder: Path) -> StudyRecord:
     )
 
 
-def _settings(plant: object, controllers: Mapping[str, object]) -> tuple[Any, dict[str, Any]]:
+def _settings(plant: Any, controllers: Mapping[str, object]) -> tuple[Any, dict[str, Any]]:
     """Return the tables of the plant and of each controller, checked; raises ValueError."""
     checked: dict[str, Any] = {}
+    # These name a car's messages, and its file may be elsewhere.
+    faults = plant["faults"]
+    plant = {**plant, "faults": []}
     for name, tables in controllers.items():
         text = json.dumps({"plant": plant, "controller": tables})
         pair = Pair.model_validate_json(text, strict=True)
         dumped = pair.model_dump(mode="json", exclude_none=True)
         plant, checked[name] = dumped["plant"], dumped["controller"]
-    return plant, checked
+    return {**plant, "faults": faults}, checked
 
 
 def _factor(name: object, keys: object, labels: object) -> FactorRecord:

@@ -23,7 +23,7 @@ from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..agreed_point import judged_like
-from .base_settings import Tables
+from .base_settings import Tables, naming_in
 from .factors import Label
 from .study import Study
 from .study_file import REPLICATES_MAX
@@ -79,6 +79,7 @@ class Scenarios:
         self.study = study
         self.controllers = tuple(study.controllers)
         self.plant_of = study.plant_of
+        self._naming = naming_in(study.dialect)
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
@@ -103,7 +104,8 @@ class Scenarios:
         """Return the plant's settings; raises SettingsError."""
         tables = _laid_over(self.study.plant, case.overrides, "plant.")
         try:
-            return PlantSettings.model_validate_json(json.dumps(tables), strict=True)
+            text = json.dumps(tables)
+            return PlantSettings.model_validate_json(text, strict=True, context=self._naming)
         except ValidationError as error:
             raise self._mistake(case, self.controllers[0]) from error
 
@@ -137,7 +139,7 @@ class Scenarios:
         command = study.commands.get(name, ())
         tables = _pair_tables(*given, command, study.dialect, case.overrides)
         try:
-            return Pair.model_validate_json(json.dumps(tables), strict=True)
+            return Pair.model_validate_json(json.dumps(tables), strict=True, context=self._naming)
         except ValidationError as error:
             sources: dict[KeyPath, str] = {(): f"{self.study.file}: base"}
             for factor in self.study.design.factors:
@@ -237,7 +239,8 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     given = identity["plant"], identity["controllers"][name], identity.get("bus")
     command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
     tables = _pair_tables(*given, command, dialect, overrides)
-    return Pair.model_validate_json(json.dumps(tables), strict=True)
+    text = json.dumps(tables)
+    return Pair.model_validate_json(text, strict=True, context=naming_in(dialect))
 
 
 def _pair_tables(

@@ -16,11 +16,17 @@ from typing import Any, NamedTuple
 
 from ...controller.laws import LAWS
 from ...controller.laws.plugin_law import place_of
-from ...dbc.dialect.dialect import read_dialect
 from ...dbc.dialect.settings import DialectSettings
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.settings import SettingsError, load_settings
-from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
+from .base_settings import (
+    Tables,
+    bus_tables,
+    controller_tables,
+    naming_in,
+    plant_of_variant,
+    plant_tables,
+)
 from .compiled_figures import COLUMNS
 from .factors import Design, Factor, in_grid_order, make_design, make_factors
 from .study_file import SamplingKind, StudySettings, read_study
@@ -124,36 +130,41 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     Raises SettingsError.
     """
     factors = study_factors(settings, file)
+    dialect = str(folder / settings.base.dialect) if settings.base.dialect else ""
     has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
     study = Study(
         file=file,
         settings=settings,
-        plant=plant_tables(settings.base, file, folder),
+        plant=plant_tables(settings.base, file, folder, naming_in(dialect)),
         controllers={
             name: controller_tables(settings.base, name, file, folder)
             for name in settings.base.names
         },
         design=make_design(factors, settings.sampling),
         bus=bus_tables(settings.base, file) if has_bus else None,
-        dialect=str(folder / settings.base.dialect) if settings.base.dialect else "",
+        dialect=dialect,
     )
-    _refuse_faults(study)
+    if study.bus is None:
+        _refuse_without_bus(study)
     _refuse_own_verdict(study)
     _refuse_unread(study)
-    _refuse_dialect(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
 
 
-def _refuse_faults(study: Study) -> None:
-    """Refuse faults before anything is computed: compiled runs have none; raises SettingsError."""
+def _refuse_without_bus(study: Study) -> None:
+    """Refuse what compiled runs have not before anything is computed; raises SettingsError."""
     factors = [f"factor {one.name}" for one in study.design.factors if one.sets("plant.faults")]
-    for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
-        raise SettingsError(
-            f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
-            "out (steer-by-wire run runs them, tools.faults studies them)"
-        )
+    faulty = [name for name, own in study.plant_of.items() if "plant.faults" in own]
+    variants = [f"base.variants.{name}" for name in faulty]
+    for where in ["base.plant"] * bool(study.plant.get("faults")) + factors + variants:
+        raise SettingsError(f"{study.file}: {where} sets faults, which need a bus: add [base.bus]")
+    if study.dialect:
+        raise SettingsError(f"{study.file}: base.dialect: needs a bus: add [base.bus]")
+    for name in study.commands:
+        where = f"base.variants.{name}.command"
+        raise SettingsError(f"{study.file}: {where}: a program needs a bus: add [base.bus]")
 
 
 def _refuse_own_verdict(study: Study) -> None:
@@ -167,14 +178,6 @@ def _refuse_own_verdict(study: Study) -> None:
         )
 
 
-def _refuse_dialect(study: Study) -> None:
-    """Refuse a car's messages in a study that is compiled, and mistakes in their file."""
-    if study.dialect and study.bus is None:
-        raise SettingsError(f"{study.file}: base.dialect: needs a bus: add [base.bus]")
-    if study.dialect:
-        read_dialect(Path(study.dialect))
-
-
 def _dialect_files(dialect: str) -> tuple[Path, ...]:
     """Return the file of a dialect and its database; none without a dialect."""
     if not dialect:
@@ -184,11 +187,9 @@ def _dialect_files(dialect: str) -> tuple[Path, ...]:
 
 
 def _refuse_unread(study: Study) -> None:
-    """Refuse a program in a study that is compiled, and factors that it does not read."""
+    """Refuse factors that a program does not read."""
     for name in study.commands:
         where = f"{study.file}: base.variants.{name}.command"
-        if study.bus is None:
-            raise SettingsError(f"{where}: a program needs a bus: add [base.bus]")
         for factor in study.design.factors:
             if factor.sets("controller"):
                 raise SettingsError(f"{where}: a program does not read the factor {factor.name}")

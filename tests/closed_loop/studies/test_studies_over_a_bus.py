@@ -294,6 +294,34 @@ def test_a_study_on_a_cars_bus_is_the_run_in_its_dialect(tmp_path: Path) -> None
     assert Scenarios(study).pair(0).dialect == str(CAR)
 
 
+FAULTS = """
+[[factors]]
+name = "wrong"
+[factors.levels.nothing]
+plant.faults = []
+[[factors.levels.checksum.plant.faults]]
+kind = "bit_flips"
+direction = "downlink"
+message = "STEER_REQUEST"
+magnitude = 0.5
+onset_s = 0.2
+"""
+
+
+def test_faults_of_a_study_over_a_bus_name_the_cars_messages(tmp_path: Path) -> None:
+    file = in_dialect(tmp_path, "practical_pd", CAR)
+    file.write_text(file.read_text(encoding="utf-8") + FAULTS, encoding="utf-8")
+    table = run_study(file)
+    assert table["wrong"].tolist() == ["nothing", "checksum"]
+    sound, refused = table["commands_acted"]
+    assert 20 <= refused < 30 < 40 < sound
+    study = load_study(file)
+    overrides = json.dumps(Scenarios(study).case(1).overrides)
+    row = {"overrides": overrides, "controller": "practical_pd"}
+    (fault,) = pair_of_row(json.loads(study.identity), row).plant.faults
+    assert fault.message == "STEER_REQUEST"
+
+
 def test_a_study_that_no_car_can_run_is_refused(tmp_path: Path) -> None:
     without_motion = tmp_path / "car.toml"
     text, database = CAR.read_text(encoding="utf-8"), CAR.with_suffix(".dbc")

@@ -327,12 +327,12 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "faults for all runs": (
         '[[base.plant.faults]]\nkind = "drop"\ndirection = "uplink"\n',
-        r"study\.toml: base\.plant sets faults, which compiled runs have not: leave \[\[faults\]\]",
+        r"study\.toml: base\.plant sets faults, which need a bus: add \[base\.bus\]",
     ),
     "faults of a factor": (
         '[[factors]]\nname = "x"\n[factors.levels.lossy]\n'
         'plant.faults = [{ kind = "drop", direction = "uplink" }]\n',
-        r"study\.toml: factor x sets faults, which compiled runs have not",
+        r"study\.toml: factor x sets faults, which need a bus",
     ),
 }
 
