@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any
 
 from ...dbc.messages import Mode
+from ...runtime.fast_named_tuple import new_record
 from ..history.history import BusHistory
 from ..law_interface import (
     NO_HISTORY,
@@ -118,7 +119,7 @@ class LawRunner:
         acting_rad = received.acting_rad(sent_rad, now_ns)
         if received.is_taken_back:
             self._start_anew(received)
-        observed = LawInput(error_m, acting_rad, vehicle, loop_delay, history)
+        observed = new_record(LawInput, (error_m, acting_rad, vehicle, loop_delay, history))
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1

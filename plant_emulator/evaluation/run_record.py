@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 from typing import NamedTuple
 
 from ...dbc.messages import SteeringCommand
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.node import NS_PER_S
 from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
@@ -222,7 +223,7 @@ class RunRecord:
             figures.append((error_m, cg_m, followed_m, wheel_rad, limit))
             if len(figures) > room:
                 continue
-            sample = PlantSample(
+            sample = (
                 time_ns * 1e-9,
                 at_m,
                 error_m,
@@ -236,7 +237,7 @@ class RunRecord:
                 side_slip_rad,
                 cg_m,
             )
-            self._samples.append(sample)
+            self._samples.append(new_record(PlantSample, sample))
         self._figures.take(figures)
         self._waiting.clear()
 

@@ -36,6 +36,7 @@ the start of motion.
 from enum import IntEnum
 from typing import NamedTuple
 
+from ...runtime.fast_named_tuple import new_record
 from .safety_limiter import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
 
 RAMP_PERIOD_NS = 10_000_000
@@ -137,7 +138,8 @@ def guard_command(
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
-    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad, time_ns), True
+    after = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad, time_ns)
+    return new_record(GuardState, after), True
 
 
 def guard_rejection(x: GuardState) -> GuardState:
