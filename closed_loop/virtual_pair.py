@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..controller.node.node import ControllerNode
 from ..controller.settings import ControllerSettings
+from ..dbc.dialect.option import in_dialect
 from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ..plant_emulator.faults.messages_on_bus import messages_on
 from ..plant_emulator.faults.stage import with_faults
@@ -18,7 +19,7 @@ from ..runtime.node import NEVER_NS, Node, ReportingNode
 from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ..runtime.program.garbage_collection import no_collections
 from ..runtime.recording.candump import CandumpLog
-from .pair_result import PLANT, PairResult, Trace
+from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
 
 if TYPE_CHECKING:
@@ -60,25 +61,8 @@ def make_virtual_plant(
 ) -> tuple[PlantNode, ReportingNode]:
     """Make the plant, and its node on the bus: in a dialect, behind the faults of its settings."""
     plant = PlantNode(settings, 0, samples_max=samples_max)
-    spoken = in_dialect(plant, dialect, PLANT, 0)
+    spoken = in_dialect(plant, dialect, "plant", 0)
     return plant, with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
-
-
-def in_dialect(
-    node: ReportingNode, dialect: "Dialect | None", end: str, start_ns: int
-) -> ReportingNode:
-    """Return a node behind a gateway, if the bus speaks a car's messages.
-
-    ``end``  ``pair_result.PLANT`` or CONTROLLER
-    """
-    if dialect is None:
-        return node
-    # Only a dialect needs these, which take a while to import.
-    from ..dbc.dialect import settings as ends
-    from ..dbc.dialect.gateway import Gateway
-
-    own = ends.PLANT if end == PLANT else ends.CONTROLLER
-    return Gateway(node, dialect, own, start_ns)
 
 
 def run_virtual_pair(

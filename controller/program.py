@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_node_in_dialect
-from ..dbc.secoc.key_option import add_key_file_argument
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect, run_in_dialect
+from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
+from ..runtime.node import ReportingNode
 from ..runtime.program.fail_if_conditions import (
     LOOP_QUANTITIES,
     Ending,
@@ -40,6 +41,7 @@ from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text, "verdict == no effect")
+PROGRAM = Program(NAME, CONTROLLER, (*RECEIVED, *SENT), ENDING)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
@@ -113,20 +115,16 @@ def _run(options: argparse.Namespace) -> int:
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)
-    return run_node_in_dialect(
-        NAME,
-        options,
-        settings,
-        CONTROLLER,
-        lambda start_ns: ControllerNode(
-            settings, start_ns, ends_with_plant=options.exit_with_plant
-        ),
-        (*RECEIVED, *SENT),
-        partial(conclude, settings),
-        ENDING,
-        dialect_of(options.dialect),
-        settings.law_that_reads_the_vehicle,
-    )
+    dialect = dialect_of(options.dialect)
+    if dialect is not None:
+        dialect.refuse_law(settings.law_that_reads_the_vehicle)
+
+    def make_node(start_ns: int) -> ReportingNode:
+        node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
+        return in_dialect(node, dialect, "controller", start_ns)
+
+    concluded = partial(conclude, settings)
+    return run_in_dialect(PROGRAM, options, settings, make_node, concluded, dialect)
 
 
 def _check(name: str, options: argparse.Namespace) -> int:

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_node_in_dialect
-from ..dbc.secoc.key_option import add_key_file_argument
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect, run_in_dialect
+from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
 from ..runtime.exit_status import ExitStatus
+from ..runtime.node import ReportingNode
 from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
 from .check_option import check_text
@@ -30,6 +31,7 @@ from .vehicle.motion_parameters import motion_params
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
+PROGRAM = Program(NAME, PLANT, (*RECEIVED, *SENT), ENDING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -74,20 +76,14 @@ def _run(options: argparse.Namespace) -> int:
     params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
-    return run_node_in_dialect(
-        NAME,
-        options,
-        settings,
-        PLANT,
-        lambda start_ns: PlantNode(settings, start_ns, params, samples_max),
-        (*RECEIVED, *SENT),
-        partial(_conclude, options),
-        ENDING,
-        dialect,
-        edge_of=lambda node: with_faults(
-            node, settings.faults, settings.seed, messages_on(dialect)
-        ),
-    )
+
+    def make_node(start_ns: int) -> ReportingNode:
+        node = PlantNode(settings, start_ns, params, samples_max)
+        spoken = in_dialect(node, dialect, "plant", start_ns)
+        return with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
+
+    conclude = partial(_conclude, options)
+    return run_in_dialect(PROGRAM, options, settings, make_node, conclude, dialect)
 
 
 def _conclude(options: argparse.Namespace, node: PlantNode) -> None:

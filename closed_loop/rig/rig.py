@@ -23,7 +23,7 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.option import dialect_of
+from ...dbc.dialect.option import dialect_of, in_dialect
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
@@ -44,7 +44,6 @@ from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
 from ..virtual_pair import (
     START_S_MAX,
-    in_dialect,
     make_virtual_plant,
     run_virtual_nodes,
     waits_in_vain,
@@ -147,7 +146,7 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
-        return in_dialect(node, self._dialect, CONTROLLER, start_ns)
+        return in_dialect(node, self._dialect, "controller", start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles

@@ -1,20 +1,18 @@
 """The option ``--dialect`` of the programs; without it nothing here reads a database."""
 
 import argparse
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.frame import EXTENDED, FD
-from ...runtime.node import N, ReportingNode
-from ...runtime.program.fail_if_conditions import Ending
+from ...runtime.node import ReportingNode, innermost
 from ...runtime.program.run_node import run_node
 from ...runtime.settings import Settings, SettingsError
-from ..messages import Message
-from ..secoc.key_option import run_secured_node
-from ..secoc.secured_frame import PLANT, End
+from ..secoc.key_option import Program, run_secured_node
+from ..secoc.secured_frame import PLANT
 from .listening import OURS, Listening
 
 if TYPE_CHECKING:
@@ -47,66 +45,45 @@ def listening_in(file: Path | None) -> Listening:
     return Overheard(dialect)
 
 
-def run_node_in_dialect(
-    name: str,
+def in_dialect(
+    node: ReportingNode,
+    dialect: "Dialect | None",
+    end: Literal["plant", "controller"],
+    start_ns: int,
+) -> ReportingNode:
+    """Return a node behind a gateway, if the bus speaks a car's messages."""
+    if dialect is None:
+        return node
+    from .gateway import Gateway
+
+    return Gateway(node, dialect, end, start_ns)
+
+
+def run_in_dialect(
+    program: Program,
     options: argparse.Namespace,
     settings: Settings,
-    end: End,
-    make_node: Callable[[int], N],
-    known: Collection[type[Message]],
-    conclude: Callable[[N], None],
-    ending: Ending,
+    make_node: Callable[[int], ReportingNode],
+    conclude: Callable[[Any], None],
     dialect: "Dialect | None",
-    law: str = "",
-    edge_of: Callable[[ReportingNode], ReportingNode] = lambda node: node,
 ) -> ExitStatus:
-    """Run a node as ``run_secured_node`` does, behind a gateway if a dialect is given.
-
-    ``law``      of a controller that reads VEHICLE_STATE; empty for one that does not
-    ``edge_of``  returns what stands between the node, in its dialect, and the bus
-    """
-    made: list[N] = []
-
-    def make(start_ns: int) -> N:
-        made.append(make_node(start_ns))
-        return made[-1]
-
+    """Run a node that speaks a dialect; without one, as ``run_secured_node`` does."""
     if dialect is None:
-        return run_secured_node(
-            name,
-            options,
-            settings,
-            end,
-            lambda start_ns: edge_of(make(start_ns)),
-            known,
-            lambda _edge: conclude(made[-1]),
-            ending,
-        )
+        return run_secured_node(program, options, settings, make_node, conclude)
     if options.key_file is not None:
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
-    from . import settings as ends
-    from .gateway import Gateway, dialect_text
+    from .gateway import dialect_text
 
-    spoken = dialect
-    spoken.refuse_law(law)
-    own, peer = (ends.PLANT, ends.CONTROLLER) if end is PLANT else (ends.CONTROLLER, ends.PLANT)
-    received = spoken.sent_by(peer)
-    if any(one.flags & FD for one in spoken.messages):
+    received = dialect.sent_by("controller" if program.end is PLANT else "plant")
+    if any(one.flags & FD for one in dialect.messages):
         options.fd = True
     has_extended = any(one.flags & EXTENDED for one in received)
-    can_ids = None if has_extended else {*spoken.kept_ids, *(one.can_id for one in received)}
+    can_ids = None if has_extended else {*dialect.kept_ids, *(one.can_id for one in received)}
 
-    def conclude_gateway(edge: ReportingNode) -> None:
-        say(name, f"dialect: {dialect_text(edge.report()['dialect'])}")
-        conclude(made[-1])
+    def conclude_in_dialect(node: ReportingNode) -> None:
+        say(program.name, f"dialect: {dialect_text(node.report()['dialect'])}")
+        conclude(innermost(node))
 
-    return run_node(
-        name,
-        options,
-        settings,
-        lambda start_ns: edge_of(Gateway(make(start_ns), spoken, own, start_ns)),
-        conclude_gateway,
-        can_ids,
-        f"speaks {options.dialect.name}; frames of a car are not authenticated",
-        ending,
-    )
+    notice = f"speaks {options.dialect.name}; frames of a car are not authenticated"
+    run = program.name, options, settings, make_node, conclude_in_dialect
+    return run_node(*run, can_ids, notice, program.ending)

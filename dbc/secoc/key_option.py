@@ -7,11 +7,11 @@ import argparse
 import sys
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
-from ...runtime.node import N
+from ...runtime.node import ReportingNode, innermost
 from ...runtime.program.fail_if_conditions import Ending
 from ...runtime.program.report import causes_line
 from ...runtime.program.run_node import run_node
@@ -25,6 +25,19 @@ NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --
 AUTHENTICATED = "authenticated CAN FD: only frames made with the key are accepted"
 
 
+class Program(NamedTuple):
+    """What all runs of a program have in common.
+
+    ``end``    which of the two ends its node is
+    ``known``  the messages it receives, and those that nobody else may send
+    """
+
+    name: str
+    end: End
+    known: Collection[type[Message]]
+    ending: Ending
+
+
 def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--key-file``."""
     parser.add_argument(
@@ -36,54 +49,45 @@ def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def run_secured_node(
-    name: str,
+    program: Program,
     options: argparse.Namespace,
     settings: Settings,
-    end: End,
-    make_node: Callable[[int], N],
-    known: Collection[type[Message]],
-    conclude: Callable[[N], None],
-    ending: Ending,
+    make_node: Callable[[int], ReportingNode],
+    conclude: Callable[[Any], None],
 ) -> ExitStatus:
     """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
-    ``end``    which of the two ends the node is
-    ``known``  the messages it receives, and those that nobody else may send
+    ``make_node``  returns the node with what stands between it and the bus
+    ``conclude``   gets the node itself
 
     Reports on standard error whose frames are accepted, and at the end the refused ones and the
     messages that somebody else has sent too. Raises SettingsError for a key file that cannot be
     used and a recording that would stay empty, and the exceptions of ``run_node``.
     """
-    can_ids = {CAN_IDS[message_type] for message_type in known}
+    can_ids = {CAN_IDS[message_type] for message_type in program.known}
+
+    def conclude_checked(node: ReportingNode) -> None:
+        _say_refused(program.name, node.report())
+        conclude(innermost(node))
+
     if options.key_file is None:
-
-        def conclude_classic(node: N) -> None:
-            _say_refused(name, node.report())
-            conclude(node)
-
-        return run_node(
-            name, options, settings, make_node, conclude_classic, can_ids, NOBODY, ending
-        )
+        run = program.name, options, settings, make_node, conclude_checked
+        return run_node(*run, can_ids, NOBODY, program.ending)
     if options.record is not None and (obstacle := fd_obstacle(options.record)):
         raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not at the top: they read the DBC once more, which classic CAN does not need.
     from .authenticated_node import AuthenticatedNode
     from .key_file import open_authentication
 
-    authentication = open_authentication(options.key_file, end)
+    authentication = open_authentication(options.key_file, program.end)
     options.fd = True
 
-    def make_secured(start_ns: int) -> AuthenticatedNode[N]:
+    def make_secured(start_ns: int) -> ReportingNode:
         return AuthenticatedNode(make_node(start_ns), authentication)
 
-    def conclude_secured(node: AuthenticatedNode[N]) -> None:
-        _say_refused(name, node.report())
-        conclude(node.node)
-
-    can_ids.add(CAN_IDS[end.peer_status])
-    return run_node(
-        name, options, settings, make_secured, conclude_secured, can_ids, AUTHENTICATED, ending
-    )
+    can_ids.add(CAN_IDS[program.end.peer_status])
+    secured = program.name, options, settings, make_secured, conclude_checked
+    return run_node(*secured, can_ids, AUTHENTICATED, program.ending)
 
 
 def _say_refused(name: str, report: Mapping[str, Any]) -> None:

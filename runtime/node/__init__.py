@@ -4,7 +4,18 @@ Not here: what a program needs beyond its node, such as options and signals (``p
 Begin at ``node.py``, whose names this package hands on.
 """
 
-from .node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US, N, Node, ReportingNode, View, Wrapper
+from .node import (
+    NEVER_NS,
+    NS_PER_MS,
+    NS_PER_S,
+    NS_PER_US,
+    N,
+    Node,
+    ReportingNode,
+    View,
+    Wrapper,
+    innermost,
+)
 
 __all__ = [
     "NEVER_NS",
@@ -16,4 +27,5 @@ __all__ = [
     "ReportingNode",
     "View",
     "Wrapper",
+    "innermost",
 ]

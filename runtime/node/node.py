@@ -127,3 +127,10 @@ class Wrapper(ReportingNode, Generic[N]):
     def report(self) -> Mapping[str, Any]:
         """Return the node's report."""
         return self.node.report()
+
+
+def innermost(node: ReportingNode) -> Any:
+    """Return the node that stands behind all wrappers."""
+    while isinstance(node, Wrapper):
+        node = node.node
+    return node

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...dbc.dialect.option import add_dialect_argument
+from ...dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
@@ -89,21 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     opened = open_port(options, can_ids=())
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
-        node: Any = HandNode(HandFile(options.file), start_ns)
-        if options.dialect is not None:
-            node = behind_gateway(node, options.dialect, start_ns)
+        hand: Any = HandNode(HandFile(options.file), start_ns)  # nobody asks it for a report
+        node = in_dialect(hand, dialect_of(options.dialect), "controller", start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0
-
-
-def behind_gateway(node: Any, dialect: Path, start_ns: int) -> Any:
-    """Return the node as one end of a car's bus; nobody asks a hand for its report."""
-    # Only a dialect needs cantools, which takes a while to import.
-    from ...dbc.dialect.dialect import read_dialect
-    from ...dbc.dialect.gateway import Gateway
-    from ...dbc.dialect.settings import CONTROLLER
-
-    return Gateway(node, read_dialect(dialect), CONTROLLER, start_ns)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
+from steer_by_wire.dbc.dialect.option import in_dialect
 from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from steer_by_wire.dbc.messages import (
@@ -44,7 +45,7 @@ from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
-from steer_by_wire.tools.cockpit.hand import HandFile, HandNode, behind_gateway
+from steer_by_wire.tools.cockpit.hand import HandFile, HandNode
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.monitor import __main__ as monitor
@@ -100,7 +101,7 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
 
 def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
-    node = behind_gateway(HandNode(hand, 0), CAR, 0)
+    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), "controller", 0)
     overheard, steers_rad = listening(), []
     while node.deadline_ns < 50 * NS_PER_MS:
         now_ns = node.deadline_ns
