@@ -1,8 +1,10 @@
 """One message of a car: quantities to a frame with counter and checksum, and back."""
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from cantools.database import DecodeError
@@ -174,7 +176,7 @@ class CarMessage:
         """Return the bits of a frame that belong to no signal."""
         return int.from_bytes(data, "big") ^ int.from_bytes(self._encoded(raw), "big")
 
-    def _raws_outside(self) -> Iterator[tuple[str, int]]:
+    def _raws_outside(self) -> Iterator[tuple[str, float]]:
         """Yield signals with a raw value outside their range, first those that carry a quantity."""
         carried = [name for name in self.changeable if name in self.settings.signals]
         for name in dict.fromkeys((*carried, *self.changeable)):
@@ -209,16 +211,24 @@ def _short(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _raw_range(signal: Signal) -> tuple[int, int]:
+_LARGEST_FLOATS = MappingProxyType(
+    {16: 65504.0, 32: float.fromhex("0x1.fffffep+127"), 64: sys.float_info.max}
+)
+"""By their bits; beyond them a float is infinite."""
+
+
+def _raw_range(signal: Signal) -> tuple[float, float]:
     """Return the least and the largest raw value that fits into a signal."""
     bits = signal.length
+    if signal.is_float:
+        return -_LARGEST_FLOATS[bits], _LARGEST_FLOATS[bits]
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
 
 
 def signal_range(signal: Signal) -> tuple[float, float]:
     """Return the range of a signal in the database, within what fits into it."""
     ends = [raw * signal.scale + signal.offset for raw in _raw_range(signal)]
-    low, high = (-math.inf, math.inf) if signal.is_float else (min(ends), max(ends))
+    low, high = min(ends), max(ends)
     return (
         low if signal.minimum is None else max(low, signal.minimum),
         high if signal.maximum is None else min(high, signal.maximum),
@@ -227,11 +237,9 @@ def signal_range(signal: Signal) -> tuple[float, float]:
 
 def _raw_of(signal: Signal, scaled: float) -> float:
     """Return the raw value nearest to a scaled one."""
-    raw = (scaled - signal.offset) / signal.scale
-    if signal.is_float:
-        return raw
     least, largest = _raw_range(signal)
-    return min(max(round(raw), least), largest)
+    raw = min(max((scaled - signal.offset) / signal.scale, least), largest)
+    return raw if signal.is_float else round(raw)
 
 
 def raw_constant(signal: Signal, value: float | str) -> float:
@@ -247,6 +255,6 @@ def raw_constant(signal: Signal, value: float | str) -> float:
     raw = (value - signal.offset) / signal.scale
     least, largest = (one * signal.scale + signal.offset for one in _raw_range(signal))
     low, high = sorted((least, largest))
-    if not signal.is_float and not low <= value <= high:
+    if not low <= value <= high:
         raise ValueError(f"allowed: {low:g} to {high:g}")
     return raw if signal.is_float else round(raw)

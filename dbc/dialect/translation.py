@@ -1,13 +1,14 @@
 """Frames of a car as ours: commands for the plant, measurements for the controller."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .. import messages as ours
 from .car_message import CarMessage, Refused
 from .dialect import Dialect
-from .quantities import Values
+from .quantities import SAID_BY, Values
 from .settings import Quantity
 
 
@@ -22,19 +23,19 @@ class FromController:
     def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:
         """Return the command, or why the car would refuse it."""
         if Quantity.ENGAGED in values:
-            self._is_engaged = round(values[Quantity.ENGAGED]) == 1
+            self._is_engaged = _is_one(values[Quantity.ENGAGED])
         steer_rad = values.get(Quantity.STEER)
         if steer_rad is None:
             return ()
         if not self._is_engaged:
             return Refused.NOT_ENGAGED
-        command = ours.SteeringCommand(steer_rad, self._number, ours.Mode.ACTIVE)
-        if not _is_carried(command):
+        if not _is_carried(values):
             return Refused.OUT_OF_RANGE
         if self._is_too_fast(message, steer_rad, now_ns):
             return Refused.TOO_FAST
-        self._last, self._number = (now_ns, steer_rad), (self._number + 1) % ours.COMMAND_COUNTERS
-        return [self._sender.frame(command)]
+        number, self._last = self._number, (now_ns, steer_rad)
+        self._number = (number + 1) % ours.COMMAND_COUNTERS
+        return [self._sender.frame((steer_rad, number, ours.Mode.ACTIVE))]
 
     def _is_too_fast(self, message: CarMessage, steer_rad: float, now_ns: int) -> bool:
         rate_rad_s = message.rate_max_rad_s
@@ -67,29 +68,46 @@ class FromPlant:
 
     def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:  # noqa: ARG002
         """Return our messages whose first quantity has come."""
+        if not _is_carried(values):
+            return Refused.OUT_OF_RANGE
         self._known |= values
         known, made = self._known, list[ours.Message]()
         if Quantity.LATERAL_ERROR in values:
             error_m, heading_rad = known[Quantity.LATERAL_ERROR], known[Quantity.HEADING_ERROR]
             made.append(ours.LateralError(error_m, heading_rad))
         if Quantity.WHEEL_ANGLE in values:
-            code = _CODES[round(known[Quantity.APPLYING]) == 1]
+            code = _CODES[_is_one(known[Quantity.APPLYING])]
             wheel_rad = known[Quantity.WHEEL_ANGLE]
             made.append(ours.SteeringStatus(wheel_rad, self._command_counter, code))
         if Quantity.SPEED in values:
             speed_m_s, yaw_rate_rad_s = known[Quantity.SPEED], known[Quantity.YAW_RATE]
             curvature_1_m = known[Quantity.PREVIEW_CURVATURE]
             made.append(ours.VehicleState(speed_m_s, yaw_rate_rad_s, curvature_1_m))
-        if not all(map(_is_carried, made)):
-            return Refused.OUT_OF_RANGE
         return [self._senders[type(one)].frame(one) for one in made]
 
 
 _CODES = (ours.SteeringStatusCode.NO_COMMAND, ours.SteeringStatusCode.APPLYING)
 
 
-def _is_carried(message: ours.Message) -> bool:
-    """Whether a message of ours can carry its values; not a number is none."""
-    limits = ours.limits(type(message))
-    values = message._asdict()
-    return all(one.minimum <= values[name] <= one.maximum for name, one in limits.items())
+_LIMITS: Mapping[Quantity, ours.SignalRange] = MappingProxyType(
+    {
+        name: ours.limits(kind)[name]
+        for kind, said in SAID_BY.items()
+        for name in said
+        if name in ours.limits(kind)
+    }
+)
+
+
+def _is_carried(values: Values) -> bool:
+    """Whether messages of ours can carry the values; not a number is none."""
+    return all(
+        _LIMITS[name].minimum <= value <= _LIMITS[name].maximum
+        for name, value in values.items()
+        if name in _LIMITS
+    )
+
+
+def _is_one(value: float) -> bool:
+    """Whether a value is nearest to 1; not a number is not."""
+    return 0.5 < value < 1.5

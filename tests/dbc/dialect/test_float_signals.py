@@ -1,0 +1,102 @@
+"""A car whose signals are floats: what no float can be, and what is none, stays outside."""
+
+import math
+import struct
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
+from steer_by_wire.dbc.dialect.gateway import Gateway
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.settings import SettingsError
+from tests.dbc.dialect.test_gateway import Recorder
+
+DATABASE = """
+BU_: PLANT CONTROLLER
+BO_ 256 REQUEST: 8 CONTROLLER
+ SG_ ANGLE : 0|32@1- (1,0) [0|0] "" PLANT
+ SG_ ACTIVE : 32|32@1- (1,0) [0|0] "" PLANT
+BO_ 257 CAMERA: 4 PLANT
+ SG_ HEADING : 0|32@1- (1,0) [0|0] "" CONTROLLER
+BO_ 258 LANE: 4 PLANT
+ SG_ OFFSET : 0|16@1- (1,0) [0|0] "" CONTROLLER
+ SG_ SHORT : 16|16@1+ (1,0) [0|0] "" CONTROLLER
+SIG_VALTYPE_ 256 ANGLE : 1;
+SIG_VALTYPE_ 256 ACTIVE : 1;
+SIG_VALTYPE_ 257 HEADING : 1;
+SIG_VALTYPE_ 258 OFFSET : 1;
+"""
+CAR = """
+dbc = "floats.dbc"
+[messages.REQUEST]
+sender = "controller"
+cycle_ms = 10
+signals.ANGLE = { carries = "steer_rad" }
+signals.ACTIVE = { carries = "engaged" }
+[messages.CAMERA]
+cycle_ms = 10
+signals.HEADING = { carries = "heading_error_rad" }
+[messages.LANE]
+cycle_ms = 10
+signals.OFFSET = { carries = "lateral_error_m" }
+"""
+
+
+def car(folder: Path, text: str = CAR) -> Dialect:
+    (folder / "floats.dbc").write_text(DATABASE, encoding="utf-8")
+    (folder / "car.toml").write_text(text, encoding="utf-8")
+    return read_dialect(folder / "car.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "end", "largest"), [("CAMERA", "<f", 3.4028234663852886e38), ("LANE", "<e", 65504.0)]
+)
+def test_a_falsified_float_is_sent_as_the_largest_that_there_is(
+    name: str, end: str, largest: float, tmp_path: Path
+) -> None:
+    message = next(one for one in car(tmp_path).messages if one.name == name)
+    signal = message.signals[0]
+    for value, sent in ((1e300, largest), (-math.inf, -largest), (math.nan, -largest), (2.5, 2.5)):
+        data = message.changed(bytes(4), signal, lambda _, value=value: value, 0)
+        assert data is not None
+        assert struct.unpack_from(end, data)[0] == sent
+
+
+@pytest.mark.parametrize("active", [math.nan, math.inf, -math.inf, 0.5, 1.5])
+def test_a_command_that_is_not_engaged_by_a_number_is_refused(
+    active: float, tmp_path: Path
+) -> None:
+    node = Recorder()
+    gateway = Gateway(node, car(tmp_path), PLANT, 0)
+    gateway.on_frame(Frame(256, struct.pack("<ff", 0.0, active)), 0)
+    assert not node.got
+    assert gateway.report()["dialect"]["refused"] == {"not engaged": 1}
+
+
+@pytest.mark.parametrize("angle", [math.nan, math.inf, 1e30])
+def test_a_command_that_is_no_angle_is_refused(angle: float, tmp_path: Path) -> None:
+    gateway = Gateway(Recorder(), car(tmp_path), PLANT, 0)
+    gateway.on_frame(Frame(256, struct.pack("<ff", angle, 1.0)), 0)
+    assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
+
+
+@pytest.mark.parametrize("heading", [math.nan, math.inf, 9.0])
+def test_a_wrong_heading_is_refused_and_keeps_no_lateral_error_out(
+    heading: float, tmp_path: Path
+) -> None:
+    node = Recorder()
+    gateway = Gateway(node, car(tmp_path), CONTROLLER, 0)
+    for one in (0.25, heading):
+        gateway.on_frame(Frame(257, struct.pack("<f", one)), 0)
+    gateway.on_frame(Frame(258, struct.pack("<eH", 0.5, 0)), 0)
+    (said,) = node.messages
+    assert (said.lateral_error_m, said.heading_error_rad) == (0.5, 0.25)
+    assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
+
+
+def test_a_constant_beyond_the_largest_float_is_refused(tmp_path: Path) -> None:
+    text = CAR.replace('signals.OFFSET = { carries = "lateral_error_m" }', "constants.OFFSET = 1e9")
+    with pytest.raises(SettingsError, match=r"constants\.OFFSET = 1000000000\.0 \(allowed: -65504"):
+        car(tmp_path, text)
