@@ -307,10 +307,17 @@ def key(browser: Browser, kind: str, name: str) -> None:
     browser.call("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
 
-def drag(browser: Browser, kind: str, x: float) -> None:
-    y = "document.getElementById('wheel').getBoundingClientRect().y + 40"
-    where = {"x": x, "y": browser.read(y), "button": "left", "clickCount": 1}
-    browser.call("Input.dispatchMouseEvent", type=kind, **where)
+def drag(browser: Browser, from_x: float, from_y: float, to_x: float) -> None:
+    """Take the picture of the wheel, pull it, and keep it; in radii of the rim from its middle."""
+    box = "document.getElementById('wheel').getBoundingClientRect()"
+    x, y, width = browser.read(f"[{box}.x, {box}.y, {box}.width]")
+    for kind, at in (("mousePressed", from_x), ("mouseMoved", to_x)):
+        where = {"x": x + width * (0.5 + 0.4 * at), "y": y + width * (0.5 + 0.4 * from_y)}
+        browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **where)
+
+
+def let_go(browser: Browser) -> None:
+    browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=0, y=0, button="left")
 
 
 def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, live: str) -> None:
@@ -333,11 +340,13 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} === 0")
 
-    left = browser.read("document.getElementById('wheel').getBoundingClientRect().x + 40")
-    drag(browser, "mousePressed", left)
-    drag(browser, "mouseMoved", left + 20)
-    browser.wait_for(f"{value_of('steer_rad')} < -0.01")
-    drag(browser, "mouseReleased", left + 20)
+    drag(browser, -0.2, -0.98, 0.2)  # the rim follows: above to the right is to the right
+    browser.wait_for(f"Math.abs({value_of('steer_rad')} + 2 * Math.atan(0.2 / 0.98) / 16) < 0.002")
+    let_go(browser)
+    browser.wait_for(f"{value_of('steer_rad')} === 0")
+    drag(browser, -0.2, 0.98, 0.2)
+    browser.wait_for(f"{value_of('steer_rad')} > 0.01")
+    let_go(browser)
 
     pads = "[{ axes: [-0.5] }]"
     browser.read(f"navigator.getGamepads = () => {pads}; 0")

@@ -26,7 +26,7 @@ export class Drive {
     this.again = element("button", { type: "button", id: "again", onclick: () => this.restart() }, "Again");
     this.onward = element("button", { type: "button", id: "next", className: "primary", onclick: () => this.next() }, "Next round");
     this.full = element("button", { type: "button", id: "kiosk", onclick: () => this.toggleKiosk() }, "Full screen");
-    this.home = element("a", { className: "download", href: "recording/lane1.html", download: "round.html", hidden: true }, "Take this round home");
+    this.home = element("a", { className: "download", href: "recording/lane1.html", download: "round.html", hidden: true }, "Take your round home");
     const buttons = element("div", { className: "row" }, this.name, this.speed, this.again, this.onward, this.full);
     byId("drive").append(this.wheel, element("div", {}, this.text, this.score, buttons, this.home), this.best);
     document.addEventListener("fullscreenchange", () => {
@@ -63,6 +63,7 @@ export class Drive {
       return;
     }
     this.speed.value = this.scenario.speed_km_h;
+    this.hand.stopRad = STEERING_RATIO * this.lockRad;
     setText(this.again, this.lane < 0 ? "Watch again" : "Again");
     this.tell();
   }
@@ -125,17 +126,23 @@ export class Drive {
     else if (this.isKiosk && nowS > ROUND_S && this.scenario.title !== this.rounds[0].title) this.welcome();
   }
 
-  get steerRad() {
+  get lockRad() {
     const speed = this.scenario.speed_km_h / 3.6;
     const { front_axle_m, rear_axle_m } = this.app.head.lanes[0];
-    return this.hand.position * Math.min(LOCK_RAD, (LOCK_M_S2 * (front_axle_m + rear_axle_m)) / speed ** 2);
+    return Math.min(LOCK_RAD, (LOCK_M_S2 * (front_axle_m + rear_axle_m)) / speed ** 2);
+  }
+
+  get steerRad() {
+    return this.hand.position * this.lockRad;
   }
 
   begin(nowS) {
     this.startS = nowS;
-    this.home.hidden = true;
     this.app.wish({ do: "reset" });
-    this.app.wish({ do: "record", on: true });
+    if (this.lane >= 0) {
+      this.home.hidden = true; // until this round, which takes the place of the last one, is over
+      this.app.wish({ do: "record", on: true });
+    }
     this.tell();
   }
 
@@ -147,7 +154,7 @@ export class Drive {
     setText(this.score, left ? `${left} s · ${result}` : `That minute: ${result}`);
     if (left) return;
     this.app.wish({ do: "score", lane: Math.max(this.lane, 0), name: this.lane < 0 ? "the predictor" : this.name.value.trim() || GUEST });
-    this.home.hidden = false;
+    if (this.lane >= 0) this.home.hidden = false;
     this.next();
   }
 

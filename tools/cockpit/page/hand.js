@@ -1,28 +1,44 @@
 // The visitor's hand on arrow keys, mouse or finger, gamepad or USB wheel: one angle of all of them.
 
 const PER_S = 1.6; // how fast a key turns, and how fast a wheel that was let go returns
-const DRAG_PIXELS = 160; // from the middle to the stop
+const RIM = 0.4; // radius of the rim over the width of the picture
+const HUB = 0.3; // of the rim's radius: whoever takes the wheel there pulls it as at the top
 const DEAD = 0.04; // of a stick in its middle
 
 export class Hand {
-  // wheel: the element that can be dragged
+  // wheel: the picture that can be dragged; stopRad: how far the picture turns, set by the driver's seat
   constructor(wheel) {
+    this.wheel = wheel;
+    this.stopRad = 1;
     this.position = 0; // from −1, right stop, to 1, left stop
     this.isOn = false; // whether somebody has touched anything yet
     this.keys = new Set();
-    this.dragX = null;
+    this.dragged = null; // where the pointer has the rim, from its middle, in radii
     document.addEventListener("keydown", (event) => this.onKey(event, true));
     document.addEventListener("keyup", (event) => this.onKey(event, false));
     window.addEventListener("blur", () => this.keys.clear());
     wheel.addEventListener("pointerdown", (event) => {
       wheel.setPointerCapture(event.pointerId);
-      this.dragX = event.clientX + DRAG_PIXELS * this.position;
+      this.dragged = this.placeOf(event);
       this.isOn = true;
     });
-    wheel.addEventListener("pointermove", (event) => {
-      if (this.dragX !== null) this.position = within((this.dragX - event.clientX) / DRAG_PIXELS);
-    });
-    for (const end of ["pointerup", "pointercancel"]) wheel.addEventListener(end, () => (this.dragX = null));
+    wheel.addEventListener("pointermove", (event) => this.onDrag(event));
+    for (const end of ["pointerup", "pointercancel"]) wheel.addEventListener(end, () => (this.dragged = null));
+  }
+
+  placeOf({ clientX, clientY }) {
+    const { x, y, width, height } = this.wheel.getBoundingClientRect();
+    return [(clientX - x - width / 2) / (RIM * width), (clientY - y - height / 2) / (RIM * width)];
+  }
+
+  // The rim follows the pointer, so that to the right is to the right above, and to the left below.
+  onDrag(event) {
+    if (!this.dragged) return;
+    const [fromX, fromY] = this.dragged, [toX, toY] = (this.dragged = this.placeOf(event));
+    const from = Math.hypot(fromX, fromY), to = Math.hypot(toX, toY);
+    const sweptRad = Math.atan2(fromX * toY - fromY * toX, fromX * toX + fromY * toY);
+    const clockwiseRad = Math.min(from, to) < HUB ? toX - fromX : (sweptRad * (from + to)) / 2;
+    this.position = within(this.position - clockwiseRad / this.stopRad);
   }
 
   onKey(event, isDown) {
@@ -35,13 +51,13 @@ export class Hand {
   letGo() {
     this.isOn = false;
     this.position = 0;
-    this.dragX = null;
+    this.dragged = null;
   }
 
   step(elapsedS) {
     const toLeft = this.keys.has("ArrowLeft") - this.keys.has("ArrowRight");
     const stick = [...(navigator.getGamepads?.() ?? [])].find((pad) => pad?.axes.length)?.axes[0] ?? 0;
-    if (this.dragX !== null) return;
+    if (this.dragged) return;
     if (!toLeft && Math.abs(stick) > DEAD) {
       this.position = within(-stick);
       this.isOn = true;

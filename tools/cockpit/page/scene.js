@@ -111,7 +111,9 @@ export class Scene {
   }
 
   camera(place, state) {
-    const scale = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
+    const farM = Math.hypot(state.previewX - state.footX, state.previewY - state.footY);
+    const wished = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
+    const scale = Math.min(wished, (0.4 * place.height) / farM); // the road stays in the picture
     // The vehicle is left of the middle: what is ahead says more.
     return { x: 0.42 * place.width, y: 0.5 * place.height, scale, turn: state.pathHeading, atX: state.x, atY: state.y };
   }

@@ -23,7 +23,7 @@ export function shown(signal, value) {
 
 // A number with so many digits, with a true minus and no negative zero.
 export function fixed(value, digits) {
-  return value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
+  return value.toFixed(Math.abs(value) < 1000 ? digits : 0).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 }
 
 export function pressed(button, isPressed) {
