@@ -29,7 +29,10 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
     safety = node["safety"]
     if safety["holdings"]:
-        yield "holds", f"{safety['holdings']}, of which {safety['fallbacks']} to the fallback"
+        yield (
+            "steering holds",
+            f"{safety['holdings']}, of which {safety['fallbacks']} to the fallback",
+        )
     if safety["interventions"]:
         yield "limited", f"commands by {causes_line(safety['interventions'])}"
     made = node["interventions"]

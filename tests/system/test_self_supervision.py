@@ -335,6 +335,9 @@ def test_a_run_of_both_nodes_says_so_too(
     monkeypatch.setattr("steer_by_wire.plant_emulator.vehicle.moving_vehicle.LARGEST", 1e9)
     assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
     out = capsys.readouterr().out
-    assert re.search(rf"^safe state +plant emulator: {NOT_FINITE_VEHICLE}$", out, re.MULTILINE)
+    assert re.search(
+        rf"^verdict +safe state: plant emulator: {NOT_FINITE_VEHICLE}$", out, re.MULTILINE
+    )
+    assert out.count(NOT_FINITE_VEHICLE) == 1
     assert closed_loop.main(["--duration", "0.1"]) == ExitStatus.OK
     assert "safe state" not in capsys.readouterr().out

@@ -124,6 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the bus"
     )
     bus.add_argument(
+        "-i",
         "--interface",
         choices=("virtual",),
         help="in real time, on python-can's bus within the process",

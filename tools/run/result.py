@@ -102,19 +102,16 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
             continue
         text = dialect_text(reports[program]["node"]["dialect"])
         lines.append(("dialect", f"{program.replace('_', ' ')}: {text}"))
-    lines += _failures(reports)
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
     return lines
 
 
-def _failures(reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+def _failures(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return which programs have failed, each with how: ours are then in their safe state."""
     return [
-        (
-            "safe state" if "settings" in reports[program] else "failed",
-            f"{program.replace('_', ' ')}: {failure}",
-        )
+        f"{'safe state' if 'settings' in reports[program] else 'failed'}: "
+        f"{program.replace('_', ' ')}: {failure}"
         for program in PROGRAMS
         if (failure := reports[program]["node"]["failure"])
     ]
@@ -127,8 +124,8 @@ def _program_summary(node: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the plant's verdict, and what limited the commands on their way; or who failed."""
-    for how, failure in _failures(reports):
-        return f"{how}: {failure}"
+    if failures := _failures(reports):
+        return "; ".join(failures)
     is_ours = "settings" in reports[CONTROLLER]
     limited = controller_report.limited_text(reports[CONTROLLER]["node"]) if is_ours else ""
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
