@@ -47,8 +47,8 @@ if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 if not os.environ.get(INSIDE):  # no test for vcan0 draws any, and User Mode Linux imports slowly
     from hypothesis import settings
 
-    settings.register_profile("same_examples", derandomize=True, deadline=None, max_examples=50)
-    settings.register_profile("explore", derandomize=False, deadline=None)
+    settings.register_profile("same_examples", derandomize=True, deadline=None, max_examples=25)
+    settings.register_profile("explore", derandomize=False, deadline=None, max_examples=200)
     settings.load_profile("same_examples")
 
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import pytest
 from cantools.database.can import Message as Definition
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.codec.protection import header_bits, protect
@@ -49,13 +49,11 @@ def frame_of_raws(definition: Definition, raws: dict[str, int]) -> Frame:
 
 
 @given(message_frames | all_frames)
-@settings(deadline=None, max_examples=1000)
 def test_any_frame_is_a_message_or_a_named_rejection(frame: Frame) -> None:
     assert isinstance(decode(frame), Decoded | Rejection)
 
 
 @given(st.binary(min_size=LENGTH_MAX, max_size=LENGTH_MAX))
-@settings(deadline=None, max_examples=200)
 def test_a_good_crc_does_not_make_any_payload_a_message(content: bytes) -> None:
     expected = {Rejection.OUT_OF_RANGE, Rejection.NOT_AVAILABLE}
     for definition in MESSAGES:

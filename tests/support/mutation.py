@@ -15,13 +15,16 @@ mutant is compiled and run in this process, in milliseconds.
 import ast
 import importlib.util
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import NamedTuple
 
 import pytest
 
+from tests.support.combinations import ALL
+
+SAMPLE = 8
 _COMPARISONS: tuple[type[ast.cmpop], ...] = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
 _OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.Add: ast.Sub,
@@ -36,13 +39,12 @@ _FUNCTIONS = {"min": "max", "max": "min"}
 class Mutant(NamedTuple):
     """A changed module: where and what was changed, and its source's tree."""
 
-    line: int
-    before: str
-    after: str
+    place: str
+    change: str
     tree: ast.Module
 
     def __str__(self) -> str:
-        return f"line {self.line}: {self.before}  ->  {self.after}"
+        return f"{self.place}: {self.change}"
 
 
 def mutants(module: ModuleType) -> Iterator[Mutant]:
@@ -50,15 +52,17 @@ def mutants(module: ModuleType) -> Iterator[Mutant]:
 
     All have the same tree, which is as each says until the next is asked for.
     """
-    tree = ast.parse(_source_file(module).read_text(encoding="utf-8"))
+    source = _source_file(module).read_text(encoding="utf-8")
+    tree, lines = ast.parse(source), ["", *source.splitlines()]
     for node in list(_mutable(tree)):
         kind, fields, before = node.__class__, node.__dict__, ast.unparse(node)
-        line = getattr(node, "lineno", 0)
+        place = lines[getattr(node, "lineno", 0)].strip()
         for replacement in list(_replacements(node)):
             # In place: the nodes are of one class, or take the other's class and fields.
             node.__class__ = replacement.__class__
             node.__dict__ = {**fields, **replacement.__dict__}
-            yield Mutant(line, before, ast.unparse(ast.fix_missing_locations(node)), tree)
+            after = ast.unparse(ast.fix_missing_locations(node))
+            yield Mutant(place, f"{before}  ->  {after}", tree)
             node.__class__, node.__dict__ = kind, fields
 
 
@@ -77,30 +81,37 @@ def _load(module: ModuleType, tree: ast.Module) -> ModuleType:
     return mutated
 
 
-def survivors(module: ModuleType, is_killed: Callable[[ModuleType], bool]) -> tuple[list[str], int]:
-    """Return the mutants that nothing notices, and how many there are in all.
+def assert_noticed(
+    module: ModuleType, check: Callable[[ModuleType], object], equivalent: Collection[str] = ()
+) -> None:
+    """Raise what ``check`` does of ``module``, or if it raises nothing of one of its mutants.
 
-    An unchanged copy counts too: were it killed, nothing would be proven.
+    ``equivalent``  changes without an effect: ``before  ->  after``, or the line, ``: `` and that
+
+    A push tries one mutant of SAMPLE; ``--hypothesis-profile=explore`` all, and each equivalent.
     """
-    assert not is_killed(unchanged(module))
-    alive, count = [], 0
-    for mutant in mutants(module):
-        count += 1
-        try:
-            mutated = _load(module, mutant.tree)
-        except Exception:  # noqa: S112  whatever breaks at import is noticed
-            continue
-        if not is_killed(mutated):
-            alive.append(str(mutant))
-    return alive, count
+    check(unchanged(module))
+    alive = [
+        mutant
+        for number, mutant in enumerate(mutants(module))
+        if (ALL or number % SAMPLE == 0) and not _is_noticed(module, mutant, check)
+    ]
+    allowed = {text for mutant in alive for text in (str(mutant), mutant.change)} & {*equivalent}
+    assert [str(one) for one in alive if not {str(one), one.change} & allowed] == []
+    assert not ALL or allowed == {*equivalent}
 
 
-def fails_with(
-    test_module: ModuleType, mutant: ModuleType, without: str, *helpers: ModuleType
-) -> bool:
-    """Return whether a test of ``test_module`` fails with ``mutant`` as its ``tested``.
+def _is_noticed(module: ModuleType, mutant: Mutant, check: Callable[[ModuleType], object]) -> bool:
+    try:
+        check(_load(module, mutant.tree))
+    except (Exception, pytest.fail.Exception):  # the second where nothing is raised
+        return True
+    return False
 
-    ``without``  the test that asks this
+
+def run_tests(test_module: ModuleType, mutant: ModuleType, *helpers: ModuleType) -> None:
+    """Run the tests of ``test_module``, without those of mutants, with a mutant as its ``tested``.
+
     ``helpers``  modules beside it that the tests use, with the same ``tested``
     """
     modules = (test_module, *helpers)
@@ -109,15 +120,12 @@ def fails_with(
         vars(module)["tested"] = mutant
     try:
         for name, function in inspect.getmembers(test_module, inspect.isfunction):
-            if name.startswith("test_") and name != without:
+            if name.startswith("test_") and not name.endswith("_mutant"):
                 for arguments in _runs(function):
                     function(*arguments)
-    except (Exception, pytest.fail.Exception):  # the second where nothing is raised
-        return True
     finally:
         for module, original in zip(modules, originals, strict=True):
             vars(module)["tested"] = original
-    return False
 
 
 def _runs(function: FunctionType) -> list[tuple[object, ...]]:

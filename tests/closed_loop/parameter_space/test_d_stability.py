@@ -5,7 +5,7 @@ import math
 import control
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import linprog
@@ -145,7 +145,6 @@ def test_a_contour_counts_the_roots_it_goes_around(radius: float, count: int) ->
     assert roots_within(polynomial, lambda x: radius * np.exp(2j * math.pi * x)) == count
 
 
-@settings(deadline=None, max_examples=150)
 @given(
     gain_delay=st.floats(0.05, 1.8),
     delay_s=st.floats(0.01, 2.0),

@@ -7,7 +7,7 @@ import control
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
@@ -79,7 +79,6 @@ def test_the_verification_finds_a_region_that_is_wrong() -> None:
     assert len(verified(too_large, [loop], SPEC, 600, seed=3).wrong) > 50
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     speed_km_h=st.floats(3.0, 30.0),
     virtual_mass_kg=st.floats(1000.0, 6000.0),
@@ -122,7 +121,6 @@ def region_of_all_corners() -> GainRegion:
     return d_stable_region([ContinuousGainLoop(model) for model in CORNERS], SPEC, WINDOW)
 
 
-@settings(deadline=None, max_examples=100)
 @given(k_p=st.floats(-0.5, 3.5), k_d=st.floats(-0.6, 2.4))
 def test_any_gains_are_in_the_region_of_all_corners_just_if_each_corners_roots_are_good(
     region_of_all_corners: GainRegion, k_p: float, k_d: float

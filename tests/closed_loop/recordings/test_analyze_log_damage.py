@@ -9,7 +9,7 @@ from random import Random
 
 import can
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
@@ -103,7 +103,6 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("suffix", [".log", ".csv", ".trc", *COUNTED_ENDS])
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
-@settings(deadline=None, max_examples=30)
 def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
     short: dict[str, Path], suffix: str, share: float
 ) -> None:
@@ -307,7 +306,6 @@ WRITTEN = {".asc": "1  110  ", ".csv": ",0x110,", ".trc": " 0110 "}
 
 @pytest.mark.parametrize("suffix", WRITTEN)
 @given(identifier=st.integers(-(10**6), 10**24) | st.sampled_from([-1, 0x7FF, 0x800, 10**23]))
-@settings(deadline=None, max_examples=60)
 def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
     suffix: str, identifier: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -183,7 +183,6 @@ def propagated(step: Step, state: NDArray[np.float64], steer_rad: float) -> NDAr
     return step[0] @ state + step[1] * steer_rad
 
 
-@settings(deadline=None, max_examples=20)
 @given(st.integers(0, 5 * PERIOD_NS), st.sampled_from([PERIOD_NS, MS_NS, PERIOD_NS // 3]))
 def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, period_ns: int) -> None:
     model = paper_eq19()

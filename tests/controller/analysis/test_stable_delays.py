@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
@@ -98,7 +98,6 @@ def growing_by_eigenvalues(loop: SampledLoop, delay_ns: int) -> int:
     return int(np.sum(np.abs(loop.closed_loop_poles(delay_ns)) > radius))
 
 
-@settings(deadline=None, max_examples=150)
 @given(
     name=st.sampled_from(["pd", "pd_dob", "pd_cdob", "pd_ddob"]),
     rate_hz=st.sampled_from([10.0, 30.0, 100.0, 250.0]),

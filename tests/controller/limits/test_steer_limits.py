@@ -1,59 +1,100 @@
-"""No command leaves that is not finite, beyond the angle limit or faster than the rate limit."""
+"""The limits, ramps and fades of the controller against rules written apart."""
 
 import math
+from collections.abc import Callable
+from random import Random
+from types import ModuleType
 
-from hypothesis import given
-from hypothesis import strategies as st
+import pytest
 
-from steer_by_wire.controller.limits.fades_and_ramps import ramp_step
-from steer_by_wire.controller.limits.steer_limits import SteerLimits, limit_step
+from steer_by_wire.controller.limits import fades_and_ramps, steer_limits
+from tests.support.mutation import assert_noticed
 
-LIMITS = st.builds(SteerLimits, st.floats(0.01, 1.3), st.floats(1e-4, 10.0))
-ANYTHING = st.floats(allow_nan=True, allow_infinity=True)
-ROUNDING_RAD = 1e-15
+EQUIVALENT = {
+    # At a tie both sides are the same number.
+    "steer_limits": {
+        "low_rad < -steer_rad_max  ->  low_rad <= -steer_rad_max",
+        "high_rad > steer_rad_max  ->  high_rad >= steer_rad_max",
+        "wanted_steer_rad < low_rad  ->  wanted_steer_rad <= low_rad",
+        "wanted_steer_rad > high_rad  ->  wanted_steer_rad >= high_rad",
+        # No command is beyond it.
+        "abs(steer_rad) >= p.steer_rad_max  ->  abs(steer_rad) == p.steer_rad_max",
+    },
+    "fades_and_ramps": {
+        "value > step  ->  value >= step",
+        "value < -step  ->  value <= -step",
+    },
+}
+"""What behaves as the original for all numbers."""
+SHARES = (0.0, 1e-9, 0.5, 1.0, 1.0 + 1e-9, 2.0, 10.0)
 
 
-@given(LIMITS, st.lists(ANYTHING, max_size=30))
-def test_commands_stay_finite_and_within_both_limits(p: SteerLimits, wanted: list[float]) -> None:
-    last_rad = 0.0
-    for wanted_rad in wanted:
-        sent_rad = limit_step(p, last_rad, wanted_rad)
-        assert math.isfinite(sent_rad)
-        assert abs(sent_rad) <= p.steer_rad_max
-        assert abs(sent_rad - last_rad) <= p.step_rad_max + ROUNDING_RAD
-        last_rad = sent_rad
+def about(random: Random, scale: float) -> float:
+    """Return a number at, beside or far from a bound."""
+    return random.choice((-1.0, 1.0)) * random.choice(SHARES) * scale
 
 
-@given(LIMITS, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_a_command_within_the_limits_is_not_touched(
-    p: SteerLimits, last_rad: float, wanted_rad: float
+def check_limits(tested: ModuleType) -> None:
+    """Check that a limited command is the nearest of those that are allowed."""
+    table = tested.LimitSettings()
+    assert tested.steer_limits_of(table, 10_000_000) == (0.6, 0.02)
+    assert (table.steer_rad_max, table.steer_rate_rad_s_max) == (0.6, 2.0)
+    check_ranges(tested)
+    random = Random(1)
+    for _ in range(2000):
+        p = tested.SteerLimits(random.choice((0.5, 0.6)), random.choice((0.1, 0.5, 2.0)))
+        last_rad = max(-p.steer_rad_max, min(about(random, p.steer_rad_max), p.steer_rad_max))
+        wanted_rad = last_rad + about(random, p.step_rad_max)
+        wanted_rad = random.choice((wanted_rad, about(random, p.steer_rad_max)))
+        low_rad, high_rad = last_rad - p.step_rad_max, last_rad + p.step_rad_max
+        by_hand = sorted((low_rad, wanted_rad, high_rad))[1]
+        by_hand = sorted((-p.steer_rad_max, by_hand, p.steer_rad_max))[1]
+        assert tested.limit_step(p, last_rad, wanted_rad) == by_hand
+        is_at_angle = by_hand in (p.steer_rad_max, -p.steer_rad_max)
+        assert (tested.limit_name(p, by_hand) == "angle") == is_at_angle
+        for bad in (math.nan, math.inf, -math.inf):
+            assert tested.limit_step(p, last_rad, bad) == last_rad
+
+
+def check_ranges(tested: ModuleType) -> None:
+    """Check that the settings' ranges are the documents'."""
+    angle_max = next(
+        one.le
+        for one in tested.LimitSettings.model_fields["steer_rad_max"].metadata
+        if hasattr(one, "le")
+    )
+    for key, largest in (("steer_rad_max", angle_max), ("steer_rate_rad_s_max", 1000.0)):
+        tested.LimitSettings(**{key: largest})
+        tested.LimitSettings(**{key: math.nextafter(0.0, 1.0)})
+        for beyond in (0.0, math.nextafter(largest, math.inf)):
+            with pytest.raises(ValueError, match=key):
+                tested.LimitSettings(**{key: beyond})
+
+
+def check_fades(tested: ModuleType) -> None:
+    """Check that a fade does not jump, ends, and is the new source's at its end."""
+    assert (tested.FADE_RAD_S, tested.FADE_M_S, tested.NOTHING) == (0.2, 0.1, (0.0, False, 0.0))
+    random = Random(1)
+    for _ in range(500):
+        step, x = random.choice((0.01, 0.1)), tested.NOTHING
+        left = 0.0
+        for _ in range(20):
+            wanted, source = about(random, 0.1), random.random() < 0.3
+            if source is not x.source:
+                left = x.value - wanted
+            else:
+                left = math.copysign(max(abs(left) - step, 0.0), left)
+            x = tested.fading_step(step, x, wanted, source)
+            assert x.source is source
+            assert math.isclose(x.value, wanted + left, abs_tol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("module", "check"),
+    [(steer_limits, check_limits), (fades_and_ramps, check_fades)],
+    ids=["limits", "fades"],
+)
+def test_a_test_notices_every_mutant(
+    module: ModuleType, check: Callable[[ModuleType], None]
 ) -> None:
-    low_rad = max(-p.steer_rad_max, last_rad - p.step_rad_max)
-    high_rad = min(p.steer_rad_max, last_rad + p.step_rad_max)
-    if low_rad <= wanted_rad <= high_rad:
-        assert limit_step(p, last_rad, wanted_rad) == wanted_rad
-
-
-def test_a_command_beyond_a_limit_is_moved_to_it() -> None:
-    p = SteerLimits(steer_rad_max=0.5, step_rad_max=0.1)
-    assert limit_step(p, 0.0, 1.0) == 0.1
-    assert limit_step(p, 0.0, -1.0) == -0.1
-    assert limit_step(p, 0.45, 1.0) == 0.5
-    assert limit_step(p, -0.45, -1.0) == -0.5
-
-
-def test_a_command_that_is_no_number_repeats_the_last_one() -> None:
-    p = SteerLimits(steer_rad_max=0.5, step_rad_max=0.1)
-    for wanted_rad in (math.nan, math.inf, -math.inf):
-        assert limit_step(p, 0.3, wanted_rad) == 0.3
-
-
-@given(st.floats(1e-3, 1.0), st.floats(-1.5, 1.5))
-def test_a_ramp_reaches_zero_without_crossing_it(step_rad: float, start_rad: float) -> None:
-    value_rad = start_rad
-    for _ in range(math.ceil(abs(start_rad) / step_rad) + 1):
-        following_rad = ramp_step(step_rad, value_rad)
-        assert abs(following_rad - value_rad) <= step_rad + ROUNDING_RAD
-        assert following_rad * start_rad >= 0.0
-        value_rad = following_rad
-    assert value_rad == 0.0
+    assert_noticed(module, check, EQUIVALENT[module.__name__.split(".")[-1]])

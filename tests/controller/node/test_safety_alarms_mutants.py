@@ -1,9 +1,5 @@
-"""A test notices every mutant of what the controller has received, and of what it reports of it.
+"""What the controller has received and reports: random lives against rules written apart."""
 
-Random lives of a controller against the rules as the documents tell them.
-"""
-
-from pathlib import Path
 from random import Random
 from types import ModuleType
 
@@ -28,7 +24,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from tests.support.mutation import survivors
+from tests.support.mutation import assert_noticed
 
 MS = 1_000_000
 LIMITS_NS: dict[type[Message], int] = {
@@ -55,25 +51,25 @@ DRIVES, TICKS = 25, 60
 FOUND = "if now_ns <= self._fresh_until_ns and found_from == self._found_from:"
 CALM = "is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER"
 UNTIL = "self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1"
-EQUIVALENT_OF_REPORT = {
+EQUIVALENT = {
     # Facts, and until when they hold, before they were found once; when was reported, before that.
-    ("0,", "0  ->  1"),
-    ("0,", "0  ->  -1"),
-    ("self._fresh_until_ns = -1", "-1  ->  1"),
-    ("self._fresh_until_ns = -1", "1  ->  2"),
-    ("self._fresh_until_ns = -1", "1  ->  0"),
-    ("self._reported_ns = 0", "0  ->  1"),
-    ("self._reported_ns = 0", "0  ->  -1"),
+    "0,: 0  ->  1",
+    "0,: 0  ->  -1",
+    "self._fresh_until_ns = -1: -1  ->  1",
+    "self._fresh_until_ns = -1: 1  ->  2",
+    "self._fresh_until_ns = -1: 1  ->  0",
+    "self._reported_ns = 0: 0  ->  1",
+    "self._reported_ns = 0: 0  ->  -1",
     # Facts that would still hold are found anew, and are the same.
-    (FOUND, "now_ns <= self._fresh_until_ns  ->  now_ns < self._fresh_until_ns"),
-    (FOUND, "now_ns <= self._fresh_until_ns  ->  now_ns == self._fresh_until_ns"),
-    (CALM, "freshness == _ALL_FRESH  ->  freshness > _ALL_FRESH"),
+    f"{FOUND}: now_ns <= self._fresh_until_ns  ->  now_ns < self._fresh_until_ns",
+    f"{FOUND}: now_ns <= self._fresh_until_ns  ->  now_ns == self._fresh_until_ns",
+    f"{CALM}: freshness == _ALL_FRESH  ->  freshness > _ALL_FRESH",
     # A stale message has not been fresh until now.
-    (CALM, "freshness == _ALL_FRESH  ->  freshness >= _ALL_FRESH"),
+    f"{CALM}: freshness == _ALL_FRESH  ->  freshness >= _ALL_FRESH",
     # No time is before the first.
-    (UNTIL, "1  ->  2"),
+    f"{UNTIL}: 1  ->  2",
 }
-"""What behaves as the original: line and change."""
+"""What behaves as the original."""
 
 
 def settings_of_test() -> ControllerSettings:
@@ -226,34 +222,23 @@ def newly_stale(facts: ControllerSafety, before: ControllerSafety) -> list[bool]
     ]
 
 
-def lives(received_in: ModuleType, report_in: ModuleType) -> bool:
-    """Return whether a life goes otherwise than is told."""
-    try:
-        fresh = received_in.Received(SETTINGS)
-        assert (fresh.lateral_error_m, fresh.heading_error_rad, fresh.wheel_rad) == (0.0, 0.0, 0.0)
-        assert (fresh.refused, fresh.unauthenticated) == (0, 0)
-        assert fresh.steering is SteeringStatusCode.NO_COMMAND
-        for number in range(DRIVES):
-            life = Life(received_in, report_in, Random(number))
-            for _ in range(3):  # at one instant, which may be the first of all
-                life.send()
-                life.receive(LateralError)
-            for _ in range(TICKS):
-                life.live()
-    except Exception:
-        return True
-    return False
+def check(received_in: ModuleType, report_in: ModuleType) -> None:
+    fresh = received_in.Received(SETTINGS)
+    assert (fresh.lateral_error_m, fresh.heading_error_rad, fresh.wheel_rad) == (0.0, 0.0, 0.0)
+    assert (fresh.refused, fresh.unauthenticated) == (0, 0)
+    assert fresh.steering is SteeringStatusCode.NO_COMMAND
+    for number in range(DRIVES):
+        life = Life(received_in, report_in, Random(number))
+        for _ in range(3):  # at one instant, which may be the first of all
+            life.send()
+            life.receive(LateralError)
+        for _ in range(TICKS):
+            life.live()
 
 
 def test_a_test_notices_every_mutant_of_what_was_received() -> None:
-    alive, count = survivors(newest_messages, lambda mutant: lives(mutant, safety_alarms))
-    assert not alive
-    assert count > 15
+    assert_noticed(newest_messages, lambda tested: check(tested, safety_alarms))
 
 
 def test_a_test_notices_every_mutant_of_the_report() -> None:
-    alive, count = survivors(safety_alarms, lambda mutant: lives(newest_messages, mutant))
-    source = Path(str(safety_alarms.__file__)).read_text(encoding="utf-8").splitlines()
-    places = [text.removeprefix("line ").split(": ", 1) for text in alive]
-    assert {(source[int(n) - 1].strip(), change) for n, change in places} == EQUIVALENT_OF_REPORT
-    assert count > 70
+    assert_noticed(safety_alarms, lambda tested: check(newest_messages, tested), EQUIVALENT)

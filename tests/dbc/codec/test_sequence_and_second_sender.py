@@ -3,14 +3,13 @@
 from itertools import pairwise
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec import sequence_and_second_sender as sequence
 from steer_by_wire.dbc.codec.sequence_and_second_sender import (
     CAUTION_NS,
-    PERIOD_NS_MIN,
     SequenceCheck,
     SequenceResult,
     SequenceRule,
@@ -26,47 +25,6 @@ ACCEPTED = SequenceResult.ACCEPTED
 COMMANDS = PlantSettings().counters
 MEASUREMENTS = controller_preset("practical_pd_ddob").counters
 RULES = {"commands": COMMANDS, "measurements": MEASUREMENTS}
-
-
-def judge(counters: list[int], step_max: int = 10, resync_run: int = 5) -> list[SequenceResult]:
-    sequence = checking(step_max, resync_run)
-    return [sequence.check(counter % 256) for counter in counters]
-
-
-@pytest.mark.parametrize(
-    ("second", "result"),
-    [
-        (200, SequenceResult.REPEATED),
-        (201, ACCEPTED),
-        (210, ACCEPTED),
-        (211, SequenceResult.TOO_FAR),
-        (200 + 127, SequenceResult.TOO_FAR),
-        (200 + 128, SequenceResult.OUT_OF_ORDER),
-        (199, SequenceResult.OUT_OF_ORDER),
-    ],
-)
-def test_a_counter_is_judged_by_its_distance_from_the_newest(
-    second: int, result: SequenceResult
-) -> None:
-    assert judge([200, second]) == [ACCEPTED, result]
-
-
-@given(st.integers(0, 255), st.integers(1, 600))
-def test_an_undisturbed_sender_is_always_accepted(first: int, frames: int) -> None:
-    sequence = checking(1, 1)
-    assert {sequence.check((first + index) % 256) for index in range(frames)} == {ACCEPTED}
-    assert sequence.lost == 0
-
-
-@given(st.integers(0, 255), st.lists(st.integers(1, 20), max_size=100))
-def test_frames_that_do_not_come_are_counted_as_lost(first: int, steps: list[int]) -> None:
-    sequence = checking(20, 5)
-    number = first
-    sequence.check(number)
-    for step in steps:
-        number += step
-        assert sequence.check(number % 256) is ACCEPTED
-    assert sequence.lost == sum(step - 1 for step in steps)
 
 
 @given(
@@ -86,86 +44,6 @@ def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_dou
     assert accepted == sorted(set(accepted))
     if accepted:
         assert sequence.lost == accepted[-1] - accepted[0] + 1 - len(accepted)
-
-
-@given(
-    st.lists(st.sampled_from([1, 1, 1, 0, 2, 12, 100, 128, 200, 255]), min_size=1, max_size=200),
-    st.integers(1, 127),
-    st.integers(1, 6),
-)
-def test_a_frame_is_accepted_only_as_slightly_newer_or_after_a_run_of_refusals(
-    steps: list[int], step_max: int, resync_run: int
-) -> None:
-    counters = [sum(steps[: index + 1]) % 256 for index in range(len(steps))]
-    results = judge(counters, step_max, resync_run)
-    newest = None
-    for index, (counter, result) in enumerate(zip(counters, results, strict=True)):
-        run = range(max(index - resync_run, 0), index)
-        run_of_refusals = len(run) == resync_run and all(
-            results[i] is not ACCEPTED and (counters[i] + 1) % 256 == counters[i + 1] for i in run
-        )
-        slightly_newer = newest is None or 1 <= (counter - newest) % 256 <= step_max
-        assert (result is ACCEPTED) == (slightly_newer or run_of_refusals)
-        newest = counter if result is ACCEPTED else newest
-
-
-@pytest.mark.parametrize("restart", [0, 90, 99, 150, 227, 228])
-def test_a_restarted_sender_is_believed_after_the_run(restart: int) -> None:
-    counters = [99, 100, *range(restart, restart + 10)]
-    results = judge(counters)
-    assert results[-4:] == [ACCEPTED] * 4
-    if restart not in {90, 99}:  # 99 and 90 count up to 101, the next that is expected
-        assert ACCEPTED not in results[2:7]
-
-
-def test_a_resynchronisation_counts_nothing_as_lost() -> None:
-    sequence = checking(10, 3)
-    for counter in [50, 200, 201, 202, 203]:
-        sequence.check(counter)
-    assert sequence.check(204) is ACCEPTED
-    assert sequence.lost == 0
-    assert sequence.resynchronised == 1
-
-
-def test_an_accepted_frame_ends_a_run_of_refusals() -> None:
-    counters = [50, 200, 201, 202, 51, 203, 204, 205, 206]
-    assert judge(counters, resync_run=3)[-4:] == [SequenceResult.OUT_OF_ORDER] * 3 + [ACCEPTED]
-
-
-@pytest.mark.parametrize("values", [(-1, 1, 0), (0, 0, 0), (0, 1, -1)])
-def test_a_rule_that_cannot_work_is_refused(values: tuple[int, int, int]) -> None:
-    with pytest.raises(ValueError, match="allowed is"):
-        SequenceCheck(SequenceRule(*values), PERIOD_NS_MIN)
-
-
-# Held-up frames
-
-
-def after_stalls(stalls: int, ahead: int) -> SequenceResult:
-    """Let half the frames of each stall come at its end; judge one so far ahead of the next."""
-    check, number = SequenceCheck(COMMANDS, PERIOD_NS), 0
-    for stall in range(stalls + 1):
-        for kept in range(20):
-            place = number + (40 if stall else kept)
-            check.check(number + kept, place * PERIOD_NS, number + kept)
-        number += 40 if stall else 20
-    return check.check(number + ahead, number * PERIOD_NS, number + ahead)
-
-
-@pytest.mark.parametrize("stalls", [1, 2])
-def test_after_late_frames_one_may_come_as_early_as_before_and_no_earlier(stalls: int) -> None:
-    assert after_stalls(stalls, 0) is after_stalls(stalls, 5) is ACCEPTED
-    assert after_stalls(stalls, 6) is SequenceResult.TOO_FAR
-
-
-@pytest.mark.parametrize(("step", "result"), [(10, ACCEPTED), (11, SequenceResult.TOO_FAR)])
-def test_a_slow_sender_is_not_taken_for_one_that_was_held_up(
-    step: int, result: SequenceResult
-) -> None:
-    check = SequenceCheck(COMMANDS, PERIOD_NS)
-    for number in range(40):
-        check.check(number, 5 * number * PERIOD_NS, number)
-    assert check.check(39 + step, 5 * 40 * PERIOD_NS, step) is result
 
 
 # Two senders
@@ -229,7 +107,6 @@ STRATEGIES = st.lists(st.lists(SHOTS, max_size=6), min_size=1, max_size=12)
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 @given(shots=STRATEGIES, repeats=st.booleans(), first=st.integers(0, 255))
-@settings(deadline=None, max_examples=60)
 def test_a_search_finds_no_strategy_that_is_followed(
     rule: SequenceRule, shots: list[list[Shot]], repeats: bool, first: int
 ) -> None:
@@ -302,7 +179,6 @@ def test_who_took_over_from_an_absent_sender_is_not_followed_beside_it(
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 @given(shots=STRATEGIES, absence=ABSENCES, first=st.integers(0, 255))
-@settings(deadline=None, max_examples=60)
 def test_a_search_finds_nobody_who_takes_over_for_longer_than_the_absence(
     rule: SequenceRule, shots: list[list[Shot]], absence: Absence, first: int
 ) -> None:
@@ -323,7 +199,6 @@ def test_the_wait_is_one_that_no_strategy_outlasts(
 @given(ahead=st.integers(-127, 128), after_ns=st.integers(0, 10_000_000), first=st.integers(0, 255))
 @example(ahead=31, after_ns=0, first=0)
 @example(ahead=0, after_ns=0, first=106)
-@settings(deadline=None, max_examples=40)
 def test_one_forged_frame_delays_the_true_ones_by_two_periods_for_ten_seconds(
     rule: SequenceRule, ahead: int, after_ns: int, first: int
 ) -> None:
@@ -352,7 +227,6 @@ ONE_FORGED_NS_MAX = NS_PER_S
 @given(seed=st.integers(0, 2**32))
 @example(seed=10_000_620)  # soon after the start, at 1.6 ms
 @example(seed=10_001_733)  # at 1.1 ms
-@settings(deadline=None, max_examples=40)
 def test_one_forged_frame_locks_the_true_ones_out_at_no_period_and_behind_little_jitter(
     rule: SequenceRule, spread_ns_max: int, orders: list[Order], seed: int
 ) -> None:

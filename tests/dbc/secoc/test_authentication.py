@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.dbc.reception import Reception
-from steer_by_wire.dbc.secoc.authentication import Authentication, nearest
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.dbc.secoc.secured_frame import LAYOUTS, Refused
 from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
@@ -46,30 +45,6 @@ def test_frames_may_come_without_the_bit_rate_switch() -> None:
     controller_end, plant_end = met()
     secured = plant_end.secure(FROM_PLANT[0])
     assert controller_end.verify(secured._replace(flags=FD)) == FROM_PLANT[0]
-
-
-@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 59)), max_size=120))
-def test_what_is_accepted_is_newer_each_time_whatever_the_network_does(
-    deliveries: list[tuple[int, int]],
-) -> None:
-    """Lost, repeated and reordered in any way: of each message only ever the newest, once."""
-    controller_end, plant_end = met()
-    sent = [[plant_end.secure(frame) for frame in FROM_PLANT] for _ in range(60)]
-    newest = [-1, -1, -1]
-    for kind, index in deliveries:
-        verdict = controller_end.verify(sent[index][kind])
-        assert verdict == (FROM_PLANT[kind] if index > newest[kind] else Refused.REPLAYED)
-        newest[kind] = max(newest[kind], index)
-
-
-def test_a_replayed_frame_is_refused_for_ever() -> None:
-    controller_end, plant_end = met()
-    recorded = [plant_end.secure(frame) for frame in (*FROM_PLANT, PLANT_STATUS) * 5]
-    for frame in recorded:
-        assert not isinstance(controller_end.verify(frame), Refused)
-    for _ in range(3):
-        assert {controller_end.verify(frame) for frame in recorded} == {Refused.REPLAYED}
-        assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
 
 
 @pytest.mark.parametrize("original", [FROM_PLANT[0], PLANT_STATUS], ids=["data", "status"])
@@ -132,48 +107,6 @@ def test_no_bytes_make_an_end_raise_or_accept(
 ) -> None:
     end = met()[0] if synchronised else controller()
     assert isinstance(end.verify(Frame(can_id, data, flags)), Refused)
-
-
-# The truncated counter
-
-
-@given(st.integers(0, 2**62), st.integers(-(2**31), 2**31 - 1))
-def test_a_truncated_counter_is_completed_to_the_nearest(known: int, distance: int) -> None:
-    counter = max(known + distance, 0)
-    assert nearest(known, counter % 2**32, 32) == counter
-
-
-@pytest.mark.parametrize("first", [2**32 - 6, 2**40 - 6, 2**31 - 6])
-def test_nothing_happens_when_the_truncated_counter_wraps(first: int) -> None:
-    controller_end, plant_end = met(first)
-    for _ in range(10):
-        assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
-
-
-@pytest.mark.parametrize("lost", [1, 255, 65_536, 2**31 - 2])
-def test_lost_frames_cost_nothing(lost: int) -> None:
-    controller_end, plant_end = met(first_counter=2**40)
-    assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
-    assert controller_end.verify(later(plant_end, lost).secure(FROM_PLANT[0])) == FROM_PLANT[0]
-
-
-@pytest.mark.parametrize("lost", [2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**40])
-def test_after_a_loss_beyond_half_of_all_counters_the_next_status_helps(lost: int) -> None:
-    controller_end, plant_end = met(first_counter=2**40)
-    assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
-    sender = later(plant_end, lost)
-    assert isinstance(controller_end.verify(sender.secure(FROM_PLANT[0])), Refused)
-    assert controller_end.verify(sender.secure(PLANT_STATUS)) == PLANT_STATUS
-    assert controller_end.verify(sender.secure(FROM_PLANT[0])) == FROM_PLANT[0]
-
-
-def later(plant_end: Authentication, lost: int) -> Authentication:
-    """The plant's end after it has sent ``lost`` frames more, which nobody has received."""
-    secured = plant_end.secure(PLANT_STATUS).data
-    counter = int.from_bytes(secured[24:32], "big")
-    end = plant(first_counter=counter + lost)
-    end.verify(controller().secure(CONTROLLER_STATUS))
-    return end
 
 
 # Who has no key

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import (
@@ -40,7 +40,6 @@ def any_frames(draw: st.DrawFn) -> Frame:
     return Frame(can_id, draw(st.binary(min_size=size, max_size=size)), flags)
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.lists(any_frames(), max_size=20))
 def test_no_frame_can_make_the_node_raise(frames: list[Frame]) -> None:
     tested = link(path={"kind": "straight"})
@@ -52,7 +51,6 @@ def test_no_frame_can_make_the_node_raise(frames: list[Frame]) -> None:
     assert tested.messages(PlantStatus)
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**64 - 1))
 def test_any_content_of_a_latency_configuration_is_taken_or_counted(word: int) -> None:
     """It has no checksum, so anything can arrive."""

@@ -5,7 +5,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.special import ellipe, fresnel
@@ -116,7 +116,6 @@ def test_straight_is_the_x_axis() -> None:
     st.floats(10.0, 100.0),
     st.floats(0.0, 50.0),
 )
-@settings(deadline=None, max_examples=30)
 def test_lane_change_ends_at_its_offset_and_length_with_the_heading_it_began_with(
     offset_m: float, length_m: float, start_m: float
 ) -> None:
@@ -213,7 +212,6 @@ def test_open_path_meets_its_waypoints_and_goes_on_straight(tmp_path: FilePath) 
     )
 
 
-@settings(max_examples=20)
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=30))
 @example([20.0 * math.sin(x / 4.0) + 3.0 * math.sin(x / 1.3) for x in range(61)])
 @example([2.0, -2.0] * 15)

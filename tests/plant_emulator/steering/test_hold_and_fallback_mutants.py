@@ -1,10 +1,11 @@
 """A test notices every mutant of the steering's guard."""
 
-from importlib import import_module
+from types import ModuleType
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback
+from tests.plant_emulator.steering import test_hold_and_fallback, test_steering_hold
 from tests.support import driven_guard
-from tests.support.mutation import fails_with, survivors
+from tests.support.mutation import assert_noticed, run_tests
 
 EQUIVALENT = {
     # SAFE_STATE is the greatest mode.
@@ -26,13 +27,10 @@ EQUIVALENT = {
 """What behaves as the original in all states there are."""
 
 
+def check(tested: ModuleType) -> None:
+    for suite in (test_hold_and_fallback, test_steering_hold):
+        run_tests(suite, tested, driven_guard)
+
+
 def test_a_test_notices_every_mutant() -> None:
-    folder = "tests.plant_emulator.steering"
-    names = ("test_hold_and_fallback", "test_steering_hold")
-    suites = [import_module(f"{folder}.{name}") for name in names]
-    alive, count = survivors(
-        hold_and_fallback,
-        lambda mutant: any(fails_with(suite, mutant, "", driven_guard) for suite in suites),
-    )
-    assert {text.split(": ")[1] for text in alive} == EQUIVALENT
-    assert count > 80
+    assert_noticed(hold_and_fallback, check, EQUIVALENT)

@@ -35,7 +35,6 @@ def test_two_steps_are_one_step(z: LinearState, first_ns: int, second_ns: int) -
 
 @pytest.mark.parametrize(("m", "first_row"), [(M, 0), (SETTLING, TABLE_ROWS)])
 @given(z=states, dt_ns=steps)
-@settings(deadline=None, max_examples=50)
 def test_a_step_is_the_matrix_exponential(
     m: np.ndarray, first_row: int, z: LinearState, dt_ns: int
 ) -> None:

@@ -3,7 +3,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -49,7 +49,6 @@ def quiet(path: PathSettings, vehicle: VehicleSettings | None = None) -> MotionP
     st.lists(st.integers(0, 300_000_000), max_size=30),
     st.lists(st.tuples(st.integers(0, 299_999_999), st.floats(-0.2, 0.2)), max_size=5),
 )
-@settings(deadline=None, max_examples=50)
 def test_looking_at_the_motion_does_not_change_it(
     looks_ns: list[int], commands: list[tuple[int, float]]
 ) -> None:

@@ -8,7 +8,7 @@ import socket
 from contextlib import ExitStack
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS
@@ -310,7 +310,6 @@ def test_a_client_that_has_said_hello_may_be_silent_for_ever(bench: Bench) -> No
 # Garbage
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.binary(min_size=1, max_size=3 * HELLO.size), st.booleans())
 def test_no_bytes_raise_or_harm_the_others(raw: bytes, has_joined: bool) -> None:
     with ExitStack() as stack:
