@@ -267,7 +267,8 @@ def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figur
         ):
             error.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
         error.axhline(0.0, color="black", lw=0.6)
-        error.set(ylabel="off the path [mm]", title=title)
+        figure.suptitle(title, x=0.01, ha="left", weight="bold")
+        error.set(ylabel="off the path [mm]")
         steer.step(controller.time_s, controller.sent_rad, where="post", label="sent", lw=1.0)
         steer.plot(plant.time_s, plant.wheel_angle_rad, label="wheel", lw=1.0)
         steer.set(ylabel="steer [rad]")

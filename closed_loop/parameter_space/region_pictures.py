@@ -43,10 +43,11 @@ def draw_gamma(axes: Axes, spec: DStability) -> None:
             ray * math.cos(theta),
             sign * ray * math.sin(theta),
             color=_BOUND_COLOURS[Bound.CONE],
+            ls="--",
             label=f"θ = {math.degrees(theta):g}°" if sign > 0.0 else None,
         )
     colour = _BOUND_COLOURS[Bound.RADIUS]
-    axes.plot(*circle.T, color=colour, label=f"R = {radius:g} rad/s")
+    axes.plot(*circle.T, color=colour, ls="-.", label=f"R = {radius:g} rad/s")
     axes.set(aspect="equal", xlim=(-1.6 * radius, 0.5 * radius), ylim=(-1.3 * radius, 1.3 * radius))
     axes.set(xlabel="Re s [rad/s]", ylabel="Im s [rad/s]")
 

@@ -6,12 +6,23 @@ from io import BytesIO
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, distinct with any colour vision."""
 
+LINES = cycler(
+    color=(*COLOURS, "0.5"),
+    linestyle=(
+        "-", "--", "-.", (0, (1, 1)), (0, (7, 2)), (0, (4, 1, 1, 1, 1, 1)),
+        (0, (2, 3)), (0, (9, 1, 3, 1)),
+    ),
+)  # fmt: skip
+"""Of the first law, signal, ... to the eighth in a picture: they differ without colour too."""
+
 _STYLE = {
     "axes.grid": True,
+    "axes.prop_cycle": LINES,
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlelocation": "left",

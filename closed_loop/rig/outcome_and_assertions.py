@@ -216,17 +216,19 @@ class Outcome(NamedTuple):
         """Draw both deviations and the wheel angle into the run's folder; returns the file."""
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(9.0, 4.5), layout="constrained", dpi=100)
-        error, wheel = figure.subplots(2, 1, sharex=True)
-        trace = self.trace
-        error.plot(trace.time_s, 1e3 * trace.lateral_error_m, label="preview point")
-        error.plot(trace.time_s, 1e3 * trace.cg_deviation_m, label="centre of gravity")
-        error.legend()
-        error.set(ylabel="off the path [mm]", title=f"{self.bus}, seed {self.settings.seed}")
-        wheel.plot(trace.time_s, trace.wheel_angle_rad)
-        wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
-        file = self.files.folder / "run.png"
-        figure.savefig(file)
+        from ..reports.plot_style import plot_style
+
+        trace, file = self.trace, self.files.folder / "run.png"
+        with plot_style():
+            figure = Figure(figsize=(9.0, 4.5), dpi=100)
+            error, wheel = figure.subplots(2, 1, sharex=True)
+            error.plot(trace.time_s, 1e3 * trace.lateral_error_m, label="preview point")
+            error.plot(trace.time_s, 1e3 * trace.cg_deviation_m, label="centre of gravity")
+            error.legend()
+            error.set(ylabel="off the path [mm]", title=f"{self.bus}, seed {self.settings.seed}")
+            wheel.plot(trace.time_s, trace.wheel_angle_rad)
+            wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
+            figure.savefig(file)
         return file
 
     @property

@@ -37,11 +37,10 @@ def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) ->
     error, latency = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
     for colour, result in zip(COLOURS, results, strict=False):
         for trace, style in (
-            (result.live.trace, {"color": colour, "lw": 2.0}),
+            (result.live.trace, {"color": colour, "lw": 2.0, "label": result.label}),
             (result.virtual.trace, {"color": "black", "lw": 0.8, "ls": ":"}),
         ):
             error.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)
-        error.plot([], [], color=colour, lw=2.0, label=result.label)
     error.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
     error.set(
         yscale="log", ylim=SHOWN_MM, ylabel=f"deviation of the car,\nRMS over {RUNNING_S:g} s [mm]"

@@ -378,9 +378,9 @@ def _draw_sensitivity(
     omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
     for index, colour in enumerate(_colours(vehicle)):
         axes.loglog(omega_rad_s, size[index, 0], color=colour, ls=":")
-        axes.loglog(omega_rad_s, size[index, 1], color=colour)
+        axes.loglog(omega_rad_s, size[index, 1], color=colour, ls="-")
     axes.plot([], [], color="black", ls=":", label="no delay")
-    axes.plot([], [], color="black", label=f"{spec.delay.ms_max:g} ms")
+    axes.plot([], [], color="black", ls="-", label=f"{spec.delay.ms_max:g} ms")
     axes.axhline(spec.peak_sensitivity_max, color="black", lw=0.9, ls="--", label="limit")
     axes.set(xlabel="ω [rad/s]", ylabel="|1/(1 + L)|", ylim=(1e-3, 2.0 * spec.peak_sensitivity_max))
     axes.set_xlim(_OMEGA_RAD_S_MIN, omega_rad_s[-1])

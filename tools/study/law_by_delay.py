@@ -7,9 +7,8 @@ followed point is the one that the law holds on the path: the preview point, or 
 gravity (CG) where the settings say so.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import cycle
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
-from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.reports.plot_style import LINES
 from ...closed_loop.studies.compiled_figures import SETTLED_S
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
@@ -196,15 +195,15 @@ def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
     """Draw some laws under the first condition, and the delay at which each breaks."""
     figure = Figure(figsize=(9.0, 4.8))
     axes = figure.subplots()
-    for name, (colour, dashes) in zip(names, _styles(), strict=False):
+    for name, style in zip(names, LINES, strict=False):
         law = found.controllers.index(name)
         breaks_ms = found.breaks_at_ms(0, law)
         fate = "holds throughout" if breaks_ms is None else f"breaks at {breaks_ms:g} ms"
-        _draw_law(axes, found, (0, law), colour, dashes, f"{name}: {fate}")
+        _draw_law(axes, found, (0, law), style, f"{name}: {fate}")
         if breaks_ms is not None:
             place = found.delays_ms.index(breaks_ms)
             error_mm = 1e3 * min(found.settled_m[0, law, place], _TOP_M)
-            axes.plot(breaks_ms, error_mm, "x", color=colour, ms=11, mew=2.5)
+            axes.plot(breaks_ms, error_mm, "x", color=style["color"], ms=11, mew=2.5)
     _scale_errors(axes)
     axes.set(
         xlabel="mean delay [ms]",
@@ -223,8 +222,8 @@ def draw_conditions(found: LawByDelay, names: Sequence[str]) -> Figure:
     figure = Figure(figsize=(12.0, 3.6 * lines + 1.6))
     panels = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False).ravel()
     for condition, panel in enumerate(panels[:count]):
-        for name, style in zip(names, _styles(), strict=False):
-            _draw_law(panel, found, (condition, found.controllers.index(name)), *style, name)
+        for name, style in zip(names, LINES, strict=False):
+            _draw_law(panel, found, (condition, found.controllers.index(name)), style, name)
         _scale_errors(panel)
         panel.set(title=found.conditions[condition], xlabel="mean delay [ms]")
         panel.tick_params(which="both", labelbottom=True, labelleft=True)
@@ -244,12 +243,7 @@ def _scale_errors(axes: Axes) -> None:
 
 
 def _draw_law(
-    axes: Axes, found: LawByDelay, place: tuple[int, int], colour: str, dashes: str, label: str
+    axes: Axes, found: LawByDelay, place: tuple[int, int], style: Mapping[str, Any], label: str
 ) -> None:
     errors_mm = 1e3 * np.minimum(found.settled_m[place], _TOP_M)
-    axes.plot(found.delays_ms, errors_mm, dashes, color=colour, lw=1.8, label=label)
-
-
-def _styles() -> Iterator[tuple[str, str]]:
-    """Colours and dashes both change from law to law, so that they differ without colour too."""
-    return zip(cycle(COLOURS), cycle(("-", "--", ":")), strict=False)
+    axes.plot(found.delays_ms, errors_mm, lw=1.8, label=label, **style)
