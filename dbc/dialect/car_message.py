@@ -11,6 +11,7 @@ from cantools.database import DecodeError
 from cantools.database.can import Message, Signal
 
 from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from .checksum import Rule
 from .settings import UNITS, MessageSettings, Quantity
 
 
@@ -48,7 +49,7 @@ class CarMessage:
     ) -> None:
         self.name, self.settings, self.can_id = message.name, settings, message.frame_id
         self.flags = EXTENDED if message.is_extended_frame else 0
-        self.flags |= FD | BITRATE_SWITCH if message.is_fd else 0
+        self.flags |= FD | BITRATE_SWITCH if message.is_fd or message.length > 8 else 0
         self._message, self._length = message, message.length
         signals = {signal.name: signal for signal in message.signals}
         self._carried = [(signals[name], one) for name, one in settings.signals.items()]
@@ -61,9 +62,7 @@ class CarMessage:
         self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
         self.counters = 1 << signals[settings.counter].length if settings.counter else 1
         rule = settings.checksum
-        self._mask = (
-            self._packed({rule.signal: _raw_range(signals[rule.signal])[1]}) if rule else b""
-        )
+        self._mask = self._packed({rule.signal: self._wrapped(rule.signal, -1)}) if rule else b""
 
     def frame(self, values: Mapping[Quantity, float], number: int) -> Frame:
         """Return the frame of this number; what a signal cannot carry is clamped."""
@@ -72,7 +71,7 @@ class CarMessage:
             scaled = values[one.carries] * UNITS[one.unit] * one.ratio + one.offset
             raw[signal.name] = _raw_of(signal, scaled)
         if self.settings.counter:
-            raw[self.settings.counter] = number % self.counters
+            raw[self.settings.counter] = self._wrapped(self.settings.counter, number)
         return Frame(self.can_id, self._sealed(raw), self.flags)
 
     def read(self, data: bytes) -> Reading | Refused:
@@ -86,7 +85,7 @@ class CarMessage:
         rule = self.settings.checksum
         if rule is not None:
             bare = bytes(byte & ~own for byte, own in zip(data, self._mask, strict=True))
-            if raw.get(rule.signal) != rule.compute(self.can_id, bare, self._mask):
+            if raw.get(rule.signal) != self._checksum(rule, bare):
                 return Refused.BAD_CHECKSUM
         found: dict[Quantity, list[float]] = {}
         for signal, one in self._carried:
@@ -96,7 +95,7 @@ class CarMessage:
             value = (scaled - one.offset) / (UNITS[one.unit] * one.ratio)
             found.setdefault(one.carries, []).append(value)
         values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
-        return Reading(values, int(raw.get(self.settings.counter, 0)))
+        return Reading(values, int(raw.get(self.settings.counter, 0)) % self.counters)
 
     @property
     def changeable(self) -> Sequence[str]:
@@ -109,7 +108,7 @@ class CarMessage:
         return [
             signal.name
             for signal in self._message.signals
-            if signal.name not in kept and not signal.is_multiplexer
+            if signal.name not in kept and signal.scale and not signal.is_multiplexer
         ]
 
     @property
@@ -136,7 +135,8 @@ class CarMessage:
         value = low if math.isnan(value) else min(max(value, low), high)
         own = {name: _raw_of(signal, value)}
         if self.settings.counter:
-            own[self.settings.counter] = (raw[self.settings.counter] + steps) % self.counters
+            name = self.settings.counter
+            own[name] = self._wrapped(name, int(raw[name]) + steps)
         return self._sealed(raw | own, self._beside_signals(data, raw))
 
     def outside(self, data: bytes) -> bytes | None:
@@ -191,8 +191,17 @@ class CarMessage:
         rule = self.settings.checksum
         if rule is not None:
             bare = self._with_bits({**raw, rule.signal: 0}, beside)
-            raw = {**raw, rule.signal: rule.compute(self.can_id, bare, self._mask)}
+            raw = {**raw, rule.signal: self._checksum(rule, bare)}
         return self._with_bits(raw, beside)
+
+    def _checksum(self, rule: Rule, bare: bytes) -> int:
+        return self._wrapped(rule.signal, rule.compute(self.can_id, bare, self._mask))
+
+    def _wrapped(self, name: str, number: int) -> int:
+        """Return the raw value of a signal that has the lowest bits of a number."""
+        signal = self._message.get_signal_by_name(name)
+        low = -(1 << signal.length - 1) if signal.is_signed else 0
+        return (number - low) % (1 << signal.length) + low
 
     def _with_bits(self, raw: Mapping[str, float], beside: int) -> bytes:
         data = self._encoded(raw)

@@ -9,6 +9,7 @@ A rule computes from the identifier and the payload, in which the checksum's own
 """
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -16,7 +17,7 @@ from crccheck.crc import Crc  # type: ignore[import-untyped]
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from ...runtime.settings import Settings
-from ...runtime.settings.plugin import PLACE, cause
+from ...runtime.settings.plugin import PLACE, asked, cause
 
 
 class SumRule(Settings):
@@ -89,7 +90,9 @@ class E2eRule(Settings):
         """Return the checksum."""
         protected = bytearray(data)
         own = [index for index, one in enumerate(mask) if one]
-        self._protect(protected, self.data_id, offset=own[0], increment_counter=False)
+        what = f"{self.rule} with its CRC at byte {own[0]}"
+        protect = partial(self._protect, offset=own[0], increment_counter=False)
+        asked(what, protect, protected, self.data_id)
         return int.from_bytes(bytes(protected[index] for index in own), "little")
 
 
@@ -120,7 +123,8 @@ class PluginRule(Settings):
 
     def compute(self, can_id: int, data: bytes, mask: bytes) -> int:
         """Return the checksum."""
-        return int(self._function(can_id, data)) % (1 << _bits(mask))
+        what = f"checksum rule {self.rule}"
+        return asked(what, lambda: int(self._function(can_id, data))) % (1 << _bits(mask))
 
 
 def _bits(mask: bytes) -> int:

@@ -13,8 +13,9 @@ from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
 from ..messages import CAN_IDS, MESSAGE_TYPES, VehicleState
 from .car_message import CarMessage, raw_constant
+from .impossible import mistakes_in, refuses_itself
 from .quantities import COMMANDS, SAID_BY
-from .settings import CONTROLLER, DialectSettings, MessageSettings, Quantity
+from .settings import DialectSettings, Quantity
 
 
 class Dialect(NamedTuple):
@@ -75,14 +76,19 @@ def read_dialect(file: Path) -> Dialect:
             mistakes.append(
                 f"{where}: has the identifier {message.frame_id:#x} of {own}, which is kept"
             )
-        found = _mistakes_in(message, one, where)
-        mistakes += found
+        found = [f"{where}{mistake}" for mistake in mistakes_in(message, one)]
         if not found:
             constants = {
                 key: raw_constant(message.get_signal_by_name(key), value)
                 for key, value in one.constants.items()
             }
-            messages.append(CarMessage(message, one, constants))
+            made = CarMessage(message, one, constants)
+            identity = made.can_id, made.flags
+            same = [it.name for it in messages if (it.can_id, it.flags) == identity]
+            found += [f"{where}: has the identifier {made.can_id:#x} of {other}" for other in same]
+            found += [f"{where}{why}"] if (why := refuses_itself(made)) else []
+            messages.append(made)
+        mistakes += found
     dialect = Dialect(tuple(messages), frozenset(kept))
     if not mistakes and Quantity.STEER not in dialect.carried:
         mistakes.append("messages: no signal carries steer_rad, so that nobody can steer")
@@ -103,30 +109,3 @@ def read_database(file: Path, where: str) -> Mapping[str, Message]:
     if not isinstance(database, Database):
         raise SettingsError(f"{where}: {file}: not a database of CAN messages")
     return {message.name: message for message in database.messages}
-
-
-def _mistakes_in(message: Message, settings: MessageSettings, where: str) -> list[str]:
-    signals = {signal.name: signal for signal in message.signals}
-    rule = settings.checksum
-    named = {f"signals.{name}": name for name in settings.signals}
-    named |= {f"constants.{name}": name for name in settings.constants}
-    named |= {"counter": settings.counter} if settings.counter else {}
-    named |= {"checksum.signal": rule.signal} if rule else {}
-    mistakes = [
-        f"{where}.{key}: {message.name} has no signal {name} ({hint(name, signals)})"
-        for key, name in named.items()
-        if name not in signals
-    ]
-    for name, one in settings.signals.items():
-        if (one.carries in COMMANDS) != (settings.sender == CONTROLLER):
-            other = "controller" if one.carries in COMMANDS else "plant"
-            mistakes.append(f"{where}.signals.{name}: {one.carries} is sent by the {other}")
-        if not one.ratio:
-            mistakes.append(f"{where}.signals.{name}.ratio = 0 (allowed: any number but 0)")
-    for name, value in settings.constants.items():
-        if name in signals:
-            try:
-                raw_constant(signals[name], value)
-            except ValueError as error:
-                mistakes.append(f"{where}.constants.{name} = {value!r} ({error})")
-    return mistakes

@@ -73,7 +73,7 @@ class MessageSettings(Settings):
     sender: Literal["plant", "controller"] = "plant"
     cycle_ms: float = Field(ge=1.0, le=60_000.0)
     signals: dict[str, SignalSettings] = Field(default_factory=dict)
-    constants: dict[str, float | int | str] = Field(default_factory=dict)
+    constants: dict[str, float | str] = Field(default_factory=dict)
     """Values of other signals, as numbers or by their names in the database; the rest is raw 0."""
     counter: str | None = None
     """Signal that is one more in every frame."""

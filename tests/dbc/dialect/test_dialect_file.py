@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.dbc.dialect.car_message import Reading
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.settings import Quantity
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD
 from steer_by_wire.runtime.settings import SettingsError
 
 CAR = Path(__file__).with_name("my_car.toml")
@@ -93,6 +95,23 @@ MISTAKES = {
         'dbc = "my_car.dbc"\nkeep = ["LATERAL_ERRORS"]',
         "keep: LATERAL_ERRORS is no message of ours (did you mean LATERAL_ERROR?)",
     ),
+    "a signal that is named twice": (
+        'counter = "ANGLE_COUNTER"',
+        'counter = "HAND_WHEEL_ANGLE"',
+        "messages.STEER_ANGLE.counter: HAND_WHEEL_ANGLE has bits of signals.HAND_WHEEL_ANGLE",
+    ),
+    "a polynomial wider than the signal": (
+        "polynomial = 0x2F",
+        "polynomial = 0x12F",
+        "messages.STEER_ANGLE.checksum.polynomial = 0x12f is wider than ANGLE_CRC"
+        " (allowed: up to 0xff)",
+    ),
+    "a function that takes something else": (
+        'rule = "sum", identifier = true, length = true',
+        'rule = "os:getcwd"',
+        "messages.STEER_REQUEST: no frame of it can be made: checksum rule os:getcwd raises"
+        " TypeError: posix.getcwd() takes no arguments (2 given)",
+    ),
     "nobody who steers": (
         'ANGLE_REQUEST = { carries = "steer_rad"',
         'ANGLE_REQUEST = { carries = "engaged"',
@@ -108,6 +127,74 @@ def test_a_mistake_is_one_line(name: str, tmp_path: Path) -> None:
     with pytest.raises(SettingsError) as refused:
         read_dialect(file)
     assert refused.value.mistakes == (f"{file}: {said}",)
+
+
+DATABASES = {
+    "a scale of zero": (
+        "(0.1,0) [-3000|3000]",
+        "(0,0) [-3000|3000]",
+        "STEER_ANGLE.signals.HAND_WHEEL_ANGLE: the database gives HAND_WHEEL_ANGLE the scale 0",
+    ),
+    "a signal beyond its message": (
+        "ANGLE_CRC : 24|8",
+        "ANGLE_CRC : 25|8",
+        "STEER_ANGLE: signal ANGLE_CRC ends beyond its 4 bytes",
+    ),
+    "signals that overlap": (
+        "ANGLE_COUNTER : 16|4@1+",
+        "ANGLE_COUNTER : 17|4@0+",
+        "STEER_ANGLE.checksum.signal: ANGLE_CRC has bits of counter",
+    ),
+    "a length that no frame has": (
+        "STEER_ANGLE: 4 ",
+        "STEER_ANGLE: 13 ",
+        "STEER_ANGLE: 13 bytes are the length of no frame"
+        " (allowed: 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)",
+    ),
+    "two messages with an identifier": (
+        "513 ",
+        "512 ",
+        "MOTION: has the identifier 0x200 of STEER_ANGLE",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DATABASES)
+def test_what_the_database_makes_impossible_is_one_line(name: str, tmp_path: Path) -> None:
+    old, new, said = DATABASES[name]
+    file = changed(tmp_path, "dbc", "dbc")
+    text = DBC.read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / DBC.name).write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(SettingsError) as refused:
+        read_dialect(file)
+    assert refused.value.mistakes == (f"{file}: messages.{said}",)
+
+
+@pytest.mark.parametrize("sign", ["+", "-"])
+def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> None:
+    file = changed(tmp_path, "dbc", "dbc")
+    text = DBC.read_text(encoding="utf-8")
+    for signal in ("ANGLE_COUNTER : 16|4@1", "ANGLE_CRC : 24|8@1"):
+        text = text.replace(f"{signal}+", f"{signal}{sign}")
+    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    message = read_dialect(file).sent_by("plant")[0]
+    frames = [message.frame({Quantity.WHEEL_ANGLE: 0.1}, number) for number in range(20)]
+    assert [frame.data[2] for frame in frames] == [number % 16 for number in range(20)]
+    assert len({frame.data[3] for frame in frames}) == 16
+    assert frames == [
+        read_dialect(CAR).sent_by("plant")[0].frame({Quantity.WHEEL_ANGLE: 0.1}, number)
+        for number in range(20)
+    ]
+    said = [message.read(frame.data) for frame in frames]
+    assert [one.counter for one in said if isinstance(one, Reading)] == [*range(16), *range(4)]
+
+
+def test_a_long_message_is_a_frame_of_can_fd(tmp_path: Path) -> None:
+    file = changed(tmp_path, "dbc", "dbc")
+    text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", "STEER_ANGLE: 12 ")
+    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    assert read_dialect(file).sent_by("plant")[0].flags == FD | BITRATE_SWITCH
 
 
 @pytest.mark.parametrize("content", [None, "", "BO_ what"])
