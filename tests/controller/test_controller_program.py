@@ -188,6 +188,7 @@ def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
     assert verdict.endswith(" ms, while [validity] declares 150 ms")
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_check_says_that_a_loop_grows(capsys: Capture) -> None:
     out = checked(capsys, "--preset", "practical_pd", "--set", "pd.derivative_gain_rad_s_m=20")
     assert "# NOT STABLE, even without delay:\n#   its slowest mode grows at" in out
@@ -203,6 +204,7 @@ def test_check_without_a_model_shows_the_law_and_says_what_is_missing(
     assert "# There is no [nominal_model], hence no closed loop to analyse." in out
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_law_and_rate_on_the_command_line_are_on_top_of_all_else(capsys: Capture) -> None:
     short = ("--law", "pd", "--rate-hz", "50")
     out = checked(capsys, "--preset", "practical_pd_ddob", "--set", "rate_hz=20", *short)

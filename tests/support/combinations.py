@@ -8,7 +8,7 @@ ALL: list[bool] = []
 """Holds something if pytest tries all of them."""
 
 
-def sampled(sample: Sequence[Any], whole: Sequence[Any]) -> Sequence[Any]:
+def sampled(sample: Any, whole: Any) -> Any:
     """Return the sample, unless all is tried."""
     return whole if ALL else sample
 

@@ -17,54 +17,45 @@ before = dict(os.environ)
 import numba
 from steer_by_wire.closed_loop.compiled.compilation import _optimised
 from steer_by_wire.closed_loop.compiled.network import _run_scores
-array = numba.float64[::1]
-print("ready", flush=True)
-input()
-_run_scores.compile((array, array))
+stats = _run_scores.stats
+for kind in (numba.float64, numba.float32):
+    print("ready", flush=True)
+    input()
+    _run_scores.compile((kind[::1], kind[::1]))
+    print(sum(stats.cache_misses.values()), sum(stats.cache_hits.values()), flush=True)
 levels = []
 _optimised(lambda _: levels.append(int(numba.config.OPT)))(None)
 # NUMBA_OPT was set at import, for every function of the user's own and every child.
 assert (levels, int(numba.config.OPT), os.environ == before) == ([1], 3, True)
-print(sum(_run_scores.stats.cache_misses.values()), sum(_run_scores.stats.cache_hits.values()))
 """
-"""Compiles, and leaves numba as it was for the rest of the process."""
+"""Compiles twice, and leaves numba as it was for the rest of the process."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
-def test_processes_that_need_the_same_function_compile_it_once(tmp_path: Path) -> None:
+def test_processes_compile_what_they_need_once_and_go_on_when_their_folder_has_been_removed(
+    tmp_path: Path,
+) -> None:
+    """The oldest folders go when there are newer sources, and a design runs for minutes."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", COMPILE_AND_COUNT],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(2)
-    ]
-    for process in processes:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
+    command = [sys.executable, "-c", COMPILE_AND_COUNT]
+    streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    processes = [subprocess.Popen(command, env=environment, text=True, **streams) for _ in range(2)]
+    assert answers(processes) == ["ready\n", "ready\n"]
+    assert answers(processes, "\n") == ["0 1\n", "1 0\n"]
+    assert answers(processes) == ["ready\n", "ready\n"]
+    shutil.rmtree(tmp_path / "steer-by-wire-emulator")
+    compiled = [process.communicate("\n")[0].split() for process in processes]
+    assert [sum(map(int, counts)) for counts in compiled] == [2, 2]
+    assert [process.returncode for process in processes] == [0, 0]
+
+
+def answers(processes: list[subprocess.Popen[str]], said: str = "") -> list[str]:
+    """Say this to all, and return the next line of each."""
     for process in processes:
         assert process.stdin is not None
-        process.stdin.write("\n")
+        process.stdin.write(said)
         process.stdin.flush()
-    assert sorted(process.communicate()[0] for process in processes) == ["0 1\n", "1 0\n"]
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
-def test_a_process_compiles_on_when_its_folder_has_been_removed(tmp_path: Path) -> None:
-    """The oldest folders go when there are newer sources, and a design runs for minutes."""
-    command = [sys.executable, "-c", COMPILE_AND_COUNT]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
-    with subprocess.Popen(
-        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        shutil.rmtree(tmp_path / "steer-by-wire-emulator")
-        assert process.communicate("\n")[0] == "1 0\n"
+    return sorted(process.stdout.readline() for process in processes if process.stdout is not None)
 
 
 def test_code_that_a_process_may_use_yet_stays_on_disk(tmp_path: Path) -> None:

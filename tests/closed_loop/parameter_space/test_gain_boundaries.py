@@ -18,6 +18,7 @@ from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.runtime.array_types import FloatArray
+from tests.support.combinations import sampled
 from tests.support.loops.gain_loops import (
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
@@ -77,6 +78,8 @@ def test_there_is_no_infinite_root_boundary_where_the_gains_are_not_in_the_leadi
 
 # Boundaries are where roots are
 
+EVERY_SPEC = pytest.mark.parametrize("spec", sampled([STRICT], [SPEC, STRICT]))
+
 
 def some_gains(count: int, seed: int) -> FloatArray:
     return WINDOW.origin + WINDOW.sides * np.random.default_rng(seed).random((count, 2))
@@ -97,7 +100,7 @@ def value_of_bound(bound: Bound, spec: DStability, s: NDArray[np.complex128]) ->
 
 
 @EVERY_LOOP
-@pytest.mark.parametrize("spec", [SPEC, STRICT], ids=["", "strict"])
+@EVERY_SPEC
 def test_at_every_boundary_point_a_root_is_on_the_boundary(loop: Loop, spec: DStability) -> None:
     for curve in finite_curves(loop, spec):
         bound, s = curve.bound, curve.s_rad_s
@@ -119,7 +122,7 @@ def test_at_every_boundary_point_a_root_is_on_the_boundary(loop: Loop, spec: DSt
 
 
 @EVERY_LOOP
-@pytest.mark.parametrize("spec", [SPEC, STRICT], ids=["", "strict"])
+@EVERY_SPEC
 def test_across_a_boundary_one_real_root_changes_sides_or_a_pair_of_complex_ones(
     loop: Loop, spec: DStability
 ) -> None:

@@ -4,12 +4,14 @@ import os
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import pytest
 
 from steer_by_wire.closed_loop.studies.dask_workers import DaskWorkers, dask_workers
 from steer_by_wire.closed_loop.studies.run_study import run_missing
+from tests.support.combinations import sampled
 from tests.support.small_study import complete, make_scenarios, never, open_store
 
 pytestmark = pytest.mark.skipif(
@@ -17,8 +19,12 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+WORKER: dict[str, Any] = sampled({"processes": False, "protocol": "tcp://"}, {})
+"""On a push the worker is a thread behind a socket; the weekly run starts a process."""
+
+
 @pytest.mark.filterwarnings("default")  # what dask warns of is not ours
-def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
+def test_a_worker_of_dask_gives_the_same_bytes(tmp_path: Path) -> None:
     distributed = import_module("distributed")
     expected = complete(tmp_path / "threads").results.read_bytes()
     scenarios = make_scenarios(tmp_path / "dask")
@@ -27,7 +33,7 @@ def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
     with (
         mock.patch.dict(os.environ),
         distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None
+            n_workers=1, threads_per_worker=1, dashboard_address=None, **WORKER
         ) as cluster,
         dask_workers(scenarios.study, cluster.scheduler_address, print) as workers,
     ):

@@ -118,7 +118,7 @@ def test_a_period_that_comes_right_is_believed_again() -> None:
 def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode, ControllerNode]:
     plant = plant_settings(
         ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
-        duration_s=15.0,
+        duration_s=12.0,
     )
     nodes = PlantNode(plant, 0), ControllerNode(controller_preset("practical_predictor", law), 0)
     run_virtual_nodes(*nodes, None, None, lambda: False)

@@ -19,12 +19,16 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 
 ASSUMED_NS = 300_000_000
 JITTERY = (
+    "duration_s=25",
     "latency.downlink.model=normal",
     "latency.downlink.mean_s=0.3",
     "latency.downlink.spread_s=0.09",
     "latency.downlink.loss=0.02",
 )
-CONSTANT = ("latency.downlink.mean_s=0.3",)
+CONSTANT = (
+    "duration_s=14",
+    "latency.downlink.mean_s=0.3",
+)
 
 
 class AssumingMemory(BusHistory):
@@ -53,7 +57,7 @@ class AssumingMemory(BusHistory):
 
 def settled_rms_m(overrides: tuple[str, ...], corner: str) -> float:
     ellipse = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
-    plant = plant_preset(f"paper_corner_{corner}", ["duration_s=25", ellipse, *overrides])
+    plant = plant_preset(f"paper_corner_{corner}", [ellipse, *overrides])
     controller = controller_preset("practical_predictor")
     plant_node = PlantNode(plant, 0)
     run_virtual_nodes(plant_node, ControllerNode(controller, 0), None, None, lambda: False)

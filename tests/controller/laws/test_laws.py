@@ -15,6 +15,7 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import read_preset
+from tests.support.combinations import sampled
 from tests.support.loops.own_vehicle import transition
 
 PERIOD_S = 0.01
@@ -207,7 +208,8 @@ REFERENCE = [
 
 
 @pytest.mark.parametrize(
-    ("law", "n", "omega_d", "omega_c", "omega_h", "delay_ms", "rms_m"), REFERENCE
+    ("law", "n", "omega_d", "omega_c", "omega_h", "delay_ms", "rms_m"),
+    sampled([REFERENCE[row] for row in (1, 3, 4, 7)], REFERENCE),
 )
 def test_the_tracking_error_is_that_of_an_independent_simulation(
     law: str,
@@ -249,7 +251,7 @@ def test_the_practical_presets_keep_the_error_their_files_state(law: str, most_m
         assert 0.9 * most_m < rms_m < most_m
 
 
-@pytest.mark.parametrize("delay_ms", range(50, 250, 50))
+@pytest.mark.parametrize("delay_ms", sampled((100, 200), range(50, 250, 50)))
 def test_the_practical_ddob_holds_delays_between_too(delay_ms: int) -> None:
     """The stable delays need not be an interval; the analysis of the preset judges all 51."""
     assert worst_rms_m(preset("practical_pd_ddob"), delay_ms) < 0.0078

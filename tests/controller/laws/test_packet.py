@@ -139,9 +139,9 @@ def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
 def test_a_network_that_becomes_faster_than_measured_is_no_silence() -> None:
     faster = (
         "latency.downlink.schedule_shape=step",
-        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.33}, {time_s=3.0, mean_s=0.0}]",
+        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.33}, {time_s=2.0, mean_s=0.0}]",
     )
-    _, _, report = run(controller(), *faster)
+    _, _, report = run(controller(), *faster, duration_s=4.0)
     assert report["safety"]["holdings"] == 0
     assert report["lateral_error_peak_m"] < 0.1
 
@@ -151,10 +151,11 @@ def test_without_echoes_single_commands_are_sent_and_both_kinds_are_accepted() -
         controller(),
         "latency.uplink.schedule_shape=step",
         "latency.uplink.schedule=[{time_s=0.0, mean_s=0.0},"
-        " {time_s=3.0, mean_s=0.0, loss=1.0}, {time_s=3.3, mean_s=0.0}]",
+        " {time_s=2.0, mean_s=0.0, loss=1.0}, {time_s=2.3, mean_s=0.0}]",
+        duration_s=4.0,
     )
     assert len(commands) > 10
-    assert len(plans) > 300
+    assert len(plans) > 200
     assert report["rejected"] == {}
     assert report["lost_on_the_bus"] == 0
 
@@ -172,11 +173,10 @@ def test_a_row_is_two_numbers_and_the_values_of_the_message() -> None:
     assert sum(name.startswith("steer_") for name in SteeringPlan._fields) == VALUES
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.2])
-def test_with_the_path_ahead_a_plan_foresees_what_is_steered(delay_s: float) -> None:
+def test_with_the_path_ahead_a_plan_foresees_what_is_steered() -> None:
     preset = read_preset("steer_by_wire.plant_emulator.presets", "highway_nominal")
     lane_change = 'path={kind="single_lane_change", start_m=20.0, offset_m=3.5, length_m=60.0}'
-    network = f"latency.downlink.mean_s={delay_s}"
+    network = "latency.downlink.mean_s=0.2"
     unforeseen = {}
     for known in ((), ("path_ahead={}",)):
         rig = (lane_change, network, "duration_s=6", *known)

@@ -6,7 +6,7 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 
-ONSET_S, END_S = 3.0, 9.0
+ONSET_S, END_S = 2.0, 7.0
 NO_ECHOES = (
     f'faults=[{{kind="drop", direction="uplink", message="STEERING_STATUS", onset_s={ONSET_S},'
     f" duration_s={END_S - ONSET_S}, magnitude=1.0}}]"

@@ -6,16 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.set_point import FollowedPoint, set_point_of, steady_set_point_m
-from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import estimator_at_rest
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.compiled_runs import plant_settings as rig
@@ -92,9 +90,8 @@ def test_the_centre_of_gravity_stays_on_the_path(
     delay, found = f"latency.downlink.mean_s={delay_s}", {}
     for point in ("preview", "centre_of_gravity"):
         settings = preset(f"practical_{law}", (f"followed_point={point}",))
-        plant = PlantNode(rig([ELLIPSE, delay], 20.0), 0)
-        run_virtual_nodes(plant, ControllerNode(settings, 0), None, None, lambda: False)
-        cg_m = np.array([one.cg_deviation_m for one in plant.samples if one.time_s > 5.0])
+        run = run_batch(rig([ELLIPSE, delay], 20.0), settings)
+        cg_m = run.cg_deviation_m[run.time_s > 5.0]
         found[point] = 1e3 * float(np.sqrt(np.mean(cg_m**2)))
     assert 0.1 < found["centre_of_gravity"] < rms_mm_max
     assert 60.0 < found["preview"] < 200.0

@@ -29,7 +29,7 @@ def winding(tmp_path: Path) -> dict[str, Any]:
     }
 
 
-def report(preset: str, overrides: dict[str, Any], duration_s: float = 20.0) -> Any:
+def report(preset: str, overrides: dict[str, Any], duration_s: float = 14.0) -> Any:
     plant = "highway_nominal" if preset.startswith("highway") else "paper_nominal"
     run = simulate(plant, preset, seed=1, duration_s=duration_s, overrides=overrides)
     return run.controller_report

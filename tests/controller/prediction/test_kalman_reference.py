@@ -43,6 +43,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from tests.support.combinations import combined
 
 SENSOR_PERIOD_S = 0.01
 FILTERED = ("beta", "r", "psi", "y", "rho", "d")
@@ -100,8 +101,7 @@ def settled_gain(reference: KalmanFilter) -> np.ndarray:
     pytest.fail("the gain still moves after a million steps")
 
 
-@pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("speed_m_s", [0.5, 1.39, 8.0, 25.0])
+@pytest.mark.parametrize(("noise", "speed_m_s"), combined([*NOISES], [0.5, 1.39, 8.0, 25.0]))
 def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_m_s: float) -> None:
     settings = NOISES[noise].model_copy(update={"speed_m_s_min": speed_m_s, "speed_m_s_max": 80.0})
     schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None)
@@ -153,8 +153,7 @@ class Listening(ControllerNode):
         self._law.design = self._law.design._replace(step=kept)
 
 
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("lag_s", [0.0, 0.2])
+@pytest.mark.parametrize(("network", "lag_s"), combined([*NETWORKS], [0.0, 0.2]))
 def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     network: str, lag_s: float
 ) -> None:

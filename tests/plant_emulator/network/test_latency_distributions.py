@@ -22,7 +22,7 @@ from steer_by_wire.plant_emulator.network.latency_distributions import (
 
 U_MIN, U_MAX = 2.0**-54, 1.0 - 2.0**-53
 MEAN_S, SPREAD_S = 0.080, 0.030
-GRID = [(k + 0.5) / 200_000 for k in range(200_000)]
+GRID = [(k + 0.5) / 50_000 for k in range(50_000)]
 SPREADING = [model for model in Distribution if model is not Distribution.CONSTANT]
 
 every_model = pytest.mark.parametrize("model", Distribution)

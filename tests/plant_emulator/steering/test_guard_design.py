@@ -4,6 +4,8 @@ import subprocess
 import sys
 
 from steer_by_wire.dbc.messages import SteeringCommand, limits
+from steer_by_wire.plant_emulator.steering.settings import SafetySettings, design_guard
+from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 
 _FOLLOW_NS = """
 from steer_by_wire.plant_emulator.steering.settings import SafetySettings, design_guard
@@ -36,5 +38,7 @@ def follow_s(code: str) -> float:
 def test_a_slow_wheel_has_time_for_the_largest_angle_of_the_dbc() -> None:
     """From end to end of the commands, and the 0.1 s of ``follow_time_ms``."""
     steer_rad_max = limits(SteeringCommand)["steer_rad"].maximum
-    assert round(follow_s(""), 6) == round(0.1 + 2.0 * steer_rad_max / 0.5, 6)
+    slow = ActuatorSettings(rate_limit_rad_s=0.5)
+    follow_ns = design_guard(SafetySettings(), VehicleSettings(), slow).limiter.follow_ns
+    assert round(1e-9 * follow_ns, 6) == round(0.1 + 2.0 * steer_rad_max / 0.5, 6)
     assert round(follow_s(_HALF_THE_RANGE), 6) == round(0.1 + steer_rad_max / 0.5, 6)

@@ -14,9 +14,11 @@ from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Re
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from tests.support.combinations import sampled
 from tests.support.wire.errored_frames import Sequence
 
 BITRATE_BIT_S = 500_000
+RATES = sampled([None, 1e-3, 1e-2], [None, 0.0, 1e-4, 1e-3, 5e-3, 1e-2])
 END_NS = 1_000_000_000
 Seen = list[tuple[int, int, Frame]]
 Release = tuple[int, int, tuple[Frame, ...]]
@@ -76,7 +78,7 @@ def errors_with(bit_error_rate: float | None, events: list[ErrorEvent]) -> BusEr
     return errors
 
 
-@pytest.mark.parametrize("bit_error_rate", [None, 0.0, 1e-4, 1e-3, 5e-3, 1e-2])
+@pytest.mark.parametrize("bit_error_rate", RATES)
 def test_traffic_without_objects_is_the_traffic_submitted_frame_by_frame(
     bit_error_rate: float | None,
 ) -> None:
