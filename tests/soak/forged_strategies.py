@@ -4,8 +4,9 @@
     python -m tests.soak.forged_strategies --draws 100 [--seed 1] [--of "60 km/h, highway_pd"]
 
 Every strategy of ``tests.system.test_second_senders`` runs for two seconds in virtual time, against
-measurements and against commands; silence is the worse one of the two, for as long. A line has the
-largest lateral error of the worst strategy. Takes about ten minutes.
+measurements and against commands. A line has the largest lateral error of the worst strategy and,
+before it, that of silence: the worse one of the two, for as long, and for the pause longer that a
+node makes after a frame of its own (``reception.PAUSE_NS``). Takes about ten minutes.
 
 With ``--draws``, strategies are drawn instead: of each message one forged frame, two, a burst, or a
 second's stream, of any value, sign, counter and time: on a straight, in a lane change, at the start
@@ -23,6 +24,7 @@ from typing import NamedTuple
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import LateralError, Message, SteeringCommand, limits
+from steer_by_wire.dbc.reception import PAUSE_NS
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.forged_counters import PERIOD_NS, Shot
@@ -66,9 +68,10 @@ def lines(name: str, case: Case) -> Iterator[str]:
     """Yield the lines of a case."""
     plant, controller, onset_s, values = case
     onset_ns = round(onset_s * NS_PER_S)
-    silence_m = max(
-        drive(plant, controller, Attack(kind, 0.0, onset_ns, ATTACK_NS)).peak_m for kind in KINDS
-    )
+    silences_m = [
+        max(drive(plant, controller, Attack(kind, 0.0, onset_ns, ns)).peak_m for kind in KINDS)
+        for ns in (ATTACK_NS, ATTACK_NS + PAUSE_NS)
+    ]
     for kind, value in zip(KINDS, values, strict=True):
         costs_m = {
             strategy: drive(
@@ -77,9 +80,8 @@ def lines(name: str, case: Case) -> Iterator[str]:
             for strategy, (shots, repeats) in STRATEGIES.items()
         }
         worst = max(costs_m, key=lambda strategy: costs_m[strategy])
-        beyond_m = costs_m[worst] - silence_m
-        found = f"{silence_m:8.2f} {costs_m[worst]:8.2f} {beyond_m:+8.2f}"
-        yield f"{name:25} {kind.__name__:16} {found}  {worst}"
+        found = "".join(f"{each_m:9.2f}" for each_m in (*silences_m, costs_m[worst]))
+        yield f"{name:25} {kind.__name__:16}{found}  {worst}"
 
 
 SLOW = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "pid", "predictor", "packet", "smith")
@@ -183,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for line in drawn_lines(name, drawn_on[name], asked.draws, asked.seed):
                 console.print(line)
         return 0
-    console.print(f"{'largest error [m] with':42}  silence   forged   beyond  worst strategy")
+    console.print(f"{'largest error [m] with':42}  silence  + pause   forged  worst strategy")
     for name in asked.of or known:
         for line in lines(name, known[name]):
             console.print(line)

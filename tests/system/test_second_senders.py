@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.reception import Reception
+from steer_by_wire.dbc.reception import PAUSE_NS, Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
@@ -323,6 +323,23 @@ def test_the_limits_of_the_steering_forget_a_forged_command_at_speed() -> None:
     forged = drive(plant, law, attack)
     assert forged.plant["rejected"]["taken_back"] == 1
     assert forged.peak_m < drive(plant, law).peak_m + 0.02
+
+
+def test_forged_commands_at_speed_cost_little_more_than_the_silence_that_they_cause() -> None:
+    """In a lane change, the dearest law and strategy of ``tests.soak.forged_strategies``."""
+    plant, law = (
+        plant_preset("highway_corner_d", ["duration_s=17"]),
+        controller_preset("highway_pd"),
+    )
+    attack = Attack(
+        SteeringCommand,
+        -0.6,
+        12_750_000_000,
+        ATTACK_NS,
+        *STRATEGIES["a burst, and then one a period"],
+    )
+    silence = Attack(LateralError, 0.0, attack.onset_ns, ATTACK_NS + PAUSE_NS)
+    assert drive(plant, law, attack).peak_m < drive(plant, law, silence).peak_m + 0.3
 
 
 @pytest.mark.parametrize("ahead", [1, 60])
