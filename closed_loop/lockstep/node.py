@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from ...dbc.dialect.dialect import Dialect
 
 
+WAKES_MAX = 100_000
+"""In a second of the run: with more, deadlines a nanosecond apart would never let it end."""
+
+
 class LockstepNode:
     """A node whose decisions a program makes, each by one exchange.
 
@@ -34,6 +38,7 @@ class LockstepNode:
         self.failure = ""
         self.deadline_ns, self.finished = start_ns, False
         self._reason = START
+        self._second, self._wakes_in_second = 0, 0
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Keep a frame for the program, or wake it."""
@@ -55,6 +60,7 @@ class LockstepNode:
         before_ns = self.deadline_ns
         self._counts["wakes"] += 1
         try:
+            self._refuse_haste(now_ns)
             flags, self.deadline_ns, frames = self._program.exchange(
                 Record(reason, now_ns, waiting)
             )
@@ -71,6 +77,13 @@ class LockstepNode:
         self._wakes_on_frames = bool(flags & WAKE_ON_FRAMES)
         self._counts["frames_sent"] += len(frames)
         return [frame for _, frame in frames]
+
+    def _refuse_haste(self, now_ns: int) -> None:
+        second = now_ns // NS_PER_S
+        self._wakes_in_second = self._wakes_in_second + 1 if second == self._second else 1
+        self._second = second
+        if self._wakes_in_second > WAKES_MAX:
+            raise ProcessError(f"{self._program.name}: woken more than {WAKES_MAX} times a second")
 
     def on_unauthenticated(self) -> None:
         """Frames of a lockstep run are not authenticated before they arrive."""

@@ -5,6 +5,8 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -28,7 +30,7 @@ from steer_by_wire.closed_loop.lockstep.record import (
 from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
-from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.run.__main__ import main
 from tests.support.wire.random_frames import sendable_frames
 
@@ -221,6 +223,18 @@ def test_a_slow_program_makes_the_same_run(tmp_path: Path) -> None:
     quick, slowed = (run.files.candump_log.read_bytes() for run in runs)
     assert quick == slowed
     assert runs[0].report["accepted"] > 40
+
+
+def test_one_that_wakes_without_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.node.WAKES_MAX", 100)
+    program: Any = SimpleNamespace(name="hasty")
+    for step_ns, wakes in ((10_000_000, 201), (9_999_999, 101)):
+        program.exchange = lambda asked, step_ns=step_ns: Record(0, asked.time_ns + step_ns)
+        node = LockstepNode(program, 0)
+        while not node.finished and node.deadline_ns <= 2 * NS_PER_S:
+            node.on_tick(node.deadline_ns)
+        assert node.report()["wakes"] == wakes
+    assert node.failure == "at 1.000 s: hasty: woken more than 100 times a second"
 
 
 def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:
