@@ -80,7 +80,7 @@ def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:
         raise SettingsError(f"--out {folder} is a file: give the name of a folder")
     for name, text in wanted.items():
         file = folder / name
-        if file.exists() and file.read_text(encoding="utf-8") != text:
+        if file.exists() and (text is None or file.read_bytes() != text.encode()):
             raise SettingsError(
                 f"--out {folder} has another run, whose {name} differs: give another folder, or"
                 " remove that one"

@@ -40,7 +40,7 @@ def _write(options: argparse.Namespace) -> int:
     origin = [*preset, *([options.settings.name] if options.settings else [])]
     title = title_of(settings, " and ".join(origin))
     files = law_source(settings, title) | node_source(settings, title)
-    refuse_another_run(options.out, {name: files[name] for name in GENERATED})
+    refuse_another_run(options.out, files)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)

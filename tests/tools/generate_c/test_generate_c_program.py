@@ -70,3 +70,12 @@ def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main([*words, "practical_pid"]) == 2
     assert "has another run, whose steering_law.c differs" in capsys.readouterr().err
     assert (tmp_path / "steering_law.c").read_bytes() == kept
+
+
+def test_a_file_that_was_edited_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--preset", "practical_pd", "--out", str(tmp_path)]
+    assert main(words) == main(words) == 0
+    (tmp_path / "on_can.c").write_bytes(b"mine\xff")  # of no encoding
+    assert main(words) == 2
+    assert f"--out {tmp_path} has another run, whose on_can.c differs" in capsys.readouterr().err
+    assert (tmp_path / "on_can.c").read_bytes() == b"mine\xff"
