@@ -80,10 +80,6 @@ def test_the_controller_stays_in_control(loaded: VirtualSoak) -> None:
     assert [mode for _, mode in loaded.modes] == [Mode.ACTIVE]
 
 
-def test_the_same_soak_gives_the_same_frames(loaded: VirtualSoak) -> None:
-    assert run(LOWEST_PRIORITY_ID) == loaded
-
-
 # A bus that is full of frames of the highest priority
 
 
@@ -147,7 +143,7 @@ def test_the_gaps_hold_every_identifier_between_the_pairs_own() -> None:
     assert between == set(range(min(own), max(own))) - own
 
 
-@pytest.mark.parametrize("can_id", [gap[0] for gap in sampled(GAPS[::3], GAPS)])
+@pytest.mark.parametrize("can_id", [gap[0] for gap in sampled(GAPS[3:4], GAPS)])
 def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int) -> None:
     soak = run_virtual_soak(PlantSettings(), CONTROLLER, can_id, BETWEEN_NS, BETWEEN_NS[1])
     above = [own for own in soak.delays_ns if own < can_id]

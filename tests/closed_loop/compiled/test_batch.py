@@ -46,6 +46,7 @@ LOST_WHEEL = (
 SLOW_NETWORKS = ("bursts", "schedule", "lognormal schedule")
 """What they do takes more than four seconds."""
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+PRESETS = preset_names("steer_by_wire.controller.presets")
 PLANTS: dict[str, Sequence[str]] = {
     "noise": ("sensor_noise.lateral_error_m=0.02",),
     "only yaw noise": ("sensor_noise.yaw_rate_rad_s=0.02",),
@@ -102,7 +103,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_plant(name: str) -> None:
     assert len(run.tick_s) > 0
 
 
-@pytest.mark.parametrize("preset", preset_names("steer_by_wire.controller.presets"))
+@pytest.mark.parametrize("preset", sampled(PRESETS[::2], PRESETS))
 def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
     overrides = ("sensor_period_ms=1", "latency.downlink.mean_s=0.004")
     run = assert_same_as_nodes(plant_settings(overrides, 2.0), controller_preset(preset))
@@ -111,12 +112,12 @@ def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
 
 @pytest.mark.parametrize("preset", preset_names("steer_by_wire.plant_emulator.presets"))
 def test_a_compiled_run_equals_the_nodes_with_every_plant_preset(preset: str) -> None:
-    plant = plant_preset(preset, ["duration_s=5"])
+    plant = plant_preset(preset, ["duration_s=3"])
     run = assert_same_as_nodes(plant, controller_preset("practical_pd_dob"))
     assert len(run.tick_s) > 0
 
 
-@pytest.mark.parametrize("seed", sampled(range(20), range(40)))
+@pytest.mark.parametrize("seed", sampled(range(10), range(100)))
 def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
     rng = random.Random(seed)
     plant = plant_settings(
@@ -152,7 +153,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
         assert node.report()["mode_s"]["waiting"] == pytest.approx(5.0, abs=0.1)
 
 
-@pytest.mark.parametrize("seed", sampled((0, 1, 2, 3, 5, 10, 12, 14, 17, 19), range(20)))
+@pytest.mark.parametrize("seed", sampled((0, 2, 5, 10, 14, 19), range(50)))
 def test_a_law_that_looks_back_equals_the_nodes_with_any_settings(seed: int) -> None:
     """Through gaps in which counters go round, wrong sensor periods and lost wheels too."""
     rng = random.Random(seed)

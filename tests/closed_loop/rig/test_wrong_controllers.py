@@ -40,7 +40,7 @@ def first_line(outcome: Outcome, **switches: Any) -> str:
     return str(caught.value).splitlines()[0]
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("name", sampled([*WRONG][::2], WRONG))
 def test_a_wrong_controller_is_red(name: str, wrong: Callable[[str], Outcome]) -> None:
     assert first_line(wrong(name)).startswith(WRONG[name][1])
 
