@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 
 import pytest
 from cantools.database.can.signal import Signal
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.codec.protection import header_bits
@@ -159,7 +159,6 @@ def test_a_message_has_the_bytes_worked_out_by_hand(
 
 
 @given(messages, counters)
-@settings(deadline=None)
 def test_a_round_trip_moves_no_value_by_more_than_half_a_resolution(
     message: Message, counter: int
 ) -> None:
@@ -174,7 +173,6 @@ def test_a_round_trip_moves_no_value_by_more_than_half_a_resolution(
 
 
 @given(messages, counters)
-@settings(deadline=None)
 def test_cantools_packs_the_same_bytes_and_unpacks_the_same_values(
     message: Message, counter: int
 ) -> None:
@@ -193,7 +191,6 @@ def test_cantools_packs_the_same_bytes_and_unpacks_the_same_values(
 
 
 @given(messages)
-@settings(deadline=None)
 def test_what_was_received_is_sent_on_unchanged(message: Message) -> None:
     frame = encode(message, 0)
     decoded = decode(frame)

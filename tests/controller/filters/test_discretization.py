@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
@@ -62,7 +62,6 @@ def test_tustin_is_the_continuous_filter_at_the_warped_frequency(
     assert np.allclose(discrete, transfer.response(warped), rtol=1e-8, atol=0.0)
 
 
-@settings(deadline=None)
 @given(st.floats(0.1, 300.0), st.sampled_from([0.1, 0.01, 0.001]))
 def test_hold_equivalents_are_those_of_scipy(omega_rad_s: float, period_s: float) -> None:
     tau = 1.0 / omega_rad_s

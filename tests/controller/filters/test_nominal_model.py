@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -55,7 +55,6 @@ def test_equation_19_shares_with_the_vehicle_what_the_yaw_damping_does_not_touch
     assert ours.s1 > 1.05 * printed.s1
 
 
-@settings(deadline=None)
 @given(vehicles())
 def test_the_closed_form_equals_the_state_space(vehicle: NominalVehicle) -> None:
     a, b = state_space(vehicle)
@@ -64,7 +63,6 @@ def test_the_closed_form_equals_the_state_space(vehicle: NominalVehicle) -> None
     np.testing.assert_allclose(vehicle_model(vehicle).response(s), expected, rtol=1e-6)
 
 
-@settings(deadline=None)
 @given(vehicles())
 def test_steady_lateral_acceleration_has_the_textbook_understeer_gain(
     vehicle: NominalVehicle,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -41,7 +41,6 @@ def test_a_section_worked_by_hand() -> None:
     assert section_run(p, AT_ZERO, (1.0, 0.0, 0.0)) == (x, [first, second, third])
 
 
-@settings(deadline=None)
 @given(st.tuples(stable_sections(), stable_sections(), stable_sections()), inputs)
 def test_cascades_are_the_filters_in_series(
     sections: tuple[Section, Section, Section], samples: list[float]
@@ -60,7 +59,6 @@ def test_cascades_are_the_filters_in_series(
     np.testing.assert_allclose(three, signal.sosfilt(sos, samples), rtol=1e-9, atol=1e-6)
 
 
-@settings(deadline=None)
 @given(st.tuples(stable_sections(), stable_sections(), stable_sections()), st.floats(-5.0, 5.0))
 def test_a_cascade_at_rest_stays_at_rest(
     sections: tuple[Section, Section, Section], constant: float

@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.law_interface import LawInput, LawOutput
@@ -366,7 +366,6 @@ ANY_MEASUREMENTS = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(FRAMES | ANY_MEASUREMENTS, st.integers(0, 400 * MS_NS)), max_size=60))
 def test_no_frame_at_any_time_makes_it_raise_or_break_a_limit(
     arrivals: list[tuple[Frame, int]],

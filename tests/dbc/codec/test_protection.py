@@ -3,11 +3,7 @@
 from random import Random
 from types import ModuleType
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from steer_by_wire.dbc.codec import protection
-from steer_by_wire.dbc.codec.protection import id_mark, mark_in, protect
 from tests.support.mutation import assert_noticed
 
 
@@ -23,15 +19,6 @@ def crc16_bit_by_bit(data: bytes) -> int:
 
 def test_the_reference_has_the_published_check_value() -> None:
     assert crc16_bit_by_bit(b"123456789") == 0x29B1
-
-
-@given(st.binary(min_size=1, max_size=62), st.integers(0, 0xFFFF))
-def test_the_crc_covers_what_follows_it_and_then_the_data_id(content: bytes, data_id: int) -> None:
-    payload = bytearray(b"\xaa\x55" + content)
-    protect(payload, data_id)
-    crc = crc16_bit_by_bit(content + data_id.to_bytes(2, "little"))
-    assert payload == crc.to_bytes(2, "little") + content
-    assert mark_in(bytes(payload)) == id_mark(data_id) != id_mark(data_id ^ 1)
 
 
 def check(tested: ModuleType) -> None:

@@ -6,7 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import LatencyModel
@@ -98,7 +98,6 @@ def test_what_would_be_negative_is_zero(model: Distribution) -> None:
 
 
 @every_model
-@settings(deadline=None)
 @given(means_s, spreads_s, uniforms, uniforms)
 def test_a_larger_uniform_is_a_later_frame_and_no_latency_is_negative_or_endless(
     model: Distribution, mean_s: float, spread_s: float, one: float, other: float
@@ -127,7 +126,6 @@ def test_without_spread_every_latency_is_the_mean(
 
 
 @every_model
-@settings(deadline=None)
 @given(uniforms, st.floats(0.01, 1.0), st.floats(0.0, 1.0))
 def test_a_larger_mean_moves_every_frame_later(
     model: Distribution, u: float, mean_s: float, more_s: float

@@ -6,7 +6,7 @@ from itertools import count, pairwise, repeat
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.network import latency_line
@@ -57,7 +57,6 @@ seeds = st.integers(0, 2**63 - 1)
 any_network = given(networks, seeds, st.integers(1, 3), st.sampled_from([1, MS_NS, PERIOD_NS]))
 
 
-@settings(deadline=None)
 @any_network
 def test_no_frame_is_early_and_every_frame_is_accounted_for(
     network: dict[str, Any], seed: int, keys: int, period_ns: int
@@ -78,7 +77,6 @@ def test_no_frame_is_early_and_every_frame_is_accounted_for(
     assert tested.next_due_ns == NEVER_NS
 
 
-@settings(deadline=None)
 @any_network
 def test_in_order_and_where_the_newest_wins_nothing_older_of_its_key_follows_a_frame(
     network: dict[str, Any], seed: int, keys: int, period_ns: int
@@ -137,7 +135,6 @@ def test_a_constant_latency_is_exact_to_the_nanosecond() -> None:
 # What is drawn
 
 
-@settings(deadline=None)
 @given(networks, st.integers(0, 50))
 def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
     network: dict[str, Any], frames: int

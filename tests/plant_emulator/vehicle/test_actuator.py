@@ -2,7 +2,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.path.settings import StraightSettings
@@ -65,7 +65,6 @@ def test_wheel_follows_a_servo_integrated_in_fine_steps(name: str) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-0.7, 0.7), st.integers(1, 30_000_000)), max_size=20))
-@settings(deadline=None)
 def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, int]]) -> None:
     motion = Motion(TRANSPARENT)
     linear, now_ns = motion.linear, 0
@@ -87,7 +86,6 @@ TRANSPARENT = motion_params(
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
-@settings(deadline=None)
 def test_wheel_keeps_both_limits_whatever_is_commanded(commands: list[float]) -> None:
     motion = Motion(LIMITED)
     before = motion.wheel_rad

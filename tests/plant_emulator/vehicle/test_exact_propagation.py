@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -27,7 +27,6 @@ steps = st.one_of(st.integers(0, 2 * DIGIT_VALUES), st.integers(0, 200_000_000))
 
 
 @given(states, steps, steps)
-@settings(deadline=None)
 def test_two_steps_are_one_step(z: LinearState, first_ns: int, second_ns: int) -> None:
     twice = propagate(TABLE, 0, propagate(TABLE, 0, z, first_ns), second_ns)
     assert twice == pytest.approx(propagate(TABLE, 0, z, first_ns + second_ns), abs=1e-12)
@@ -43,7 +42,6 @@ def test_a_step_is_the_matrix_exponential(
 
 
 @given(states)
-@settings(deadline=None)
 def test_no_time_changes_no_bit(z: LinearState) -> None:
     assert propagate(TABLE, 0, z, 0) == z
 

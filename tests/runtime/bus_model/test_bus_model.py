@@ -1,7 +1,7 @@
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.bus_model.bus_model import BusLoad, BusModel, Delivery
@@ -219,7 +219,6 @@ submissions = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(submissions, st.sampled_from([1_000_000, 500_000, 83_333]))
 def test_every_frame_arrives_once_in_order_and_never_two_at_a_time(
     gaps_senders_ids: list[tuple[int, int, int]], bitrate_bit_s: int
@@ -246,7 +245,6 @@ def test_every_frame_arrives_once_in_order_and_never_two_at_a_time(
         assert numbers == sorted(numbers)
 
 
-@settings(deadline=None)
 @given(submissions)
 def test_looking_at_the_bus_in_between_changes_nothing(
     gaps_senders_ids: list[tuple[int, int, int]],

@@ -1,7 +1,7 @@
 """The bus of runs without errors: the same to the nanosecond as the bus that can have them."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
@@ -29,7 +29,6 @@ submissions = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(submissions, st.sampled_from([1_000_000, 500_000, 83_333]), st.integers(1, 4))
 def test_it_delivers_what_the_other_delivers(
     submitted: list[tuple[int, Frame, int, bool]], bitrate_bit_s: int, queue_limit: int

@@ -4,7 +4,7 @@ That they agree with the bits of any frame: ``test_frame_on_wire``.
 """
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.frame import (
@@ -66,7 +66,6 @@ def test_a_published_frame_has_its_published_bits() -> None:
     assert frame_bits(frame).nominal == len(levels)
 
 
-@settings(deadline=None)
 @given(identifiers, payloads(list(range(9))))
 def test_classic_lengths_keep_the_published_bounds(
     identifier: tuple[int, int], data: bytes

@@ -2,7 +2,7 @@ import math
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.node.statistics import DurationStatistics, DurationSummary
@@ -57,7 +57,6 @@ def test_a_fraction_that_is_none_is_refused(fraction: float) -> None:
         recorded([1]).quantile_ns(fraction)
 
 
-@settings(deadline=None)
 @given(st.lists(durations_ns, min_size=1, max_size=200), st.floats(0, 1))
 def test_a_quantile_is_close_to_the_duration_of_its_rank(
     values_ns: list[int], fraction: float
@@ -67,7 +66,6 @@ def test_a_quantile_is_close_to_the_duration_of_its_rank(
     assert recorded(values_ns).quantile_ns(fraction) == pytest.approx(exact_ns, rel=1 / 256, abs=0)
 
 
-@settings(deadline=None)
 @given(st.lists(durations_ns, min_size=1, max_size=200), st.randoms())
 def test_number_mean_and_maximum_are_exact_and_order_does_not_matter(
     values_ns: list[int], random: Random

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import can
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
@@ -82,7 +82,6 @@ def test_lines_of_other_writers_are_read(line: str, frame: Frame) -> None:
     assert parse_entry(line) == LogEntry(1_700_000_000_000_001_000, "can0", frame)
 
 
-@settings(deadline=None)
 @given(entries)
 def test_what_is_written_is_read_back(entry: LogEntry) -> None:
     assert parse_entry(format_entry(entry)) == entry
@@ -108,7 +107,6 @@ def test_lines_that_are_no_frames_are_counted_and_do_not_stop_the_reader() -> No
 ENTRY = r"\([0-9.]*\) can0 [0-9A-F]*#+[0-9A-FR_ ]*"
 
 
-@settings(deadline=None)
 @given(st.text(ANY_CHARACTER) | st.from_regex(ENTRY, alphabet=ANY_CHARACTER))
 def test_no_line_makes_the_reader_raise(line: str) -> None:
     reader = CandumpReader([line])
@@ -125,7 +123,6 @@ def test_a_log_is_the_same_bytes_on_every_machine(tmp_path: Path) -> None:
     )
 
 
-@settings(deadline=None)
 @given(st.lists(entries, max_size=10))
 def test_python_can_reads_what_is_written(written: list[LogEntry]) -> None:
     # python-can knows error frames only by their bus-error bit (0x80), and not what is in them.

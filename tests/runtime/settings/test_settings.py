@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, PositiveFloat, ValidationError, field_validator, model_validator
 
@@ -296,7 +296,6 @@ rigs = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(rigs)
 def test_dumped_settings_load_again_to_the_last_digit(rig: Rig) -> None:
     dumped = dump_toml(rig)
