@@ -68,6 +68,25 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "write_computation_times": False,
 }
+COLAB = "https://colab.research.google.com/github/{}/blob/gh-pages/notebooks/{}.ipynb"
+IS_RELEASE = os.environ.get("GITHUB_REF_TYPE") == "tag"
+"""Then the workflow puts the site on the branch gh-pages, where Binder and Colab find notebooks."""
+if IS_RELEASE:
+    wanted = f"steer-by-wire-emulator[tools]=={version}"
+    (DOCS / "generated").mkdir(exist_ok=True)
+    (DOCS / "generated" / "requirements.txt").write_text(f"{wanted}\n", encoding="utf-8")
+    org, _, repo = os.environ["GITHUB_REPOSITORY"].partition("/")
+    sphinx_gallery_conf |= {
+        "first_notebook_cell": f'%pip install --quiet "{wanted}"',
+        "binder": {
+            "org": org,
+            "repo": repo,
+            "branch": "gh-pages",
+            "binderhub_url": "https://mybinder.org",
+            "dependencies": ["generated/requirements.txt"],
+            "use_jupyter_lab": True,
+        },
+    }
 
 
 def name_lists(_app: Any, what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
@@ -96,9 +115,17 @@ def write_mathml(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+def link_to_colab(_app: Any, docname: str, source: list[str]) -> None:
+    """Let a page of the gallery end with a link that opens its notebook."""
+    if IS_RELEASE and docname.startswith("gallery/") and not docname.endswith("index"):
+        address = COLAB.format(os.environ["GITHUB_REPOSITORY"], docname)
+        source[0] += f"\n\n`Open this notebook in Colab <{address}>`__\n"
+
+
 def setup(app: Any) -> None:
     """Write the generated pages before Sphinx looks for pages."""
     write_pages(DOCS / "generated")
     app.add_html_math_renderer("mathml", (write_mathml, None), (write_mathml, None))
+    app.connect("source-read", link_to_colab)
     app.connect("autodoc-process-docstring", name_lists)
     app.connect("autodoc-process-signature", without_fields)
