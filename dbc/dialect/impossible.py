@@ -77,6 +77,8 @@ def _mistakes_in_signals(
                 raw_constant(signal, value)
             except ValueError as error:
                 yield f".{key} = {value!r} ({error})"
+        if signal.is_multiplexer and not key.startswith("constants."):
+            yield f".{key}: {signal.name} is a multiplexer, which only a constant sets"
         if signal.is_float and key in ("counter", "checksum.signal"):
             yield f".{key}: {signal.name} is a float (allowed: an integer)"
     rule = settings.checksum

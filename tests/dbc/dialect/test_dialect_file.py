@@ -145,6 +145,11 @@ DATABASES = {
         "ANGLE_COUNTER : 17|4@0+",
         "STEER_ANGLE.checksum.signal: ANGLE_CRC has bits of counter",
     ),
+    "a multiplexer that carries something": (
+        "SG_ YAW_RATE :",
+        "SG_ YAW_RATE M :",
+        "MOTION.signals.YAW_RATE: YAW_RATE is a multiplexer, which only a constant sets",
+    ),
     "a length that no frame has": (
         "STEER_ANGLE: 4 ",
         "STEER_ANGLE: 13 ",
