@@ -31,12 +31,12 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     ),
     "plant_emulator.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
-    "tools.analyze.__main__": ("tools.analyze.report.draw_pictures",),
+    "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.run.__main__": (
         "tools.run.run_nodes.run_virtual_nodes", "tools.run.run_nodes.run_threaded_nodes",
     ),
     "tools.demo.__main__": (".open_channels",),
-    "tools.design.__main__": (".worker_pool",),
+    "tools.design.__main__": ("tools.design.program.worker_pool",),
     "tools.doctor.__main__": (
         "tools.doctor.checks.examine", "tools.doctor.measurement_report.measure",
     ),

@@ -99,9 +99,10 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
     assert loaded(nodes, unwanted) == []
 
 
-def test_live_programs_import_nothing_heavy() -> None:
-    """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
+def test_programs_start_with_nothing_heavy() -> None:
+    """Start-up time is a promise: these do without numba, scipy and matplotlib, some at first."""
     programs = "steer_by_wire.controller.program, steer_by_wire.plant_emulator.program"
+    programs += "".join(f", steer_by_wire.tools.{name}.__main__" for name in ("study", "design"))
     assert loaded(programs, "cantools numba scipy matplotlib rich") == []
 
 

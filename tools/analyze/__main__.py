@@ -203,7 +203,7 @@ def _analyse(
                 paths, options.channel, exports, advance, rules, options.preview_m, listening
             )
         # Only a report needs matplotlib, and an error in the file should be reported before that.
-        from steer_by_wire.tools.analyze.report import draw_pictures, draw_smoothed
+        from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
 
         if smoothed:
             figures["smoothed"] = smoothed[0].figures

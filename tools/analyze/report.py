@@ -1,20 +1,10 @@
-"""The page about one log, with its pictures: signals, latencies, messages and losses."""
+"""The page about one log: signals, latencies, messages and losses."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from ...closed_loop.recordings.latency_and_jitter import Durations
-from ...closed_loop.recordings.log_analysis import LogAnalysis
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
-from ...closed_loop.reports.plot_style import COLOURS, plot_style, png_of
 from ...plant_emulator.evaluation.report_in_words import verdict_text
-
-if TYPE_CHECKING:
-    from .smoothing import SmoothedTable
 
 LATENCY_ROWS = {
     "reported_downlink": "commands, latency, as the plant reports it",
@@ -22,11 +12,6 @@ LATENCY_ROWS = {
     "downlink": "commands, latency and wait: from the bus to the first sample that sees it act",
     "uplink": "measurements, latency: from the sample to the bus",
     "round_trip": "round trip: command on the bus to its first echo on the bus",
-}
-_CURVES = {
-    "round_trip": "round trip",
-    "downlink": "commands, latency and wait",
-    "uplink": "measurements, latency",
 }
 SIGNAL_NAMES = {
     "lateral_error_m": ("lateral error, preview point", "mm", 1e3),
@@ -45,7 +30,6 @@ SIGNAL_NAMES = {
     "virtual_mass_kg": ("virtual mass that the law takes", "kg", 1.0),
 }
 """Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
-_DRAWN = ("lateral_error_m", "steer_rad", "wheel_angle_rad")
 _ABOUT_TIMES = """\
 Times are those of the recorder. On a bus both nodes and the recorder see a frame at
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
@@ -228,146 +212,3 @@ def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:
 
 def _pairs(facts: Sequence[tuple[str, str]]) -> Table:
     return Table((), [(Cell(name), Cell(text)) for name, text in facts])
-
-
-ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
-WIDTH_IN = 10.5
-SMOOTHED = {
-    "side_slip_rad": ("side slip [mrad]", 1e3),
-    "yaw_rate_rad_s": ("yaw rate [mrad/s]", 1e3),
-    "heading_error_rad": ("heading error [mrad]", 1e3),
-    "lateral_error_m": ("preview point [mm]", 1e3),
-    "curvature_1_m": ("curvature [1/km]", 1e3),
-    "steering_offset_rad": ("steering offset [mrad]", 1e3),
-    "delay_s": ("delay down and up [ms]", 1e3),
-    "steering_lag_s": ("steering lag [ms]", 1e3),
-}
-"""Axis of each smoothed column, and how many of its unit make the SI unit."""
-
-
-def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Picture]:
-    """Draw what the log has the frames for."""
-    draw: dict[str, Callable[[LogAnalysis, Mapping[str, Any]], Figure | None]] = {
-        "Lateral error and steer": _draw_motion,
-        "Latency": _draw_latency,
-        "Cycle times": _draw_cycles,
-    }
-    if not figures["has_times"]:
-        return []
-    with plot_style():
-        drawn = {title: function(analysis, figures) for title, function in draw.items()}
-    return [Picture(png_of(figure), title) for title, figure in drawn.items() if figure is not None]
-
-
-def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    if not (figures["signals"]["lateral_error_m"]["samples"]):
-        return None
-    figure = Figure(figsize=(WIDTH_IN, 5.4))
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
-    for signal, colour, text in (
-        ("lateral_error_m", BLUE, "preview point"),
-        ("cg_deviation_m", ORANGE, "centre of gravity"),
-    ):
-        report = figures["signals"][signal]
-        if report["samples"]:
-            time_s, deviation_m = analysis.histories[signal].points()
-            label = (
-                f"{text}: RMS {1e3 * report['rms']:.1f} mm, "
-                f"peak {1e3 * report['peak']:.1f} mm at {report['peak_at_s']:.2f} s"
-            )
-            above.plot(time_s, 1e3 * deviation_m, color=colour, lw=1.2, label=label)
-    above.set(title="Deviation from the path", ylabel="off the path [mm]")
-    above.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), ncols=2)
-    above.axhline(0.0, color="black", lw=0.6)
-    for label, colour, text in (
-        ("steer_rad", ORANGE, "commanded, as sent"),
-        ("wheel_angle_rad", GREEN, "at the wheel, as reported"),
-    ):
-        below.plot(*analysis.histories[label].points(), color=colour, lw=1.0, label=text)
-    below.set(xlabel="time since the first frame [s]", ylabel="steer [rad]")
-    below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
-    for axes in (above, below):
-        _mark_gaps(axes, figures)
-    return figure
-
-
-def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    latencies = analysis.latencies
-    if not figures["latency"]["round_trip"]["samples"]:
-        return None
-    figure = Figure(figsize=(WIDTH_IN, 4.4))
-    left, right = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
-    measured: dict[str, tuple[str, Durations]] = {
-        "round_trip": (PURPLE, latencies.round_trip),
-        "downlink": (BLUE, latencies.downlink),
-        "uplink": (GREEN, latencies.uplink),
-    }
-    fractions = np.linspace(0.0, 1.0, 201)
-    for name, (colour, durations) in measured.items():
-        time_s, latency_s = latencies.history[name].points()
-        median_ms = 1e3 * figures["latency"][name]["p50_s"]
-        text = f"{_CURVES[name]}, median {median_ms:.1f} ms"
-        left.plot(time_s, 1e3 * latency_s, ".", ms=2.0, color=colour, label=text)
-        right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
-    time_s, reported_s = latencies.history["reported_downlink"].points()
-    text = "commands, latency, reported"
-    left.plot(time_s, 1e3 * reported_s, "+", ms=4.0, color="black", label=text)
-    left.set(xlabel="time since the first frame [s]", ylabel="latency [ms]", ylim=(0.0, None))
-    left.set_title("Latency, by the counters in the log")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, markerscale=3.0)
-    right.set(xlabel="latency [ms]", ylabel="share of frames below [%]", ylim=(0.0, 100.0))
-    right.set_xlim(left=0.0)
-    return figure
-
-
-def draw_smoothed(table: "SmoothedTable") -> Picture:
-    """Draw what the smoother found, each with a band of two standard deviations."""
-    with plot_style():
-        figure = Figure(figsize=(WIDTH_IN, 8.4))
-        every = figure.subplots(4, 2, sharex=True)
-        columns = zip(SMOOTHED.values(), table.values.T, table.deviations.T, strict=True)
-        for axes, ((label, scale), value, deviation) in zip(every.T.flat, columns, strict=True):
-            is_known = np.isfinite(deviation)
-            middle = np.where(is_known, scale * value, np.nan)
-            half = np.where(is_known, 2.0 * scale * deviation, 0.0)
-            axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
-            low, high = axes.get_ylim()
-            axes.fill_between(table.time_s, middle - half, middle + half, color=BLUE, alpha=0.25)
-            # A band that is wide at the ends does not hide the line.
-            margin = 2.0 * float(np.median(half))
-            axes.set(ylabel=label, ylim=(low - margin, high + margin))
-        for axes in every[-1]:
-            axes.set_xlabel("time since the first frame [s]")
-        fit = table.figures["vehicle"]["in_words"]
-        return Picture(png_of(figure), f"Smoothed: estimate and two standard deviations; {fit}")
-
-
-def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    names = [name for name, m in figures["messages"].items() if m["cycle"]["samples"] > 1]
-    if not names:
-        return None
-    figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.05 * len(names)))
-    rows = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
-    for axes, name in zip(rows, names, strict=True):
-        message = figures["messages"][name]
-        time_s, cycle_s = analysis.cycle_histories[name].points()
-        axes.plot(time_s, 1e3 * cycle_s, ".", ms=2.0, color=BLUE)
-        axes.axhline(1e3 * message["cycle_dbc_s"], color="black", lw=0.8, ls="--")
-        cycle = message["cycle"]
-        axes.set_title(
-            f"{name}: median {1e3 * cycle['p50_s']:.2f} ms, 99 % below {1e3 * cycle['p99_s']:.2f} "
-            f"ms, longest {1e3 * cycle['max_s']:.1f} ms",
-            fontsize=9.5,
-        )
-        axes.set_ylabel("[ms]")
-        axes.set_ylim(0.0, 1.08e3 * max(cycle["max_s"], 1.1 * message["cycle_dbc_s"]))
-    rows[-1].set_xlabel("time since the first frame [s]      (dashed: when it is due)")
-    return figure
-
-
-def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
-    car = {name.partition(".")[0] for key, name in figures["names"].items() if key in _DRAWN}
-    drawn = car or {"STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"}
-    for gap in figures["gaps"]:
-        if gap["name"] in drawn:
-            axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

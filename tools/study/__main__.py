@@ -12,38 +12,18 @@ results do not depend on interruptions, threads or machines.
 
 import argparse
 import importlib
-import os
 import sys
-import time
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-
-from steer_by_wire.closed_loop.reports.terminal import plain_console
-from steer_by_wire.closed_loop.studies.compiled_figures import short_windows
-from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
-from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.study_file import read_study
-from steer_by_wire.closed_loop.studies.workers import Processes, Threads, Workers
 from steer_by_wire.runtime.command_line import command_parser, run_main, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
-from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import preset_names
-from steer_by_wire.tools.study.repeated_runs import commands, replay, replay_lines
 
 NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
-DIFFERENT = 1
-"""Exit status of a replay whose figures differ from those stored."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,148 +62,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    # What computes and draws takes seconds to import, which --help need not wait for.
     if options.list:
+        read_study = importlib.import_module(f"{SHIPPED}.study_file").read_study
         for name in preset_names(SHIPPED):
             file = settings_file(SHIPPED)(name)
             print(f"{name:<18} {read_study(file).title}\n{'':<18} {file}")
         return ExitStatus.OK
     if options.report is not None:
-        # Pictures take a second to import, which --help need not wait for.
         write = importlib.import_module("steer_by_wire.tools.study.report").write
         print(f"report: {write(options.report)}")
         return ExitStatus.OK
-    return _run_study(options)
-
-
-def _run_study(options: argparse.Namespace) -> int:
-    console = plain_console()
-    scenarios = Scenarios(load_study(options.study))
-    scenarios.check()
-    store = Store(options.out or Path("out/study") / scenarios.study.settings.name, scenarios)
-    for line in _sizes(scenarios):
-        console.print(line)
-    warning = short_windows(scenarios.study.settings.verdict, scenarios.shortest_s)
-    if warning:
-        console.print(f"warning: {warning}")
-    if options.dry_run:
-        return ExitStatus.OK
-    store.open(options.study.read_text(encoding="utf-8"))
-    stop = StopRequest()
-    with stop.on_signals():
-        if options.replay is not None:
-            return _replay(options.replay, console, store, Computer(scenarios))
-        with _workers(options, scenarios, console) as workers:
-            is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
-    if not is_complete:
-        stored = store.stored()
-        console.print(
-            f"interrupted: {stored:,} of {scenarios.study.runs:,} runs are stored in "
-            f"{store.folder}; the same command goes on"
-        )
-        return ExitStatus.INTERRUPTED
-    console.print(f"results: {store.results}")
-    if not options.no_report:
-        _report(console, store.folder)
-    return ExitStatus.OK
-
-
-def _sizes(scenarios: Scenarios) -> list[str]:
-    study = scenarios.study
-    sampling, design = study.settings.sampling, study.design
-    lines = [
-        f"study: {study.settings.name}" + (f": {study.settings.title}" * bool(study.settings.title))
-    ]
-    for factor in design.factors:
-        labels = [str(level.label) for level in factor.levels or ()]
-        shown = ", ".join(labels if len(labels) <= 12 else [*labels[:6], "...", *labels[-2:]])
-        lines.append(f"factor: {factor.name}: {f'{len(labels)}: {shown}' if labels else 'drawn'}")
-    lines.append(f"controllers: {', '.join(scenarios.controllers)}")
-    lines.append(
-        f"runs: {study.runs:,} = {design.points:,} points ({sampling.kind}) x "
-        f"{sampling.replicates:,} replicates x {len(scenarios.controllers)} controllers"
-    )
-    if study.bus is not None:
-        lines.append("bus: the nodes run in virtual time, not compiled")
-    return lines
-
-
-def _workers(
-    options: argparse.Namespace, scenarios: Scenarios, console: Console
-) -> AbstractContextManager[Workers]:
-    if options.scheduler:
-        return dask_workers(scenarios.study, options.scheduler, console.print)
-    count = min(options.workers or os.cpu_count() or 1, scenarios.study.runs)
-    if scenarios.study.bus is not None and count > 1:
-        return nullcontext(Processes(scenarios.study, count))
-    return nullcontext(Threads(scenarios, count))
-
-
-def _compute(
-    console: Console, store: Store, workers: Workers, runs: int, stop: StopRequest
-) -> bool:
-    """Compute what is missing, showing the progress; returns whether the study is complete."""
-    before = store.stored()
-    if before:
-        console.print(f"stored already: {before:,} runs in {store.folder}")
-    begin_s = time.monotonic()
-    columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task(f"runs on {workers.description}", total=runs, text="")
-        progress.update(task, completed=before)
-        done = 0
-
-        def on_progress(further: int) -> None:
-            nonlocal done
-            done += further
-            rate = done / (time.monotonic() - begin_s)
-            left = _duration((runs - before - done) / rate)
-            text = f"{before + done:,} of {runs:,}, {_per_s(rate)} a second, {left} left"
-            progress.update(task, completed=before + done, text=text)
-
-        is_complete = run_missing(store, workers, on_progress, stop)
-    elapsed_s = time.monotonic() - begin_s
-    if done:
-        rate = _per_s(done / elapsed_s)
-        console.print(f"{done:,} runs in {_duration(elapsed_s)}: {rate} a second")
-    return is_complete
-
-
-def _per_s(rate: float) -> str:
-    return f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
-
-
-def _replay(run: int, console: Console, store: Store, computer: Computer) -> int:
-    made = replay(store, computer, run)
-    for command in commands(made.pair, made.files):
-        console.print(f"again: {command}")
-    for line in replay_lines(made):
-        console.print(line)
-    if made.stored is None:
-        console.print(f"run {run} is not stored yet: computed anew and compared")
-    if made.differences:
-        console.print(f"different: {', '.join(made.differences)}")
-        return DIFFERENT
-    console.print("every figure is the same to the last digit")
-    return ExitStatus.OK
-
-
-def _report(console: Console, folder: Path) -> None:
-    """Write the report of a complete study, where this installation has one."""
-    try:
-        page = importlib.import_module("steer_by_wire.tools.study.report").write(folder)
-    except ImportError as error:
-        console.print(f"report: skipped: {error}")
-        return
-    console.print(f"report: {page or folder}")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 90:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
+    run_study = importlib.import_module("steer_by_wire.tools.study.program").run_study
+    return int(run_study(options))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program
+from steer_by_wire.tools.study import program as computation
 from steer_by_wire.tools.study import repeated_runs
 from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
 
@@ -295,7 +296,7 @@ def test_a_replay_that_differs_ends_with_a_status_of_its_own(
         assert made.stored is not None
         return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
 
-    monkeypatch.setattr(study_program, "replay", differing)
+    monkeypatch.setattr(computation, "replay", differing)
     study = whole.folder.parent / "study.toml"
     words = [str(study), "--out", str(whole.folder), "--replay", "1"]
-    assert study_program.main(words) == study_program.DIFFERENT
+    assert study_program.main(words) == computation.DIFFERENT

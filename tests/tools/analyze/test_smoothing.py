@@ -17,7 +17,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.tools.analyze.__main__ import main as analyze
-from steer_by_wire.tools.analyze.report import draw_smoothed
+from steer_by_wire.tools.analyze.pictures import draw_smoothed
 from steer_by_wire.tools.analyze.smoothing import (
     COLUMNS,
     VEHICLE_STATES,
