@@ -21,7 +21,7 @@ from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from tests.support.browser import Browser, chromium, open_browser
-from tests.support.cockpit_bench import cockpit
+from tests.support.cockpit_run import cockpit
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
@@ -56,7 +56,7 @@ def main() -> None:
 
 def take_live(browser: Browser) -> None:
     """Take one lane behind a gust."""
-    with cockpit("--bus", "emulated") as (address, _):
+    with cockpit("--bus", "emulated") as address:
         open_small(browser, address)
         browser.read("document.getElementById('gust').click()")
         browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")

@@ -1,5 +1,10 @@
-"""A recorded run for the cockpit's tests, and a sampler that has taken it."""
+"""The cockpit as a program, a recorded run for it, and a sampler that has taken the run."""
 
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
@@ -9,6 +14,7 @@ from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Sampler
+from tests.support.running_program import PATIENCE_S
 
 NS = 1_000_000_000
 PLANT = PlantSettings(
@@ -31,3 +37,18 @@ def fed(log: Path) -> tuple[Sampler, int]:
             now_ns = entry.time_ns
             sampler.on_frame(entry.frame, now_ns)
     return sampler, now_ns
+
+
+@contextmanager
+def cockpit(*options: str) -> Iterator[str]:
+    """Run the program; yields the address of its page."""
+    command = [sys.executable, "-m", "steer_by_wire", "cockpit", "--no-browser", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"open (http://127\.0\.0\.1:\d+/[\w-]+/)$", process.stdout.readline())
+            assert found is not None
+            yield found[1]
+        finally:
+            process.terminate()
+            assert process.wait(PATIENCE_S) == 0

@@ -9,7 +9,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from itertools import cycle, islice
+from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
 
@@ -167,19 +167,13 @@ def search(folder: Path) -> Iterator[tuple[str, str]]:
     yield "evolution", digest([one.best.tolist() for one in islice(evolution, 30)])
 
 
-def main() -> None:
+def results() -> dict[str, str]:
+    """Return all digests by name."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        results = {
-            **dict(designs()),
-            **dict(motions()),
-            **dict(paths(folder)),
-            **dict(runs(folder)),
-            **dict(study(folder)),
-            **dict(search(folder)),
-        }
-    json.dump(results, sys.stdout)
+        made = (designs(), motions(), paths(folder), runs(folder), study(folder), search(folder))
+        return dict(chain.from_iterable(made))
 
 
 if __name__ == "__main__":
-    main()
+    json.dump(results(), sys.stdout)

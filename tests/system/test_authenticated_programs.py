@@ -23,8 +23,7 @@ from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
-from steer_by_wire.runtime.recording.candump import CandumpReader
-from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
+from tests.support.running_program import PATIENCE_S, RunningProgram, running
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="key files are refused there; ends programs with SIGINT"
@@ -194,26 +193,3 @@ def test_a_program_without_a_key_does_without_cryptography() -> None:
         "sys.exit('cryptography' in sys.modules or 'cantools.autosar' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.vcan
-def test_a_pair_with_a_key_runs_on_vcan0_and_candump_reads_it(tmp_path: Path, key: str) -> None:
-    on_vcan = ["-i", "socketcan", "-c", "vcan0", "--key-file", key]
-    log = tmp_path / "candump.log"
-    with log.open("wb") as file, subprocess.Popen(["candump", "-L", "vcan0"], stdout=file) as dump:
-        try:
-            with (
-                running("steer_by_wire.plant_emulator", on_vcan, tmp_path / "p.json") as plant,
-                running("steer_by_wire.controller", on_vcan, tmp_path / "c.json") as controller,
-            ):
-                wait_until(
-                    lambda: log.read_text("ascii").count(" 100##") > COMMANDS_MIN, "commands"
-                )
-                assert controller.interrupt() == ExitStatus.OK
-                assert plant.interrupt() == ExitStatus.OK
-        finally:
-            dump.terminate()
-    assert plant.report()["node"]["authentication"]["refused"].keys() <= {"unsynchronised"}
-    assert plant.report()["connection"]["driver"] == "AF_CAN"
-    with log.open(encoding="ascii") as lines:
-        assert {len(entry.frame.data) for entry in CandumpReader(lines)} == {20, 48}

@@ -231,7 +231,7 @@ def test_under_jitter_every_command_s_round_trip_is_its_own_latency_and_at_most_
         model=Distribution.NORMAL, mean_s=0.08, spread_s=0.03, loss=0.05, order=order
     )
     result = run(
-        plant_settings(10.0, downlink, LatencySettings(mean_s=uplink_ns / S_NS)),
+        plant_settings(5.0, downlink, LatencySettings(mean_s=uplink_ns / S_NS)),
         preset("practical_pd_ddob"),
     )
     # The plant takes down the latency of the command in effect with every sample, and the status
@@ -243,7 +243,7 @@ def test_under_jitter_every_command_s_round_trip_is_its_own_latency_and_at_most_
         if sample.downlink_latency_s >= 0.0
     }
     echoes = first_echoes(result)
-    assert len(echoes) > 300
+    assert len(echoes) > 150
     for sent_ns, echoed_ns in echoes.values():
         applied_at_ns = echoed_ns - uplink_ns
         wait_ns = applied_at_ns - sent_ns - latency_ns[applied_at_ns]
@@ -320,7 +320,7 @@ def test_measurements_that_stop_and_come_back_never_make_the_steer_jump(
 def test_a_bus_of_500_kbit_s_carries_the_loop_at_1_khz() -> None:
     """Three messages each millisecond are most of what such a bus can carry, but not all."""
     bus = BusModel(500_000)
-    plant = plant_settings(3.0, sensor_period_ms=1.0)
+    plant = plant_settings(1.0, sensor_period_ms=1.0)
     controller = preset("paper_pd")
     result = run(plant, controller, bus)
     load = bus.load

@@ -304,7 +304,7 @@ def test_a_cortex_m7_sends_the_same_bytes_as_the_host(tmp_path: Path, folder: Pa
 def test_the_controller_in_c_answers_on_vcan0(folder: Path) -> None:
     tests: Any = import_module("test_controller")
     bus = SocketCanPort("vcan0", [{"can_id": 0x100, "can_mask": 0x7FF, "extended": False}])
-    command = [tests.build(folder, "on_vcan"), "vcan0"]
+    command = [tests.build(folder, "on_vcan", "-O0"), "vcan0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as program:
         assert program.stdout is not None
         assert program.stdout.readline() == b"ready\n"

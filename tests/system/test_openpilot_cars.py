@@ -36,7 +36,7 @@ from tests.support.in_c.openpilot_safety import SafetyCode
 opendbc: Any = pytest.importorskip("opendbc", reason="no opendbc: no car of others was driven")
 
 DIALECTS = Path(__file__).parents[2] / "examples" / "dialects"
-MOTION_S, FRAMES = 8.0, 300
+MOTION_S, FRAMES = 4.0, 300
 STEP_NS, SEEN_NS = 10_000_000, 1_100_000_000
 SETTLED = 200
 SPEED_M_S = 12.5  # of highway_nominal

@@ -126,7 +126,7 @@ def test_the_three_terminals_run_and_end_in_order(tmp_path: Path) -> None:
         ):
             process = stack.enter_context(
                 subprocess.Popen(
-                    [*shlex.split(line), *options],
+                    [sys.executable, "-m", "steer_by_wire", *shlex.split(line)[1:], *options],
                     cwd=tmp_path,
                     env=environment(tmp_path),
                     stdout=subprocess.PIPE,

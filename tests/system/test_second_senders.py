@@ -26,7 +26,7 @@ from steer_by_wire.dbc.reception import PAUSE_NS, Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.combinations import combined
+from tests.support.combinations import combined, sampled
 from tests.support.forged_counters import Shot
 from tests.support.intruder import Attack, Run, drive
 
@@ -228,7 +228,7 @@ def beside(kind: type[Message], ahead: int) -> Run:
     return drive(PLANT, CONTROLLER, Attack(kind, value, ONSET_NS, ATTACK_NS, shots))
 
 
-@pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 3, 5, 6, 18, 60, 100])
+@pytest.mark.parametrize("ahead", sampled([-3, 0, 5, 60], [-60, -3, 0, 1, 3, 5, 6, 18, 60, 100]))
 def test_no_foreign_stream_of_commands_moves_the_vehicle_further_than_silence_does(
     ahead: int,
 ) -> None:
@@ -243,7 +243,7 @@ def test_no_foreign_stream_of_commands_moves_the_vehicle_further_than_silence_do
     assert ONSET_NS < stops_ns[0] < ONSET_NS + NS_PER_S
 
 
-@pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 15, 31, 32, 100])
+@pytest.mark.parametrize("ahead", sampled([-60, 1, 31, 32], [-60, -3, 0, 1, 15, 31, 32, 100]))
 def test_no_foreign_stream_of_measurements_moves_the_vehicle_further_than_silence_does(
     ahead: int,
 ) -> None:
@@ -269,8 +269,10 @@ STRATEGIES: dict[str, tuple[Shots, bool]] = {
 }
 
 
-@pytest.mark.parametrize("kind", [SteeringCommand, LateralError])
-@pytest.mark.parametrize(("name", "sign"), combined([*STRATEGIES], [1.0, -1.0]))
+@pytest.mark.parametrize(
+    ("name", "sign", "kind"),
+    combined([*STRATEGIES], [1.0, -1.0], [SteeringCommand, LateralError, LateralError]),
+)
 def test_no_choice_of_counters_costs_more_than_silence_of_the_same_length(
     kind: type[Message], name: str, sign: float
 ) -> None:
@@ -282,8 +284,9 @@ def test_no_choice_of_counters_costs_more_than_silence_of_the_same_length(
     assert run.plant["safety"]["safe_state"] is None
 
 
-@pytest.mark.parametrize("kind", [SteeringCommand, LateralError])
-@pytest.mark.parametrize("ahead", [-60, -3, 0, 1, 3, 5, 31, 100])
+@pytest.mark.parametrize(
+    ("ahead", "kind"), combined([-60, 1, 0, 31, 5, -3, 100, 3], [SteeringCommand, LateralError])
+)
 def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: int) -> None:
     value = 80.0 if kind is LateralError else 0.6
     shots = [[Shot(SOON_NS, ahead)]]
@@ -297,17 +300,20 @@ def test_one_forged_frame_stops_nobody(alone: Run, kind: type[Message], ahead: i
 
 
 @pytest.mark.parametrize(
-    ("law", "value_m"),
-    [("predictor", -1.0), ("predictor", 10.0), ("pd_ddob", 10.0), ("pd", 80.0)],
+    ("forged", "onset_ns"),
+    combined(
+        [("predictor", -1.0), ("predictor", 10.0), ("pd_ddob", 10.0), ("pd", 80.0)],
+        [NS_PER_S, NS_PER_S // 5],
+    ),
 )
-@pytest.mark.parametrize("onset_ns", [NS_PER_S, NS_PER_S // 5])
 def test_a_law_forgets_a_forged_measurement_at_speed(
-    law: str, value_m: float, onset_ns: int
+    forged: tuple[str, float], onset_ns: int
 ) -> None:
     """At 60 km/h: 1.1, 3.8, 1.5 and 1.1 m off where it stays in the history or the filters.
 
     And up to 5.2 m after a start, when none is too old to be forged.
     """
+    law, value_m = forged
     plant = plant_preset("highway_corner_d", ['path={kind="straight"}', "duration_s=4"])
     attack = Attack(LateralError, value_m, onset_ns, PERIOD_NS, [[Shot(SOON_NS, 31)]], False)
     run = drive(plant, controller_preset(f"highway_{law}"), attack)
@@ -342,7 +348,7 @@ def test_forged_commands_at_speed_cost_little_more_than_the_silence_that_they_ca
     assert drive(plant, law, attack).peak_m < drive(plant, law, silence).peak_m + 0.3
 
 
-@pytest.mark.parametrize("ahead", [1, 60])
+@pytest.mark.parametrize("ahead", sampled([60], [1, 60]))
 def test_forged_commands_and_plans_beside_plans_are_of_one_sequence(ahead: int) -> None:
     """0.9 and 8.9 m where each message has its own: only the intruder then sends commands."""
     plant, law = PlantSettings(duration_s=10.0), controller_preset("practical_packet")

@@ -154,12 +154,3 @@ def test_an_adapter_that_stays_away_ends_the_run_after_the_limit(bus: AdapterBus
         error = controller.wait_for("error:")
         assert "the bus has not returned for 0.1 s" in error
         assert controller.report()["connection"]["reconnections"] == 0
-
-
-def test_a_run_can_be_ended_while_the_adapter_is_away(bus: AdapterBus) -> None:
-    with ExitStack() as stack:
-        controller = start_controller(stack, bus, "--reconnect")
-        bus.unplug(CONTROLLER)
-        controller.wait_for("waiting 60 s")
-        assert controller.interrupt() == ExitStatus.OK
-        assert controller.report()["connection"]["outages"] == 1

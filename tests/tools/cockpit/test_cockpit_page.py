@@ -1,10 +1,7 @@
 """The cockpit's page in a headless Chromium: a live loop, a foreign bus, a replay from a disk."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import can
@@ -23,7 +20,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
 from tests.support.browser import Browser, chromium, open_browser
-from tests.support.cockpit_run import recorded_run
+from tests.support.cockpit_run import cockpit, recorded_run
 
 PROGRAM = chromium()
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (package chromium)")
@@ -35,21 +32,6 @@ def browser() -> Iterator[Browser]:
     with open_browser(PROGRAM or "") as found:
         found.resize(1280, 720)
         yield found
-
-
-@contextmanager
-def cockpit(*options: str) -> Iterator[str]:
-    """Run the program; yields the address of its page."""
-    command = [sys.executable, "-m", "steer_by_wire", "cockpit", "--no-browser", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            found = re.search(r"open (http://127\.0\.0\.1:\d+/[\w-]+/)$", process.stdout.readline())
-            assert found is not None
-            yield found[1]
-        finally:
-            process.terminate()
-            assert process.wait(PATIENCE_S) == 0
 
 
 def opened(browser: Browser, address: str) -> None:

@@ -29,6 +29,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     what_to_see,
 )
 from steer_by_wire.tools.demo.pictures import magnified_track, nice_factor
+from tests.support.combinations import sampled
 from tests.support.same_process import no_workers
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -141,7 +142,7 @@ def test_the_verdict_compares_the_bus_with_virtual_time() -> None:
 def test_all_laws_hold_what_they_are_designed_for_and_only_the_predictor_more() -> None:
     """What the demo is for, in virtual time; the last phase is beyond 250 ms."""
     fates, errors_mm = {}, {}
-    for law in LAWS:
+    for law in sampled(LAWS[-2:], LAWS):
         settings = law.plant([])
         virtual = run_virtual_pair(settings, law.controller())
         phases = law_result(law, settings, virtual, virtual).virtual_phases
@@ -150,7 +151,7 @@ def test_all_laws_hold_what_they_are_designed_for_and_only_the_predictor_more() 
     for label, fate in fates.items():
         assert fate == [True, True, True, label == "predictor"], label
     order = sorted(errors_mm, key=errors_mm.__getitem__)
-    assert order == ["predictor", "PD+DDOB", "PID", "PD+CDOB", "PD"]
+    assert order == ["predictor", "PD+DDOB", "PID", "PD+CDOB", "PD"][: len(order)]
 
 
 def test_where_the_path_is_not_held_the_table_says_lost_and_no_millimetres() -> None:

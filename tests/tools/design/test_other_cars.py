@@ -57,7 +57,7 @@ peak_sensitivity_max = 3
 noise_gain_rad_m_max = 3
 delay = {{ ms_max = 100, step_ms = 50, margin_ms = 50 }}
 d_stability = {{ settling_1_s = 0.3, bandwidth_rad_s = 15, cone_angle_deg = 120 }}
-search = {{ starts = 1, generations = 25 }}
+search = {{ starts = 1, generations = 12 }}
 [course]
 duration_s = 20
 friction_share_max = 0.3

@@ -7,6 +7,9 @@ from steer_by_wire.tools.paper.result import Reproduction, Verdict
 
 
 def reproduced(reproduction: Reproduction) -> dict[str, str]:
+    for picture in reproduction.pictures:
+        assert len({len(column) for column in picture.columns.values()}) == 1
+        assert all(column.dtype == np.float64 for column in picture.columns.values())
     return {c.quantity: c.reproduced for c in reproduction.comparisons}
 
 
@@ -24,11 +27,3 @@ def test_figure_8_shows_the_published_gains_inside() -> None:
     found = reproduced(reproduction)
     assert found["published gains"] == "inside"
     assert reproduction.verdict is Verdict.WITH_CORRECTION
-
-
-def test_the_data_beside_a_picture_is_one_table() -> None:
-    for reproduction in (figure_7(), figure_8()):
-        for picture in reproduction.pictures:
-            lengths = {len(column) for column in picture.columns.values()}
-            assert len(lengths) == 1
-            assert all(column.dtype == np.float64 for column in picture.columns.values())

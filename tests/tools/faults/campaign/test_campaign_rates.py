@@ -11,6 +11,7 @@ from steer_by_wire.tools.faults.campaign.detectability import (
     period_s_of,
 )
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, run_trial
+from tests.support.combinations import sampled
 
 FAST = "paper_pd"
 """At 1 kHz, on sensors at 100 Hz."""
@@ -49,20 +50,24 @@ def test_the_onset_is_drawn_within_a_control_period() -> None:
     assert 0.6005 < max(onsets_s) <= 0.601
 
 
+SHORT_AND_LONG = [  # 20 commands are 20 ms and no silence; 200 are.
+    ("burst_loss", "STEERING_COMMAND", 20, Mechanism.E2E, False),
+    ("burst_loss", "STEERING_COMMAND", 200, Mechanism.FRESHNESS, True),
+]
+AGES = [
+    # Counters turn over in 256 ms: 0.22 s ago is 36 ahead, which is believed, and 0.2 s ago is
+    # 56 ahead. Those of 0.1 s ago have caught up before there is a silence, others have not.
+    ("replay", "STEERING_COMMAND", 0.22, Mechanism.E2E, False),
+    ("replay", "STEERING_COMMAND", 0.2, Mechanism.E2E, True),
+    ("replay", "STEERING_COMMAND", 0.1, Mechanism.E2E, False),
+    ("replay", "STEERING_COMMAND", 0.154, Mechanism.E2E, True),
+]
+SLOW = ("burst_loss", "LATERAL_ERROR", 20, Mechanism.FRESHNESS, True)
+
+
 @pytest.mark.parametrize(
     ("kind", "message", "magnitude", "mechanism", "leaves"),
-    [
-        # 20 commands are 20 ms and no silence; 200 are.
-        ("burst_loss", "STEERING_COMMAND", 20, Mechanism.E2E, False),
-        ("burst_loss", "STEERING_COMMAND", 200, Mechanism.FRESHNESS, True),
-        ("burst_loss", "LATERAL_ERROR", 20, Mechanism.FRESHNESS, True),
-        # Counters turn over in 256 ms: 0.22 s ago is 36 ahead, which is believed, and 0.2 s ago is
-        # 56 ahead. Those of 0.1 s ago have caught up before there is a silence, others have not.
-        ("replay", "STEERING_COMMAND", 0.22, Mechanism.E2E, False),
-        ("replay", "STEERING_COMMAND", 0.2, Mechanism.E2E, True),
-        ("replay", "STEERING_COMMAND", 0.1, Mechanism.E2E, False),
-        ("replay", "STEERING_COMMAND", 0.154, Mechanism.E2E, True),
-    ],
+    sampled([*SHORT_AND_LONG, *AGES[:2]], [*SHORT_AND_LONG, *AGES, SLOW]),
 )
 def test_what_a_fast_controllers_peer_sees_is_what_was_expected(
     kind: str, message: str, magnitude: float, mechanism: Mechanism, leaves: bool

@@ -33,7 +33,6 @@ golden_seeds = 1
 motion_s = 4.0
 cases = [
   { kind = "stuck", messages = ["LATERAL_ERROR"], magnitudes = [1.0] },
-  { kind = "out_of_range", messages = ["VEHICLE_STATE"], magnitudes = [1.0] },
 ]
 node_cases = []
 """
@@ -63,11 +62,10 @@ def test_our_controller_as_a_program_is_judged_as_it_is_within(tmp_path: Path) -
 
 
 def test_one_that_sends_its_commands_alone_detects_nothing(tmp_path: Path) -> None:
-    golden, *by_itself = (one for _, one in trials(tmp_path, OF_MEASUREMENTS, SILENT))
+    golden, alone = (one for _, one in trials(tmp_path, OF_MEASUREMENTS, SILENT))
     assert golden.verdict == Detection.PASSED
-    assert len(by_itself) == 2
-    assert all(one.detected_by == "" for one in by_itself)
-    assert not any(one.verdict == Detection.PASSED for one in by_itself)
+    assert alone.detected_by == ""
+    assert alone.verdict != Detection.PASSED
 
 
 def test_one_that_fails_is_unsafe_and_says_why(tmp_path: Path) -> None:
