@@ -4,6 +4,8 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
+from functools import cached_property
+from itertools import combinations
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -97,12 +99,16 @@ class CarMessage:
         values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
         return Reading(values, int(raw.get(self.settings.counter, 0)) % self.counters)
 
-    @property
+    @cached_property
     def changeable(self) -> Sequence[str]:
         """The names of its signals but counter, checksum and multiplexers.
 
         Under another multiplexer the data would be those of other signals, which the frame lacks.
+        Where signals share bits there are none: cantools adds their values up.
         """
+        whole = [one for one in self._message.signals if not one.multiplexer_ids]
+        if any(bits_of(one) & bits_of(other) for one, other in combinations(whole, 2)):
+            return []
         rule = self.settings.checksum
         kept = (self.settings.counter, rule and rule.signal)
         return [
@@ -267,3 +273,11 @@ def raw_constant(signal: Signal, value: float | str) -> float:
     if not low <= value <= high:
         raise ValueError(f"allowed: {low:g} to {high:g}")
     return raw if signal.is_float else round(raw)
+
+
+def bits_of(signal: Signal) -> set[int]:
+    """Return the places of a signal's bits, the first byte's from 0 to 7."""
+    if signal.byte_order == "little_endian":
+        return {*range(signal.start, signal.start + signal.length)}
+    first = signal.start ^ 7  # counted from each byte's highest bit
+    return {place ^ 7 for place in range(first, first + signal.length)}

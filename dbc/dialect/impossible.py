@@ -9,7 +9,7 @@ from ...runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
-from .car_message import CarMessage, Refused, raw_constant
+from .car_message import CarMessage, Refused, bits_of, raw_constant
 from .checksum import CrcRule
 from .quantities import COMMANDS
 from .settings import CONTROLLER, MessageSettings, Quantity
@@ -25,7 +25,7 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
     if message.length not in DATA_LENGTH_CODE:
         yield f": {message.length} bytes are the length of no frame (allowed: {_LENGTHS})"
     for signal in message.signals:
-        if max(_bits(signal)) >= 8 * message.length:
+        if max(bits_of(signal)) >= 8 * message.length:
             yield f": signal {signal.name} ends beyond its {message.length} bytes"
     for name, one in settings.signals.items():
         if (one.carries in COMMANDS) != (settings.sender == CONTROLLER):
@@ -66,7 +66,7 @@ def _mistakes_in_signals(
 ) -> Iterator[str]:
     for (key, one), (other_key, other) in combinations(named, 2):
         is_both = not (one.multiplexer_ids or other.multiplexer_ids)
-        if one is other or (is_both and _bits(one) & _bits(other)):
+        if one is other or (is_both and bits_of(one) & bits_of(other)):
             yield f".{other_key}: {other.name} has bits of {key}"
     for key, signal in named:
         if not signal.scale:
@@ -91,11 +91,3 @@ def _mistakes_in_signals(
 
 
 _LENGTHS = ", ".join(map(str, DATA_LENGTH_CODE))
-
-
-def _bits(signal: Signal) -> set[int]:
-    """Return the places of a signal's bits, the first byte's from 0 to 7."""
-    if signal.byte_order == "little_endian":
-        return {*range(signal.start, signal.start + signal.length)}
-    first = signal.start ^ 7  # counted from each byte's highest bit
-    return {place ^ 7 for place in range(first, first + signal.length)}

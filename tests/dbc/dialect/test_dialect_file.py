@@ -195,6 +195,16 @@ def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> N
     assert [one.counter for one in said if isinstance(one, Reading)] == [*range(16), *range(4)]
 
 
+def test_no_signal_can_be_falsified_where_signals_share_bits(tmp_path: Path) -> None:
+    file = changed(tmp_path, "dbc", "dbc")
+    text = DBC.read_text(encoding="utf-8").replace("GEAR : 32|3@1+", "GEAR : 34|3@0+")
+    for other in ("", 'SG_ GEARS : 33|2@0+ (1,0) [0|3] "" CONTROLLER\n '):
+        (tmp_path / DBC.name).write_text(text.replace("SG_ GEAR :", f"{other}SG_ GEAR :"))
+        message = next(one for one in read_dialect(file).messages if one.name == "MOTION")
+        assert message.changeable == ([] if other else ["VEHICLE_SPEED", "YAW_RATE", "GEAR"])
+        assert not (other and message.has_room_outside)
+
+
 def test_a_long_message_is_a_frame_of_can_fd(tmp_path: Path) -> None:
     file = changed(tmp_path, "dbc", "dbc")
     text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", "STEER_ANGLE: 12 ")
