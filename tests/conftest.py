@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.combinations import ALL
+from tests.support.suite.combinations import ALL
 from tests.support.suite.forked_programs import forked_programs
 from tests.support.suite.frozen_heap import FrozenHeap
 from tests.support.suite.last_line import last_line

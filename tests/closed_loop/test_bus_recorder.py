@@ -9,7 +9,7 @@ import pytest
 from steer_by_wire.closed_loop import bus_recorder
 from steer_by_wire.closed_loop.bus_recorder import BusRecorder
 from steer_by_wire.closed_loop.live_bus import Bus
-from tests.support.running_program import wait_until
+from tests.support.programs.running_program import wait_until
 
 has_full_disk = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 BUS = Bus("virtual", "full_disk", {})

@@ -14,7 +14,7 @@ import pytest
 from steer_by_wire.closed_loop import process_group
 from steer_by_wire.closed_loop.process_group import Lifeline
 from steer_by_wire.runtime.exit_status import ExitStatus
-from tests.support.running_program import PATIENCE_S, wait_until
+from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 ROOT = str(Path(__file__).resolve().parents[2])
 NEEDS_SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")

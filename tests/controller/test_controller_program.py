@@ -17,7 +17,7 @@ from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
-from tests.support.no_jitter import no_jitter as no_jitter
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 Capture = pytest.CaptureFixture[str]
 MINIMAL = """

@@ -35,7 +35,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 MS = 1_000_000
 RULE = SequenceRule(lead_ns=30 * MS, resync_run=3, resync_ns=100 * MS)

@@ -22,7 +22,7 @@ from steer_by_wire.runtime.node import NS_PER_US
 from steer_by_wire.runtime.port.python_can import BusPort
 from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
 from tests.fuzz.traffic import Choices, Sender, promise
-from tests.support.broker_bench import BITRATE_BIT_S
+from tests.support.programs.broker_bench import BITRATE_BIT_S
 
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150

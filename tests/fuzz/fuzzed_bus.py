@@ -8,7 +8,7 @@ from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.fuzz.traffic import promise
-from tests.support.broker_bench import Bench, send
+from tests.support.programs.broker_bench import Bench, send
 
 CHANNEL = "can0"
 DATA_BITRATE_BIT_S = 2_000_000

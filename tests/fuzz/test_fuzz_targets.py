@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.targets import TARGETS
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 EXAMPLES = {
     "authentication": 15,

@@ -29,7 +29,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, Pla
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
 NOTICE = f"steer-by-wire plant: {NOBODY}\n"

@@ -12,9 +12,9 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from tests.support.running_program import running
+from tests.support.programs.running_program import running
 
-PARTS = "tests.support.plugin_parts"
+PARTS = "tests.support.nodes.plugin_parts"
 DOWN = "plant.latency.downlink"
 STUDY = f"""
 name = "own"
@@ -135,7 +135,7 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
             "No module named 'nowhere'; name its folder in PYTHONPATH",
         ),
         ({f"{DOWN}.model": ":X"}, "cannot be imported: ValueError: Empty module name"),
-        (own(DOWN, "NONE"), "the module tests.support.plugin_parts has no NONE"),
+        (own(DOWN, "NONE"), "the module tests.support.nodes.plugin_parts has no NONE"),
         (
             own(DOWN, "PLAIN"),
             "is no latency model but of type dict: it has to be a steer_by_wire.L",

@@ -27,8 +27,8 @@ from steer_by_wire.dbc.messages import LateralError, Message, SteeringCommand, l
 from steer_by_wire.dbc.reception import PAUSE_NS
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.forged_counters import PERIOD_NS, Shot
-from tests.support.intruder import Attack, drive
+from tests.support.attacks.forged_counters import PERIOD_NS, Shot
+from tests.support.attacks.intruder import Attack, drive
 from tests.system.test_second_senders import ATTACK_NS, STRATEGIES
 
 KINDS: tuple[type[Message], ...] = (LateralError, SteeringCommand)

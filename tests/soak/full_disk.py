@@ -35,7 +35,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recorder_process import record
 from steer_by_wire.runtime.recording.recording import RECORD
-from tests.support.failing_disk import FailingDisk, failing_disk
+from tests.support.programs.failing_disk import FailingDisk, failing_disk
 
 STUDY = """
 name = "small"

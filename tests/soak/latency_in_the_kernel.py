@@ -23,7 +23,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.with_vcan.request import program_path
-from tests.support.running_program import ORDINARY, UNSUPERVISED, wait_until
+from tests.support.programs.running_program import ORDINARY, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan
 

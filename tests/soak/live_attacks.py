@@ -46,8 +46,8 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.real_time_loop import RealTimeExecutor
 from steer_by_wire.runtime.port.python_can import BusPort, shutting_down
-from tests.support.intruder import Attack, Intruder
-from tests.support.running_program import UNSUPERVISED
+from tests.support.attacks.intruder import Attack, Intruder
+from tests.support.programs.running_program import UNSUPERVISED
 from tests.system.test_second_senders import ATTACK_NS, CONTROLLER, ONSET_NS, STRATEGIES
 
 DURATION_S = 6.0

@@ -17,7 +17,7 @@ from steer_by_wire.tools.faults.live.recorded_pair import BROKER, CHANNEL
 from tests.soak.babbling_node import GAPS, LOWEST_PRIORITY_IDS
 from tests.soak.live_soak import BABBLER, LiveSoak, run_live_soak
 from tests.soak.soak_logs import gaps, is_run
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 SOAK_S = float(os.environ.get("SOAK_S", "1"))
 PERIOD_S = 0.01

@@ -18,7 +18,7 @@ from tests.soak.babbling_node import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY
 from tests.soak.delay_bounds import delay_bounds_ns, longest_frame_ns
 from tests.soak.soak_logs import gaps
 from tests.soak.virtual_soak import VirtualSoak, run_virtual_soak
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 BITRATE_BIT_S = 500_000
 BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)

@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.rig import Rig
-from tests.support.wrong_controllers import RIGHT, WRONG
+from tests.support.attacks.wrong_controllers import RIGHT, WRONG
 
 PLANT = {"duration_s": 16.0}
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_controller_is_red(name: str, tmp_path: Path) -> None:
-    program = [sys.executable, "-m", "tests.support.wrong_controllers", name]
+    program = [sys.executable, "-m", "tests.support.attacks.wrong_controllers", name]
     outcome = Rig(tmp_path, overrides=PLANT).run(
         [*program, "--preset", "practical_pd_ddob", "{bus}"]
     )

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.compilation import compiled
-from tests.support.combinations import sampled
-from tests.support.processor_results import results
+from tests.support.runs.processor_results import results
+from tests.support.suite.combinations import sampled
 
 ROOT = Path(__file__).resolve().parents[2]
 DISPATCHED = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
@@ -41,7 +41,7 @@ def results_as(processor: Mapping[str, str]) -> dict[str, str]:
     if not processor:
         return results()
     done = subprocess.run(
-        [sys.executable, "-m", "tests.support.processor_results"],
+        [sys.executable, "-m", "tests.support.runs.processor_results"],
         cwd=ROOT,
         env={**os.environ, **processor},
         capture_output=True,

@@ -38,9 +38,9 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
-from tests.support.authenticated_ends import KEY, controller, meet, plant
-from tests.support.decoded_frames import messages_in
-from tests.support.timed_sender import TimedSender
+from tests.support.frames.authenticated_ends import KEY, controller, meet, plant
+from tests.support.frames.decoded_frames import messages_in
+from tests.support.frames.timed_sender import TimedSender
 
 OTHER_KEY = bytes(range(1, 17))
 MS_NS = 1_000_000

@@ -23,7 +23,7 @@ from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
-from tests.support.running_program import PATIENCE_S, RunningProgram, running
+from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="key files are refused there; ends programs with SIGINT"

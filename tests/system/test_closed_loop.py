@@ -45,8 +45,8 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
-from tests.support.combinations import combined
-from tests.support.timed_sender import TimedSender
+from tests.support.frames.timed_sender import TimedSender
+from tests.support.suite.combinations import combined
 
 MS_NS = 1_000_000
 S_NS = 1_000_000_000

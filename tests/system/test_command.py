@@ -19,9 +19,9 @@ from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
 from steer_by_wire.runtime.former_names import FORMER_COMMANDS
-from tests.support.no_jitter import no_jitter as no_jitter
-from tests.support.running_program import PATIENCE_S
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.programs.running_program import PATIENCE_S
+from tests.support.suite.no_jitter import no_jitter as no_jitter
+from tests.support.suite.unrendered import unrendered as unrendered
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREEN_LINES = 40

@@ -7,7 +7,7 @@ import pytest
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.plant_emulator.__main__ import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
-from tests.support.running_program import running
+from tests.support.programs.running_program import running
 
 CAR = Path(__file__).parents[1] / "dbc" / "dialect" / "my_car.toml"
 DIALECT = ("--dialect", str(CAR))

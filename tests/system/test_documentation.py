@@ -12,7 +12,7 @@ from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Preset, Settings, load_settings, preset_names
-from tests.support.shown_blocks import MADE, PAGES, ROOT, SHOWN_ONLY, blocks_of
+from tests.support.suite.shown_blocks import MADE, PAGES, ROOT, SHOWN_ONLY, blocks_of
 
 DOCS = ROOT / "docs"
 SETTINGS_OF: dict[str, type[Settings]] = {

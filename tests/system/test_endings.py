@@ -16,9 +16,9 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main as analyze_main
 from steer_by_wire.tools.run.__main__ import main as run_main
-from tests.support.no_jitter import no_jitter as no_jitter
-from tests.support.running_program import ORDINARY, UNSUPERVISED
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.programs.running_program import ORDINARY, UNSUPERVISED
+from tests.support.suite.no_jitter import no_jitter as no_jitter
+from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 Capture = pytest.CaptureFixture[str]
@@ -106,7 +106,7 @@ def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsy
 
 
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
-    law = "law=tests.support.plugin_laws:NO_OUTPUT"
+    law = "law=tests.support.nodes.plugin_laws:NO_OUTPUT"
     run = ["--preset", "practical_pd", "--set", f"controller.{law}", "--duration", "3"]
     assert run_main(run) == ExitStatus.SAFE_STATE
     heading, verdict = last_line(capsys).split(maxsplit=1)

@@ -22,7 +22,7 @@ from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from tests.support.running_program import PATIENCE_S, wait_until
+from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.vcan
 

@@ -28,7 +28,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from tests.support.running_program import PATIENCE_S, RunningProgram, running
+from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running
 
 pytest_plugins = ["pytester"]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import can
 
-from tests.support.shown_blocks import blocks_of, commands_of
+from tests.support.suite.shown_blocks import blocks_of, commands_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "interfaces.md"
 BOTH = ("plant", "controller")

@@ -12,10 +12,10 @@ from steer_by_wire.dbc.messages import ControllerFault, ControllerSafety, Latera
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.overruns import MissedPeriods, OverrunSettings, OverrunSupervision
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
-from tests.support.controller_link import START_NS as CONTROLLER_START_NS
-from tests.support.controller_link import Link as ControllerLink
-from tests.support.controller_link import controller_settings
-from tests.support.plant_link import PERIOD_NS, START_NS, link
+from tests.support.nodes.controller_link import START_NS as CONTROLLER_START_NS
+from tests.support.nodes.controller_link import Link as ControllerLink
+from tests.support.nodes.controller_link import controller_settings
+from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
 MS = 1_000_000
 PRESET = "practical_pd_ddob"

@@ -35,8 +35,8 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
-from tests.support.decoded_frames import messages_in
-from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
+from tests.support.frames.decoded_frames import messages_in
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan
 

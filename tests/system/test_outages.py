@@ -15,9 +15,9 @@ from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.faults.stage import with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
-from tests.support.fed_history import MS, PERIOD_NS, FedHistory, driven
-from tests.support.plant_link import START_NS, link
+from tests.support.nodes.fed_history import MS, PERIOD_NS, FedHistory, driven
+from tests.support.nodes.plant_link import START_NS, link
+from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 ONSET_S = 6.0
 OUTAGES = ("latency.downlink.loss=0.25", "latency.downlink.burst_frames=90")

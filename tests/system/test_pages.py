@@ -15,9 +15,9 @@ from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.command import main
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.tools.dialect import __main__ as dialect_program
-from tests.support.running_program import ORDINARY
-from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.programs.running_program import ORDINARY
+from tests.support.suite.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
+from tests.support.suite.unrendered import unrendered as unrendered
 
 GIVEN = {
     "car.dbc": 'BU_: A B\nBO_ 1281 SPEED: 8 A\n SG_ V : 0|16@1+ (1,0) [0|0] "" B\n'

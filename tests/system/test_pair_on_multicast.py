@@ -8,8 +8,8 @@ import pytest
 
 from steer_by_wire.closed_loop.live_bus import Bus
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.driven_pair import BEAR_ALL, drive_pair
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.driven_pair import BEAR_ALL, drive_pair
+from tests.support.programs.running_program import PATIENCE_S
 
 
 def multicast() -> Bus:

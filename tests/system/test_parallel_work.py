@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.parallel_work import WorkerEndedError, worker_pool
-from tests.support.running_program import PATIENCE_S, wait_until
+from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 PARENT = """
 import os, sys, time

@@ -29,11 +29,11 @@ from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run import __main__ as closed_loop
-from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
-from tests.support.small_study import make_scenarios, never
+from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
+from tests.support.runs.small_study import make_scenarios, never
 
 OWN = "own_law:LAW"
-LAWS = "tests.support.plugin_laws"
+LAWS = "tests.support.nodes.plugin_laws"
 
 
 @pytest.fixture(autouse=True)
@@ -159,7 +159,7 @@ def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
         (
             f"{LAWS}:NEEDS_TABLE",
             [],
-            "law = 'tests.support.plugin_laws:NEEDS_TABLE' needs the table [own_law]",
+            "law = 'tests.support.nodes.plugin_laws:NEEDS_TABLE' needs the table [own_law]",
         ),
         (OWN, ["own_law.tracking_time_s=0"], "own_law.tracking_time_s = 0 should be greater than"),
         (OWN, ["own_law.tracking_tim_s=1"], "(did you mean own_law.tracking_time_s?)"),
@@ -260,7 +260,7 @@ def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_l
 def test_what_numba_cannot_compile_is_refused_in_one_line(law: str, cause: str) -> None:
     with pytest.raises(LawNotCompiledError) as refused:
         run_batch(plant_settings(()), controller(f"{LAWS}:{law}"))
-    start = f"law = 'tests.support.plugin_laws:{law}': numba cannot compile it: "
+    start = f"law = 'tests.support.nodes.plugin_laws:{law}': numba cannot compile it: "
     nodes = "; the nodes run it as it is: steer-by-wire run"
     assert re.fullmatch(re.escape(start) + cause + re.escape(nodes), str(refused.value))
     # The traceback of a script shows nothing of numba's.

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.command import PROGRAMS
-from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 ROOT = Path(__file__).resolve().parents[2]
 README, START, HOW_TO = (

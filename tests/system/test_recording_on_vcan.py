@@ -12,7 +12,7 @@ import pytest
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.exit_status import ExitStatus
-from tests.support.running_program import running, wait_until
+from tests.support.programs.running_program import running, wait_until
 
 pytestmark = pytest.mark.vcan
 

@@ -8,9 +8,9 @@ from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceResult
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.steering.settings import SafetySettings
 from steer_by_wire.plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
-from tests.support.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
-from tests.support.counter_rules import checking
-from tests.support.plant_link import START_NS, link
+from tests.support.frames.counter_rules import checking
+from tests.support.nodes.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
+from tests.support.nodes.plant_link import START_NS, link
 
 ACCEPTED = SequenceResult.ACCEPTED
 SILENCE_NS = 145 * MS_NS

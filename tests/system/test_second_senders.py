@@ -26,9 +26,9 @@ from steer_by_wire.dbc.reception import PAUSE_NS, Reception
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.combinations import combined, sampled
-from tests.support.forged_counters import Shot
-from tests.support.intruder import Attack, Run, drive
+from tests.support.attacks.forged_counters import Shot
+from tests.support.attacks.intruder import Attack, Run, drive
+from tests.support.suite.combinations import combined, sampled
 
 Shots = Sequence[Sequence[Shot]]
 PERIOD_NS = 10 * NS_PER_MS

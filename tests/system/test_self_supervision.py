@@ -38,7 +38,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.run import __main__ as closed_loop
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 OVERSTEER = {
     "speed_m_s": 250 / 3.6,

@@ -9,9 +9,9 @@ import pytest
 
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand
 from steer_by_wire.runtime.exit_status import ExitStatus
-from tests.support.decoded_frames import messages_in
-from tests.support.running_program import RunningProgram, running, wait_until
-from tests.support.slcan_adapter import Adapter, AdapterBus
+from tests.support.frames.decoded_frames import messages_in
+from tests.support.programs.running_program import RunningProgram, running, wait_until
+from tests.support.programs.slcan_adapter import Adapter, AdapterBus
 
 pytest.importorskip("serial", reason="python-can's slcan needs pyserial")
 if sys.platform == "win32":

@@ -27,8 +27,8 @@ from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
-from tests.support.slcan_adapter import AdapterBus
+from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running, wait_until
+from tests.support.programs.slcan_adapter import AdapterBus
 
 pytestmark = pytest.mark.vcan
 

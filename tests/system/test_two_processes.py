@@ -32,7 +32,7 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader
-from tests.support.driven_pair import BEAR_ALL, CONTROLLER, drive_pair
+from tests.support.programs.driven_pair import BEAR_ALL, CONTROLLER, drive_pair
 
 DURATION_S = 4.0
 CONTROL_PERIOD_S = 0.01

@@ -15,7 +15,7 @@ import pytest
 from steer_by_wire.with_vcan import uml, xstate
 from steer_by_wire.with_vcan.__main__ import choose
 from steer_by_wire.with_vcan.request import SYSTEM_FOLDERS, BackendError, Request
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCES = Path(__file__).parent

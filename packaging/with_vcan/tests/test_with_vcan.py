@@ -19,7 +19,7 @@ import pytest
 from steer_by_wire.with_vcan.__main__ import choose
 from steer_by_wire.with_vcan.guard import descendants
 from steer_by_wire.with_vcan.request import BackendError, Request
-from tests.support.running_program import PATIENCE_S, wait_until
+from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")

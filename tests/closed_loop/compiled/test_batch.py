@@ -24,8 +24,8 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import preset_names
-from tests.support.combinations import combined, sampled
-from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes, plant_settings
+from tests.support.runs.compiled_runs import NETWORKS, assert_same_as_nodes, plant_settings
+from tests.support.suite.combinations import combined, sampled
 
 LOOKING_BACK = (
     ("practical_predictor",),

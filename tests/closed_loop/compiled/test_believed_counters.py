@@ -6,7 +6,7 @@ from steer_by_wire.closed_loop.compiled.law_input import Uplink
 from steer_by_wire.closed_loop.compiled.schedule import arrivals_of
 from steer_by_wire.closed_loop.compiled.step_functions import register_steps
 from steer_by_wire.controller.settings import controller_preset
-from tests.support.compiled_runs import plant_settings
+from tests.support.runs.compiled_runs import plant_settings
 
 SAMPLES = 6000
 UNBOUND_NS = 10**10

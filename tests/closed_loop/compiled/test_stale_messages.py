@@ -21,8 +21,8 @@ from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, VehicleState
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
-from tests.support.compiled_runs import assert_same_as_nodes
-from tests.support.compiled_runs import plant_settings as plant
+from tests.support.runs.compiled_runs import assert_same_as_nodes
+from tests.support.runs.compiled_runs import plant_settings as plant
 
 CIRCLE = ('path={kind="circle", radius_m=30.0}',)
 SET_POINT = ("delayed_set_point={delay_s=0.05, proportional_gain=0.3, integral_gain_1_s=0.5}",)

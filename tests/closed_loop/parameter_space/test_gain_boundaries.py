@@ -18,7 +18,6 @@ from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.combinations import sampled
 from tests.support.loops.gain_loops import (
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
@@ -29,6 +28,7 @@ from tests.support.loops.gain_loops import (
     WINDOW,
     Loop,
 )
+from tests.support.suite.combinations import sampled
 
 # Closed form: 1/s² with a PD has the roots of s² + K_d s + K_p
 

@@ -16,7 +16,7 @@ from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summar
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
-from tests.support.logged_run import (
+from tests.support.runs.logged_run import (
     DOWNLINK_S,
     DURATION_S,
     ON_THE_WIRE_S,
@@ -30,9 +30,9 @@ from tests.support.logged_run import (
     write_log,
     written,
 )
-from tests.support.logged_run import constant as constant
-from tests.support.logged_run import varying as varying
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.runs.logged_run import constant as constant
+from tests.support.runs.logged_run import varying as varying
+from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 Capture = pytest.CaptureFixture[str]

@@ -19,8 +19,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
 from steer_by_wire.tools.analyze.report import verdict_of
-from tests.support.any_text import ANY_CHARACTER
-from tests.support.logged_run import (
+from tests.support.runs.logged_run import (
     ON_THE_WIRE_S,
     Run,
     analyse,
@@ -31,10 +30,11 @@ from tests.support.logged_run import (
     write_log,
     written,
 )
-from tests.support.logged_run import beginning as beginning
-from tests.support.logged_run import constant as constant
-from tests.support.logged_run import varying as varying
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.runs.logged_run import beginning as beginning
+from tests.support.runs.logged_run import constant as constant
+from tests.support.runs.logged_run import varying as varying
+from tests.support.suite.any_text import ANY_CHARACTER
+from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

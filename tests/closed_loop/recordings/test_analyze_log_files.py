@@ -13,10 +13,10 @@ from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
-from tests.support.logged_run import Run, entries_of, write_log, written
-from tests.support.logged_run import constant as constant
-from tests.support.logged_run import varying as varying
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.runs.logged_run import Run, entries_of, write_log, written
+from tests.support.runs.logged_run import constant as constant
+from tests.support.runs.logged_run import varying as varying
+from tests.support.suite.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_MCAP = pytest.mark.skipif(

@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
-from tests.support.logged_run import (
+from tests.support.runs.logged_run import (
     START_NS,
     analyse,
     convert,
@@ -17,9 +17,9 @@ from tests.support.logged_run import (
     same_but_for_times,
     written,
 )
-from tests.support.logged_run import beginning as beginning
-from tests.support.logged_run import varying as varying
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.runs.logged_run import beginning as beginning
+from tests.support.runs.logged_run import varying as varying
+from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

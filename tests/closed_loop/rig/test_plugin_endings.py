@@ -10,7 +10,7 @@ from uuid import uuid4
 
 import pytest
 
-from tests.support.running_program import wait_until
+from tests.support.programs.running_program import wait_until
 
 pytest_plugins = ["pytester"]
 

@@ -80,7 +80,7 @@ def test_a_loop_that_does_not_hold_fails_without_any_limit(tmp_path: Path) -> No
 
 def test_a_law_that_fails_is_named(tmp_path: Path) -> None:
     outcome = Rig(tmp_path, overrides=SHORT).run(
-        "practical_pd", {"law": "tests.support.plugin_laws:NO_OUTPUT"}
+        "practical_pd", {"law": "tests.support.nodes.plugin_laws:NO_OUTPUT"}
     )
     ending, *_ = failure_of(outcome)
     assert ending.startswith("controller is in its safe state: ")

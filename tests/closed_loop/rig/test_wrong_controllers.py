@@ -14,9 +14,9 @@ from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError
 from steer_by_wire.runtime.frame import Frame
-from tests.support.combinations import sampled
-from tests.support.unrendered import unrendered as unrendered
-from tests.support.wrong_controllers import RIGHT, WRONG, Change, Changed, late, steers
+from tests.support.attacks.wrong_controllers import RIGHT, WRONG, Change, Changed, late, steers
+from tests.support.suite.combinations import sampled
+from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 PLANT = {"duration_s": 10.0}

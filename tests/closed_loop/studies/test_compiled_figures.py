@@ -19,7 +19,15 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, Verdict, VerdictRules
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.study_signals import NO_COMMANDS, RULES, TIME_S, figures, noise, sine, verdict
+from tests.support.runs.study_signals import (
+    NO_COMMANDS,
+    RULES,
+    TIME_S,
+    figures,
+    noise,
+    sine,
+    verdict,
+)
 
 
 @pytest.mark.parametrize("omega_rad_s", [0.9, 2.0, 5.0])

@@ -24,9 +24,9 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import read_overrides, read_rows, read_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.failing_disk import failing_disk
-from tests.support.running_program import wait_until
-from tests.support.small_study import make_scenarios, open_store
+from tests.support.programs.failing_disk import failing_disk
+from tests.support.programs.running_program import wait_until
+from tests.support.runs.small_study import make_scenarios, open_store
 
 RUNS = 48
 

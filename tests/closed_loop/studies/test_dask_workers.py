@@ -11,8 +11,8 @@ import pytest
 
 from steer_by_wire.closed_loop.studies.dask_workers import DaskWorkers, dask_workers
 from steer_by_wire.closed_loop.studies.run_study import run_missing
-from tests.support.combinations import sampled
-from tests.support.small_study import complete, make_scenarios, never, open_store
+from tests.support.runs.small_study import complete, make_scenarios, never, open_store
+from tests.support.suite.combinations import sampled
 
 pytestmark = pytest.mark.skipif(
     find_spec("distributed") is None, reason="dask.distributed is not installed (the extra cluster)"

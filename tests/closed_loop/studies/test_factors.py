@@ -18,7 +18,7 @@ from steer_by_wire.tools.study.level_by_level import (
     level_sections,
 )
 from steer_by_wire.tools.study.report import study_section
-from tests.support.small_study import make_scenarios, never
+from tests.support.runs.small_study import make_scenarios, never
 
 STUDY = """
 name = "levels"

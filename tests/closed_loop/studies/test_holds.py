@@ -13,8 +13,8 @@ from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, Verdict, VerdictRules
 from steer_by_wire.tools.study import __main__ as study_program
-from tests.support.small_study import make_scenarios
-from tests.support.study_signals import TIME_S, figures, sine, verdict
+from tests.support.runs.small_study import make_scenarios
+from tests.support.runs.study_signals import TIME_S, figures, sine, verdict
 
 SHIPPED = Path(studies.__file__).parent
 RULES = VerdictRules()

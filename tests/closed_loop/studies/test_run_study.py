@@ -30,7 +30,14 @@ from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program
 from steer_by_wire.tools.study import program as computation
 from steer_by_wire.tools.study import repeated_runs
-from tests.support.small_study import CHUNK_RUNS, STUDY, complete, make_scenarios, never, open_store
+from tests.support.runs.small_study import (
+    CHUNK_RUNS,
+    STUDY,
+    complete,
+    make_scenarios,
+    never,
+    open_store,
+)
 
 RUNS = 3 * 2 * 2 * 2 * 2
 

@@ -20,8 +20,8 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.repeated_runs import replay
 from steer_by_wire.tools.study.worst_runs import worst_runs
-from tests.support.compiled_runs import assert_same_as_nodes
-from tests.support.small_study import make_scenarios, never
+from tests.support.runs.compiled_runs import assert_same_as_nodes
+from tests.support.runs.small_study import make_scenarios, never
 
 LOST = """
 [base]

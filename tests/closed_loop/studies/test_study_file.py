@@ -33,7 +33,7 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict, Verdict
 from steer_by_wire.plant_emulator.sensors.settings import PathAheadSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
-from tests.support.shown_blocks import blocks_of
+from tests.support.suite.shown_blocks import blocks_of
 
 SHIPPED = Path(__file__).resolve().parents[3] / "closed_loop" / "studies"
 BASE = """

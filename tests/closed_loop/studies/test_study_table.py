@@ -8,7 +8,7 @@ import pytest
 from pyarrow import parquet
 
 from steer_by_wire import SettingsError, run_study, simulate, sweep
-from tests.support.small_study import STUDY, complete
+from tests.support.runs.small_study import STUDY, complete
 
 
 def test_the_columns_are_those_that_are_stored(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.combinations import combined, sampled
 from tests.support.loops.wide_stretches import (
     PD,
     PD_CDOB,
@@ -29,6 +28,7 @@ from tests.support.loops.wide_stretches import (
     loop_of,
     proportional_loop,
 )
+from tests.support.suite.combinations import combined, sampled
 
 MS_NS = 1_000_000
 PERIOD_S = 0.01

@@ -26,7 +26,7 @@ from steer_by_wire.controller.settings import PRESETS, ControllerSettings, contr
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.settings import preset_names
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 MS = 1_000_000
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())

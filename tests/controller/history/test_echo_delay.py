@@ -16,7 +16,7 @@ from steer_by_wire.controller.history.echo_delay import (
 )
 from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
 from steer_by_wire.controller.law_interface import LoopDelay
-from tests.support.fed_history import (
+from tests.support.nodes.fed_history import (
     LIMITS,
     MS,
     NO_COMMAND,

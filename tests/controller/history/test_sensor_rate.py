@@ -11,7 +11,7 @@ from steer_by_wire.controller.history.sensor_rate import NO_RATE, RateState, rat
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
+from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 MS = 1_000_000
 

@@ -16,10 +16,10 @@ from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
-from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes
-from tests.support.compiled_runs import plant_settings as rig
 from tests.support.loops.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
-from tests.support.no_jitter import no_jitter as no_jitter
+from tests.support.runs.compiled_runs import NETWORKS, assert_same_as_nodes
+from tests.support.runs.compiled_runs import plant_settings as rig
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',)

@@ -15,8 +15,8 @@ from steer_by_wire.controller.law_interface import (
 from steer_by_wire.controller.laws.delayed_set_point import REQUESTS, request_before
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.settings import controller_preset as preset
-from tests.support.compiled_runs import plant_settings as rig
 from tests.support.loops.baseline_runs import FEED_FORWARD, SET_POINT, on_a_circle, run_nodes
+from tests.support.runs.compiled_runs import plant_settings as rig
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',)

@@ -14,8 +14,8 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.compiled_runs import assert_same_as_nodes
 from tests.support.loops.deaf_controller import is_echo, run_deaf
+from tests.support.runs.compiled_runs import assert_same_as_nodes
 
 KALMAN = "pd.derivative=kalman"
 

@@ -15,8 +15,8 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, required
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import read_preset
-from tests.support.combinations import sampled
 from tests.support.loops.own_vehicle import transition
+from tests.support.suite.combinations import sampled
 
 PERIOD_S = 0.01
 STEER_RAD_MAX = 0.6

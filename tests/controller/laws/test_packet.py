@@ -23,7 +23,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.decoded_frames import messages_in
+from tests.support.frames.decoded_frames import messages_in
 
 RAMP = [0.0, 4.0, *(0.01 * index for index in range(VALUES))]
 

@@ -11,7 +11,7 @@ from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_la
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import controller_preset
-from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
+from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 PERIOD_S = 0.01
 K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0

@@ -37,9 +37,9 @@ from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     transition_table,
 )
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
-from tests.support.combinations import sampled
 from tests.support.loops.own_vehicle import VEHICLE
 from tests.support.loops.predictor_law import SENT, controller, history
+from tests.support.suite.combinations import sampled
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

@@ -16,9 +16,9 @@ from steer_by_wire.controller.prediction.vehicle_kalman_filter import estimator_
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.compiled_runs import plant_settings as rig
 from tests.support.loops.baseline_runs import vehicle_of
-from tests.support.no_jitter import no_jitter as no_jitter
+from tests.support.runs.compiled_runs import plant_settings as rig
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 CG = "followed_point=centre_of_gravity"
 ELLIPSE = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'

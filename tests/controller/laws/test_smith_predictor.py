@@ -13,8 +13,8 @@ from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
-from tests.support.compiled_runs import plant_settings as rig
 from tests.support.loops.own_vehicle import transition
+from tests.support.runs.compiled_runs import plant_settings as rig
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 

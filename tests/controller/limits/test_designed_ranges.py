@@ -36,8 +36,8 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from tests.support.controller_link import Link
-from tests.support.no_jitter import no_jitter as no_jitter
+from tests.support.nodes.controller_link import Link
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 WALKING = ValiditySettings(
     speed_m_s=(1.0, 2.0), virtual_mass_kg=(1600.0, 5000.0), delay_ms_max=250.0

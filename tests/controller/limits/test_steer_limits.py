@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from steer_by_wire.controller.limits import fades_and_ramps, steer_limits
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 EQUIVALENT = {
     # At a tie both sides are the same number.

@@ -31,9 +31,15 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
 )
 from steer_by_wire.runtime.frame import Frame
-from tests.support.combinations import combined
-from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
 from tests.support.loops.own_vehicle import VEHICLE
+from tests.support.nodes.controller_link import (
+    MS_NS,
+    PERIOD_NS,
+    START_NS,
+    Link,
+    controller_settings,
+)
+from tests.support.suite.combinations import combined
 
 
 def link(**tables: Any) -> Link:

@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
-from tests.support.controller_link import Link, controller_settings
+from tests.support.nodes.controller_link import Link, controller_settings
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS

@@ -4,7 +4,7 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.view import plant_text
 from steer_by_wire.dbc.messages import Freshness, LateralError, Mode, SteeringCommand, encode
 from steer_by_wire.runtime.frame import Frame
-from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
+from tests.support.nodes.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
 
 def link() -> Link:

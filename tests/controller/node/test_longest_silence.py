@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.plant_link import PERIOD_NS, START_NS, Link, link
+from tests.support.nodes.plant_link import PERIOD_NS, START_NS, Link, link
 
 
 def commanded(commands: int, **tables: object) -> Link:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire import simulate
-from tests.support.combinations import combined
+from tests.support.suite.combinations import combined
 
 STIFF = ("front_cornering_stiffness_n_rad", 190e3), ("rear_cornering_stiffness_n_rad", 500e3)
 SOFT = {f"plant.vehicle.{key}": 0.3 * value for key, value in STIFF}

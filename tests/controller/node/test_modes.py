@@ -6,7 +6,7 @@ from types import ModuleType
 from steer_by_wire.controller.node import modes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 TIMEOUT_NS, HOLD_NS, RECOVERY = 30, 50, 3
 STEPS_NS = (0, 1, 1, 1, 5, 5, 10, 30, 31, 50)

@@ -24,7 +24,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 MS = 1_000_000
 LIMITS_NS: dict[type[Message], int] = {

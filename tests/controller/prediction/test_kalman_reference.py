@@ -43,7 +43,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
-from tests.support.combinations import combined
+from tests.support.suite.combinations import combined
 
 SENSOR_PERIOD_S = 0.01
 FILTERED = ("beta", "r", "psi", "y", "rho", "d")

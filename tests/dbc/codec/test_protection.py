@@ -4,7 +4,7 @@ from random import Random
 from types import ModuleType
 
 from steer_by_wire.dbc.codec import protection
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 
 def crc16_bit_by_bit(data: bytes) -> int:

@@ -17,9 +17,16 @@ from steer_by_wire.dbc.codec.sequence_and_second_sender import (
 from steer_by_wire.plant_emulator.network.settings import Order
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.counter_rules import checking
-from tests.support.forged_counters import ALONE, PERIOD_NS, Absence, Shot, followed_after, hear
-from tests.support.one_forged_frame import drawn, longest_without_a_true_one_ns
+from tests.support.attacks.forged_counters import (
+    ALONE,
+    PERIOD_NS,
+    Absence,
+    Shot,
+    followed_after,
+    hear,
+)
+from tests.support.attacks.one_forged_frame import drawn, longest_without_a_true_one_ns
+from tests.support.frames.counter_rules import checking
 
 ACCEPTED = SequenceResult.ACCEPTED
 COMMANDS = PlantSettings().counters

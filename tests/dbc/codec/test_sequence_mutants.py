@@ -22,7 +22,7 @@ import pytest
 
 from steer_by_wire.dbc.codec import sequence_and_second_sender as sequence
 from steer_by_wire.runtime.node import NS_PER_MS
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 LETTERS = {
     "accepted": "A",

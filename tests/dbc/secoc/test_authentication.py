@@ -11,7 +11,7 @@ from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.dbc.secoc.secured_dbc import secured_dbc
 from steer_by_wire.dbc.secoc.secured_frame import LAYOUTS, Refused
 from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
-from tests.support.authenticated_ends import (
+from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,
     CONTROLLER_STATUS,
@@ -24,7 +24,7 @@ from tests.support.authenticated_ends import (
     met,
     plant,
 )
-from tests.support.counter_rules import rule
+from tests.support.frames.counter_rules import rule
 
 OTHER_KEY = bytes(range(1, 17))
 

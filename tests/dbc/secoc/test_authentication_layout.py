@@ -36,7 +36,7 @@ from steer_by_wire.dbc.secoc.secured_frame import (
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
-from tests.support.authenticated_ends import (
+from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,
     CONTROLLER_STATUS,

@@ -13,7 +13,7 @@ from steer_by_wire.dbc.secoc.challenges import Challenges
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from tests.support.authenticated_ends import (
+from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_STATUS,
     FROM_PLANT,
@@ -21,7 +21,7 @@ from tests.support.authenticated_ends import (
     PLANT_STATUS,
     flipped,
 )
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 DRIVES, EVENTS = 25, 80
 STATUS_IDS = (CONTROLLER_STATUS.can_id, PLANT_STATUS.can_id)

@@ -4,7 +4,7 @@ from random import Random
 from types import ModuleType
 
 from steer_by_wire.dbc.secoc import challenges
-from tests.support.mutation import assert_noticed
+from tests.support.suite.mutation import assert_noticed
 
 EQUIVALENT = {
     # Below every counter, which is 0 or more.

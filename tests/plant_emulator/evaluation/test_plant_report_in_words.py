@@ -1,7 +1,7 @@
 """The summary of a run: what did not happen has no line, what is not known no figure."""
 
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
-from tests.support.plant_link import START_NS, link, steered
+from tests.support.nodes.plant_link import START_NS, link, steered
 
 
 def test_without_motion_there_is_no_error_to_report() -> None:

@@ -34,7 +34,7 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import (
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.corridor import Outside
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.combinations import combined, sampled
+from tests.support.suite.combinations import combined, sampled
 
 RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 TIME_S = np.arange(6001) * 0.01

@@ -25,7 +25,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, View
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from tests.support.decoded_frames import decoded, messages_in
+from tests.support.frames.decoded_frames import decoded, messages_in
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

@@ -16,7 +16,15 @@ from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.network.random_streams import Stream, uniforms
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.runtime.node import NEVER_NS
-from tests.support.pushed_frames import JITTER, MS_NS, PERIOD_NS, Leaving, injected_ns, line, run
+from tests.support.nodes.pushed_frames import (
+    JITTER,
+    MS_NS,
+    PERIOD_NS,
+    Leaving,
+    injected_ns,
+    line,
+    run,
+)
 
 
 class Counted:

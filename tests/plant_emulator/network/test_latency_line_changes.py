@@ -8,7 +8,7 @@ import pytest
 
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
 from steer_by_wire.runtime.node import NEVER_NS
-from tests.support.pushed_frames import JITTER, MS_NS, injected_ns, line, run
+from tests.support.nodes.pushed_frames import JITTER, MS_NS, injected_ns, line, run
 
 
 def test_a_schedule_follows_the_time_of_motion_and_not_of_the_clock() -> None:

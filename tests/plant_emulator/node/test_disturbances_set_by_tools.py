@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.dbc.messages import CAN_IDS, DisturbanceConfig
 from steer_by_wire.runtime.frame import Frame
-from tests.support.plant_link import MS_NS, START_NS, Link, plant_settings
+from tests.support.nodes.plant_link import MS_NS, START_NS, Link, plant_settings
 
 AT_S = 0.5
 END_NS = START_NS + 2000 * MS_NS

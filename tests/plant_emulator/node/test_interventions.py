@@ -12,7 +12,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
 
 GUST = DisturbanceConfig(32_767.0, 0.0, 0.02, 0.3)
 SLOW = LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01)

@@ -3,7 +3,7 @@
 import pytest
 
 from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel
-from tests.support.plant_link import MS_NS, START_NS, Link, link, steered
+from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link, steered
 
 
 def states(tested: Link, now_ns: int) -> dict[str, str]:

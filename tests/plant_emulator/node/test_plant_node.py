@@ -24,7 +24,7 @@ from steer_by_wire.plant_emulator.sensors.sampling import VEHICLE_STATE_PERIOD_N
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
-from tests.support.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
+from tests.support.nodes.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
 
 
 def on_the_wire(steer_rad: float) -> float:

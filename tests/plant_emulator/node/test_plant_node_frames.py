@@ -24,7 +24,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
 
 # Frames nobody should have sent
 

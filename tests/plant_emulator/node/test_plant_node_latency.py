@@ -14,7 +14,16 @@ from steer_by_wire.dbc.messages import (
     SteeringStatus,
     VehicleState,
 )
-from tests.support.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, Link, link, seen, steered
+from tests.support.nodes.plant_link import (
+    MS_NS,
+    NORMAL,
+    PERIOD_NS,
+    START_NS,
+    Link,
+    link,
+    seen,
+    steered,
+)
 
 # Latency on the other side, and changing it
 

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import CAN_IDS, PlantStatus, SafetyState, SteeringStatus
 from steer_by_wire.plant_emulator.node.plant_status import INTERVAL_NS, PERIOD_NS, PlantStatusTiming
-from tests.support.plant_link import MS_NS, START_NS, Link, link, steered
-from tests.support.plant_link import PERIOD_NS as SENSOR_NS
+from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link, steered
+from tests.support.nodes.plant_link import PERIOD_NS as SENSOR_NS
 
 NORMAL, LIMITING, HOLDING, FALLBACK, SAFE_STATE = SafetyState
 

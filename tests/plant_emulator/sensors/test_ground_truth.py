@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M, CgDeviation
 from steer_by_wire.dbc.messages import GroundTruth, LateralError, VehicleState
-from tests.support.plant_link import PERIOD_NS, START_NS, link
+from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
 NOISY = {"sensor_noise": {"lateral_error_m": 0.05}, "start_on_first_command": False}
 LATE = {"uplink": {"mean_s": 0.2, "loss": 0.5}}

@@ -6,9 +6,9 @@ from steer_by_wire.dbc.messages import PathAhead, VehicleState
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.sensors.path_ahead import VALUES, spacing_m
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.fed_history import PERIOD_NS as TICK_NS
-from tests.support.fed_history import FedHistory
-from tests.support.plant_link import PERIOD_NS, START_NS, link
+from tests.support.nodes.fed_history import PERIOD_NS as TICK_NS
+from tests.support.nodes.fed_history import FedHistory
+from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
 LANE_CHANGE = {"kind": "single_lane_change", "start_m": 5.0, "offset_m": 3.5, "length_m": 30.0}
 

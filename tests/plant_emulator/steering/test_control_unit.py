@@ -26,8 +26,8 @@ from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
-from tests.support.driven_guard import Guarded, answers_to
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.support.nodes.driven_guard import Guarded, answers_to
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 
 def test_which_commands_are_followed_is_known_from_their_times() -> None:

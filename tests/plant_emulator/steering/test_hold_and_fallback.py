@@ -5,7 +5,7 @@ import math
 import pytest
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback, safety_limiter
-from tests.support.driven_guard import MODES, MS_NS, Guarded, steady
+from tests.support.nodes.driven_guard import MODES, MS_NS, Guarded, steady
 
 tested = hold_and_fallback
 

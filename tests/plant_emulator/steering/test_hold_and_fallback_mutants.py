@@ -4,8 +4,8 @@ from types import ModuleType
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback
 from tests.plant_emulator.steering import test_hold_and_fallback, test_steering_hold
-from tests.support import driven_guard
-from tests.support.mutation import assert_noticed, run_tests
+from tests.support.nodes import driven_guard
+from tests.support.suite.mutation import assert_noticed, run_tests
 
 EQUIVALENT = {
     # SAFE_STATE is the greatest mode.

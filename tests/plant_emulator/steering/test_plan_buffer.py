@@ -12,7 +12,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.faults.settings import FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 VALUES = [0.01 * index for index in range(18)]
 

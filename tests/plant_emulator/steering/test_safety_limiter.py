@@ -13,7 +13,7 @@ import pytest
 from steer_by_wire.plant_emulator.steering import safety_limiter
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
-from tests.support.mutation import assert_noticed, run_tests
+from tests.support.suite.mutation import assert_noticed, run_tests
 
 tested = safety_limiter
 MS_NS = 1_000_000

@@ -6,7 +6,7 @@ from itertools import product
 import pytest
 
 from steer_by_wire.plant_emulator.steering import hold_and_fallback
-from tests.support.driven_guard import MS_NS, Guarded, steady
+from tests.support.nodes.driven_guard import MS_NS, Guarded, steady
 
 tested = hold_and_fallback
 STEP_RAD = 0.005

@@ -23,9 +23,9 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering.hold_and_fallback import GuardMode
 from steer_by_wire.plant_emulator.steering.settings import design_guard
 from steer_by_wire.runtime.settings import load_settings
-from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
-from tests.support.driven_guard import answers_to
-from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.support.nodes.driven_guard import answers_to
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 HOLDING, FOLLOWING = SteeringStatusCode.HOLDING, SteeringStatusCode.APPLYING
 FADING = SteeringStatusCode.LIMITED_BY_SAFETY

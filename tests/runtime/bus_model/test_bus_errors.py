@@ -13,7 +13,7 @@ from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Fr
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.frame.wire_bits import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 BITRATE_BIT_S = 500_000
 BIT_NS = 2_000

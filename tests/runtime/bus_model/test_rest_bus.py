@@ -14,7 +14,7 @@ from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Re
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 from tests.support.wire.errored_frames import Sequence
 
 BITRATE_BIT_S = 500_000

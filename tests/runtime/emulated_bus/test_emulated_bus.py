@@ -24,9 +24,9 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     pack_frame,
 )
 from steer_by_wire.runtime.frame import EXTENDED, REMOTE, Frame
-from tests.support.broker_program import client, message, receive
-from tests.support.broker_program import stack as stack
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.broker_program import client, message, receive
+from tests.support.programs.broker_program import stack as stack
+from tests.support.programs.running_program import PATIENCE_S
 
 STAMP_RESOLUTION_S = 1e-6
 """python-can's time stamps are floats: a quarter of a microsecond in this century."""

@@ -16,10 +16,10 @@ from steer_by_wire.runtime.emulated_bus.address import (
     listening,
     parse_address,
 )
-from tests.support.broker_program import client, message, receive, start_broker
-from tests.support.broker_program import directory as directory
-from tests.support.broker_program import stack as stack
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.broker_program import client, message, receive, start_broker
+from tests.support.programs.broker_program import directory as directory
+from tests.support.programs.broker_program import stack as stack
+from tests.support.programs.running_program import PATIENCE_S
 
 
 def test_only_its_user_can_open_the_socket(

@@ -38,8 +38,14 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
 )
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
-from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
-from tests.support.broker_bench import bench as bench
+from tests.support.programs.broker_bench import (
+    CLASSIC_FRAME_NS,
+    Bench,
+    assert_bus_is_well,
+    received,
+    send,
+)
+from tests.support.programs.broker_bench import bench as bench
 
 PATIENCE = 10_000
 """Steps of the broker after which what has not come is not expected any more."""

@@ -14,8 +14,14 @@ from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, H
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
-from tests.support.broker_bench import bench as bench
+from tests.support.programs.broker_bench import (
+    CLASSIC_FRAME_NS,
+    Bench,
+    assert_bus_is_well,
+    received,
+    send,
+)
+from tests.support.programs.broker_bench import bench as bench
 
 # Coming and going
 

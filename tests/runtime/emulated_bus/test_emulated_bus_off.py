@@ -27,8 +27,8 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from tests.support.broker_bench import BITRATE_BIT_S, Bench, received, send
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.broker_bench import BITRATE_BIT_S, Bench, received, send
+from tests.support.programs.running_program import PATIENCE_S
 
 BIT_NS = NS_PER_S // BITRATE_BIT_S
 RECOVERY_NS = SEQUENCES * SEQUENCE_BITS * BIT_NS

@@ -16,8 +16,8 @@ from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrap
 from steer_by_wire.tools.faults.campaign.campaign_file import PLANT, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.node_watch import Bounds, Watch
-from tests.support.authenticated_ends import COMMAND, plant
-from tests.support.plant_link import START_NS
+from tests.support.frames.authenticated_ends import COMMAND, plant
+from tests.support.nodes.plant_link import START_NS
 
 LATER_NS = 9_000_000_000
 PAUSE = NodeFault(NodeFaultKind.PAUSED, PLANT, 100.0, 1.0)

@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 OpenClient = Callable[..., can.BusABC]
 FAST = pytest.param("fast_socketcan", marks=pytest.mark.vcan)

@@ -19,7 +19,7 @@ from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import interface_choice
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.python_can import BusPort, OpenBus, open_bus
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 
 @pytest.fixture(autouse=True)

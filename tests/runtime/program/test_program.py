@@ -19,12 +19,12 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.port import VIRTUAL_HINT
 from steer_by_wire.runtime.program.node_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.running_program import ORDINARY
-from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
-from tests.support.some_program import channel as channel
-from tests.support.some_program import options as options
-from tests.support.some_program import presets as presets
-from tests.support.some_program import restored_signals as restored_signals
+from tests.support.programs.running_program import ORDINARY
+from tests.support.programs.some_program import NAME, Options, Probe, SomeSettings, run
+from tests.support.programs.some_program import channel as channel
+from tests.support.programs.some_program import options as options
+from tests.support.programs.some_program import presets as presets
+from tests.support.programs.some_program import restored_signals as restored_signals
 
 Capture = pytest.CaptureFixture[str]
 
@@ -159,7 +159,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
     file = tmp_path / "report.json"
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
-        "from tests.support.some_program import NAME, Probe, SomeSettings;"
+        "from tests.support.programs.some_program import NAME, Probe, SomeSettings;"
         "from steer_by_wire.runtime.command_line import run_main;"
         "from steer_by_wire.runtime.program.run_node import run_node;"
         "from steer_by_wire.runtime.program.node_options import make_parser;"

@@ -17,11 +17,11 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.program.run_node import run_node
 from steer_by_wire.runtime.program.stop_request import StopRequest
-from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
-from tests.support.some_program import channel as channel
-from tests.support.some_program import options as options
-from tests.support.some_program import presets as presets
-from tests.support.some_program import restored_signals as restored_signals
+from tests.support.programs.some_program import NAME, Options, Probe, SomeSettings, run
+from tests.support.programs.some_program import channel as channel
+from tests.support.programs.some_program import options as options
+from tests.support.programs.some_program import presets as presets
+from tests.support.programs.some_program import restored_signals as restored_signals
 
 Capture = pytest.CaptureFixture[str]
 

@@ -16,8 +16,8 @@ from steer_by_wire.runtime.recording.candump import (
     format_entry,
     parse_entry,
 )
-from tests.support.any_text import ANY_CHARACTER
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
+from tests.support.suite.any_text import ANY_CHARACTER
 
 DBC = Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc"
 

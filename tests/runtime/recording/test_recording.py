@@ -23,7 +23,7 @@ from steer_by_wire.runtime.recording.recording import (
     RecordingFigures,
     RecordingPort,
 )
-from tests.support.recorded_frames import FRAMES, messages_in
+from tests.support.frames.recorded_frames import FRAMES, messages_in
 
 NEEDS_ASAMMDF = pytest.mark.skipif(
     find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"

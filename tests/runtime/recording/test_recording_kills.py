@@ -25,8 +25,8 @@ from steer_by_wire.runtime.recording.recorder_process import (
     _Record,
 )
 from steer_by_wire.runtime.recording.recording import Recording
-from tests.support.recorded_frames import FRAMES, messages_in
-from tests.support.running_program import wait_until
+from tests.support.frames.recorded_frames import FRAMES, messages_in
+from tests.support.programs.running_program import wait_until
 
 PERIOD_NS = 10_000_000
 TEXT = (".log", ".asc", ".csv", ".trc")

@@ -21,8 +21,8 @@ from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.recording import recording
 from steer_by_wire.runtime.recording.recording import SUFFIXES, recording_obstacle
 from steer_by_wire.with_vcan.guard import descendants
-from tests.support.recorded_frames import messages_in
-from tests.support.running_program import ORDINARY, PATIENCE_S, running, wait_until
+from tests.support.frames.recorded_frames import messages_in
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S, running, wait_until
 
 Capture = pytest.CaptureFixture[str]
 

@@ -17,7 +17,7 @@ from steer_by_wire.runtime.settings import (
     read_preset,
 )
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from tests.support.any_text import ANY_CHARACTER
+from tests.support.suite.any_text import ANY_CHARACTER
 
 
 class Circle(Settings):

@@ -10,7 +10,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from tests.support.compiled_runs import plant_settings as rig
+from tests.support.runs.compiled_runs import plant_settings as rig
 
 FEED_FORWARD = ("feed_forward={}",)
 SET_POINT = (

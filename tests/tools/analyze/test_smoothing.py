@@ -28,7 +28,7 @@ from steer_by_wire.tools.analyze.smoothing import (
 )
 from steer_by_wire.tools.analyze.vehicle_fit import UNKNOWN, yaw_rate_fit
 from steer_by_wire.tools.run.__main__ import main as run_loop
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.suite.unrendered import unrendered as unrendered
 
 VEHICLE_FILE = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
 CONTROLLER = controller_preset("highway_predictor")

@@ -23,10 +23,10 @@ from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from steer_by_wire.tools.bus.program import _first_signal, _print_line, main
-from tests.support.broker_program import client, message, receive, start_broker
-from tests.support.broker_program import directory as directory
-from tests.support.broker_program import stack as stack
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.broker_program import client, message, receive, start_broker
+from tests.support.programs.broker_program import directory as directory
+from tests.support.programs.broker_program import stack as stack
+from tests.support.programs.running_program import PATIENCE_S
 
 # Life and death of a broker
 

@@ -19,8 +19,8 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
-from tests.support.browser import Browser, chromium, open_browser
-from tests.support.cockpit_run import cockpit, recorded_run
+from tests.support.programs.browser import Browser, chromium, open_browser
+from tests.support.programs.cockpit_run import cockpit, recorded_run
 
 PROGRAM = chromium()
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (package chromium)")

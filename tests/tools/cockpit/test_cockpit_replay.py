@@ -16,7 +16,7 @@ from steer_by_wire.tools.cockpit.page import page_files, served_page, single_pag
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
 from steer_by_wire.tools.cockpit.signals import NAMES, packed_row, packed_rows
-from tests.support.cockpit_run import fed, recorded_run
+from tests.support.programs.cockpit_run import fed, recorded_run
 
 
 def head_of(block: bytes) -> Mapping[str, Any]:

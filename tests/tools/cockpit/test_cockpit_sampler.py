@@ -35,7 +35,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
-from tests.support.cockpit_run import NS, PLANT, fed, recorded_run
+from tests.support.programs.cockpit_run import NS, PLANT, fed, recorded_run
 
 MS = 1_000_000
 

@@ -29,8 +29,8 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     what_to_see,
 )
 from steer_by_wire.tools.demo.pictures import magnified_track, nice_factor
-from tests.support.combinations import sampled
-from tests.support.same_process import no_workers
+from tests.support.suite.combinations import sampled
+from tests.support.suite.same_process import no_workers
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

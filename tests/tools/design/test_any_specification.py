@@ -15,7 +15,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.runtime.settings.toml_text import _toml_table
 from steer_by_wire.tools.design import __main__ as design_gains
-from tests.support.same_process import same_process as same_process
+from tests.support.suite.same_process import same_process as same_process
 
 EXAMPLES = 6
 """In the suite; ``--hypothesis-profile=explore`` draws others."""

@@ -51,8 +51,13 @@ from steer_by_wire.tools.design.stop_and_resume import (
     stopped_after,
 )
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
-from tests.support.same_process import same_process as same_process
-from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
+from tests.support.loops.shipped_design import (
+    PAPER_VEHICLE,
+    PRACTICAL,
+    shipped_spec,
+    shipped_vehicle,
+)
+from tests.support.suite.same_process import same_process as same_process
 
 SMALL = """
 name = "small"

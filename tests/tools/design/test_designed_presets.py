@@ -36,8 +36,8 @@ from steer_by_wire.tools.design.virtual_check import (
     jittered,
     plant_settings,
 )
-from tests.support.combinations import sampled
-from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
+from tests.support.loops.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
+from tests.support.suite.combinations import sampled
 
 RMS_M_MAX = 0.011
 GAIN_DESIGN = Path(__file__).parents[3] / "tools" / "design"

@@ -16,8 +16,8 @@ from scipy.linalg import expm
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
-from tests.support.combinations import sampled
-from tests.support.same_process import same_process as same_process
+from tests.support.suite.combinations import sampled
+from tests.support.suite.same_process import same_process as same_process
 
 Array = NDArray[np.float64]
 BUS = {

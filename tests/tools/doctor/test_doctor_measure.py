@@ -36,7 +36,7 @@ from steer_by_wire.tools.doctor.wake_ups import (
     WorkingNode,
     figures_of,
 )
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 ORDINARILY = ("--priority", "0", "--no-memory-lock")
 PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.doctor", "--measure")

@@ -10,8 +10,8 @@ import pytest
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.tools.generate_c import functions, records
 from steer_by_wire.tools.generate_c.law_source import LAWS
-from tests.support.combinations import sampled
 from tests.support.in_c.law_in_c import built, differing, drawn, hosts, in_c, in_python, m7, written
+from tests.support.suite.combinations import sampled
 
 TICKS = 3_000
 

@@ -12,9 +12,9 @@ from steer_by_wire.plant_emulator.network.settings import Order
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
+from tests.support.attacks.one_forged_frame import CYCLE_NS, Stream, drawn
 from tests.support.in_c.law_in_c import STRICT
 from tests.support.in_c.node_in_c import settings_of
-from tests.support.one_forged_frame import CYCLE_NS, Stream, drawn
 
 MAIN = """
 #include "sequence.h"

@@ -17,7 +17,7 @@ from steer_by_wire.dbc.dialect.listening import OURS
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(
     find_spec("foxglove") is None, reason="foxglove-sdk is not installed (the extra foxglove)"

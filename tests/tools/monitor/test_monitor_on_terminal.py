@@ -14,7 +14,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.process_group import launched_broker
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 
 @pytest.fixture

@@ -28,8 +28,8 @@ from steer_by_wire.tools.paper.result import (
     Written,
     write_reproduction,
 )
-from tests.support.same_process import same_process as same_process
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.suite.same_process import same_process as same_process
+from tests.support.suite.unrendered import unrendered as unrendered
 
 PNG = b"\x89PNG\r\n\x1a\n"
 COMPARISONS = (

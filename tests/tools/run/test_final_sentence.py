@@ -11,7 +11,7 @@ import pytest
 
 from steer_by_wire import Run, controller_presets, plant_presets, simulate
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 SEED = 55
 SAMPLE = (0, 3, 5, 6, 7, 9, 13, 14, 24, 26, 27, 32, 37, 39)

@@ -18,7 +18,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.run import __main__ as closed_loop
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 LATENCY = ["--set", "plant.latency.downlink.mean_s=0.08"]
 

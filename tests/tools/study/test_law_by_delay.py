@@ -33,7 +33,7 @@ from steer_by_wire.tools.study.law_by_delay import (
     law_section,
     portions,
 )
-from tests.support.small_study import make_scenarios, never
+from tests.support.runs.small_study import make_scenarios, never
 
 SHIPPED = Path(__file__).parents[3] / "closed_loop" / "studies"
 

@@ -12,7 +12,7 @@ from scipy.stats import binom
 
 from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
 from steer_by_wire.tools.study.quantiles_over_seeds import MARKDOWN, beyond, seeds_section
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 from tests.tools.study.test_study_report import computed
 
 STUDY = """

@@ -28,7 +28,7 @@ from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.heat_maps import heat_maps
 from steer_by_wire.tools.study.report import PAGE, maps_of, write
 from steer_by_wire.tools.study.worst_runs import worst_runs
-from tests.support.unrendered import unrendered as unrendered
+from tests.support.suite.unrendered import unrendered as unrendered
 
 STUDY = """
 name = "small"

@@ -33,7 +33,7 @@ from steer_by_wire.tools.design.frontier.trials import (
 )
 from steer_by_wire.tools.design.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 ROOT = Path(__file__).parents[4]
 QUICK = ("delays_ms=[250]", "trials.seeds=2", "course.duration_s=30")

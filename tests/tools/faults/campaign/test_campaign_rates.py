@@ -11,7 +11,7 @@ from steer_by_wire.tools.faults.campaign.detectability import (
     period_s_of,
 )
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, run_trial
-from tests.support.combinations import sampled
+from tests.support.suite.combinations import sampled
 
 FAST = "paper_pd"
 """At 1 kHz, on sensors at 100 Hz."""

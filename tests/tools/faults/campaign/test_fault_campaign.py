@@ -36,7 +36,7 @@ from steer_by_wire.tools.faults.campaign.virtual_trial import (
     run_trial,
 )
 from steer_by_wire.tools.faults.program import FAILED, main
-from tests.support.counter_rules import rule
+from tests.support.frames.counter_rules import rule
 
 SIGHT = Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100))
 SMALL = """

@@ -14,7 +14,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.detectability import MECHANISM_OF, Mechanism
-from tests.support.fault_walks import Walk, failure_of, walks
+from tests.support.attacks.fault_walks import Walk, failure_of, walks
 
 SPEC = load_settings(CampaignSettings, read_preset("steer_by_wire.tools.faults", "default"))
 WALKS = int(os.environ.get("WALKS", "4"))
@@ -56,5 +56,5 @@ def test_a_walk_that_is_noticed_by_crc_and_counter_alone_fails_without_them(
     without: Mapping[str, Mechanism] = MappingProxyType(
         {cause: by for cause, by in MECHANISM_OF.items() if by is not Mechanism.E2E}
     )
-    monkeypatch.setattr("tests.support.walk_judgement.MECHANISM_OF", without)
+    monkeypatch.setattr("tests.support.attacks.walk_judgement.MECHANISM_OF", without)
     assert failure_of(SPEC, walk) == "the controller counted nothing"

@@ -17,9 +17,9 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import controller_setting
 from steer_by_wire.tools.faults.campaign.detectability import Sight
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.recovery import way_of
-from tests.support.counter_rules import rule
-from tests.support.fault_walks import Walk, WalkFault, failure_of
-from tests.support.walk_judgement import RECOVERY_S, judge_walk
+from tests.support.attacks.fault_walks import Walk, WalkFault, failure_of
+from tests.support.attacks.walk_judgement import RECOVERY_S, judge_walk
+from tests.support.frames.counter_rules import rule
 
 POINT = PointSettings(name="nominal")
 SPEC = CampaignSettings(laws=("practical_pd",), points=(POINT,))

@@ -30,7 +30,7 @@ from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node
 from steer_by_wire.tools.faults.injection import program as inject_faults
 from steer_by_wire.tools.faults.injection.bus_off_fault import BusOffFault
 from steer_by_wire.tools.faults.injection.live_faults import parse_fault
-from tests.support.running_program import PATIENCE_S, running, wait_until
+from tests.support.programs.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000
 START_NS = 7_000_000_000

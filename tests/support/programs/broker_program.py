@@ -12,7 +12,7 @@ from typing import Any
 import can
 import pytest
 
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-SHIPPED = Path(__file__).resolve().parents[2] / "tools" / "design"
+SHIPPED = Path(__file__).resolve().parents[3] / "tools" / "design"
 PAPER_VEHICLE, PRACTICAL = SHIPPED / "paper_vehicle.toml", SHIPPED / "practical.toml"
 
 

@@ -14,7 +14,7 @@ from steer_by_wire.runtime.node import View
 from steer_by_wire.runtime.program.node_options import make_parser
 from steer_by_wire.runtime.program.run_node import run_node
 from steer_by_wire.runtime.settings import Settings
-from tests.support.running_program import ORDINARY
+from tests.support.programs.running_program import ORDINARY
 
 NAME = "some-program"
 Options = Callable[..., argparse.Namespace]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.support.combinations import ALL
+from tests.support.suite.combinations import ALL
 
 SAMPLE = 8
 _COMPARISONS: tuple[type[ast.cmpop], ...] = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)

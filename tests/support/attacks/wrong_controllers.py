@@ -1,6 +1,6 @@
 """Controllers that are wrong in one way each: a good one, and what is done to its commands.
 
-    python -m tests.support.wrong_controllers NAME [options of steer-by-wire controller]
+    python -m tests.support.attacks.wrong_controllers NAME [options of steer-by-wire controller]
 
 runs one of WRONG as a program.
 """

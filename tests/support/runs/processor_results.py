@@ -41,7 +41,7 @@ from steer_by_wire.tools.design.parameter_search import find
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 CONTROLLERS, PLANTS = "steer_by_wire.controller.presets", "steer_by_wire.plant_emulator.presets"
 SPEEDS_M_S = (0.7, 1.4, 9.0, 30.0)
 RUN = """

@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node.overruns import OverrunSettings
-from tests.support.running_program import PATIENCE_S
+from tests.support.programs.running_program import PATIENCE_S
 
 BEAR_ALL = OverrunSettings(overruns_max="off", missed_periods_max="off")
 """A node of a busy machine misses most of its periods, and would end for that in its safe state."""

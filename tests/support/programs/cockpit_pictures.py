@@ -1,4 +1,4 @@
-"""Takes the pictures of the cockpit: python -m tests.support.cockpit_pictures [moving]
+"""Takes the pictures of the cockpit: python -m tests.support.programs.cockpit_pictures [moving]
 
 One picture is of a live run, on an idle machine, since its charts of round trip and lateness show
 what else it had to do. ``moving`` takes the others alone, of runs in virtual time.
@@ -20,10 +20,10 @@ from steer_by_wire.runtime.settings import with_values
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
-from tests.support.browser import Browser, chromium, open_browser
-from tests.support.cockpit_run import cockpit
+from tests.support.programs.browser import Browser, chromium, open_browser
+from tests.support.programs.cockpit_run import cockpit
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images"
+FOLDER = Path(__file__).resolve().parents[3] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
 _FOUR, _FOUR_S = "Four laws at 160 ms", 40.0
 _SPAN_S = 15

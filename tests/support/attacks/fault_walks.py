@@ -30,7 +30,7 @@ from steer_by_wire.tools.faults.campaign.campaign_runs import (
 from steer_by_wire.tools.faults.campaign.detectability import Expectation, Sight, period_s_of
 from steer_by_wire.tools.faults.campaign.node_faults import NodeFault
 from steer_by_wire.tools.faults.campaign.watched_pair import make_pair, run_pair
-from tests.support.walk_judgement import RECOVERY_S, judge_walk
+from tests.support.attacks.walk_judgement import RECOVERY_S, judge_walk
 
 WALK_FAULTS_MAX = 6
 FIRST_MS, LAST_MS = 1000, 5000
