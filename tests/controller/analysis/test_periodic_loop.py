@@ -138,7 +138,10 @@ def test_a_loop_that_grows_has_no_noise_gain() -> None:
 # --check
 
 
-def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays() -> None:
+def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     text = check_text(controller(*PREDICTOR, "rate_hz=50"))
     assert "[predictor]" in text
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
@@ -147,7 +150,10 @@ def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays() -> N
     assert "nan" not in text
 
 
-def test_the_check_of_the_filtered_derivative_says_where_it_ends() -> None:
+def test_the_check_of_the_filtered_derivative_says_where_it_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     text = check_text(controller(*KALMAN, "rate_hz=50"))
     (line,) = [line for line in text.splitlines() if "delay margin" in line]
     assert 300.0 < float(line.split()[-2]) < 550.0
