@@ -14,6 +14,7 @@ from .transfer_function import TransferFunction
 
 CutoffRadS = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Beyond these ranges, and those of the vehicle below, products of values would overflow."""
+QKind = Literal["order_2", "type_2"]
 
 
 class PdSettings(Settings):
@@ -35,7 +36,7 @@ class DobSettings(Settings):
     """
 
     q_cutoff_rad_s: CutoffRadS  # ω
-    q_kind: Literal["order_2", "type_2"] = "order_2"
+    q_kind: QKind = "order_2"
 
 
 class CdobSettings(Settings):

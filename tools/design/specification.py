@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from ...closed_loop.parameter_space.d_stability import DStability, d_stability
+from ...controller.filters.settings import QKind
 from ...controller.laws import PAPER_LAWS
 from ...controller.laws.predictor import FALLBACK
 from ...controller.laws.settings import LawName
@@ -206,7 +207,7 @@ class Specification(Settings):
     """The largest over all corners and delays of the range, and over all paths."""
     pid_heading_gain: bool = False
     """Whether the law pid gets a gain on the heading error too; its preset is NAME_pid_heading."""
-    dob_q_kind: Literal["order_2", "type_2"] = "type_2"
+    dob_q_kind: QKind = "type_2"
     peak_sensitivity_max: Annotated[float, Field(gt=1.0, le=100.0)]
     noise_gain_rad_m_max: PositiveFloat
     """Standard deviation of the steer for white noise of 1 m standard deviation."""

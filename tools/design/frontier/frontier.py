@@ -66,9 +66,9 @@ def _rows(
         for point in reversed(list(published_points(asked, vehicle))):
             yield Row(point, NOT_TRIED)
         return
-    law, takes_map = STRUCTURES[structure]
+    law, takes_map, _ = STRUCTURES[structure]
     for point in sweep(asked, vehicle, structure, done):
-        spec = specification_for(asked, law, point.delay_ms)
+        spec = specification_for(asked, law, point.delay_ms, point.q_kind)
         designed = controller_settings(spec, vehicle, law, point.values)
         settings = with_map(designed, takes_map)
         yield Row(point, try_out(asked, vehicle, settings, point.delay_ms))

@@ -4,6 +4,7 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
+from ....controller.filters.settings import QKind
 from ....runtime.settings import Settings
 from ..specification import CourseTable, DelayMs, SearchTable
 
@@ -13,18 +14,20 @@ class Structure(NamedTuple):
 
     ``law``        in the settings of the controller
     ``takes_map``  whether the curvature of the map is added, by [feed_forward]
+    ``q_kinds``    filters of the DOB, of which the better one is taken
     """
 
     law: str
     takes_map: bool = False
+    q_kinds: tuple[QKind, ...] = ("type_2",)
 
 
 STRUCTURES = {
     "PD": Structure("pd"),
     "PD + map": Structure("pd", takes_map=True),
     "PD + CDOB": Structure("pd_cdob"),
-    "PD + DOB": Structure("pd_dob"),
-    "PD + DDOB": Structure("pd_ddob"),
+    "PD + DOB": Structure("pd_dob", q_kinds=("type_2", "order_2")),
+    "PD + DDOB": Structure("pd_ddob", q_kinds=("type_2", "order_2")),
     "PID": Structure("pid"),
     "PID + heading": Structure("pid_heading"),
 }

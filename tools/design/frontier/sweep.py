@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
+from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.law_from_settings import LawDesign, design_law
 from ....controller.settings import ControllerSettings
@@ -39,6 +40,7 @@ class Point(NamedTuple):
     ``nominal_ms``   the same of the nominal vehicle
     ``lagged_ms``    the same of the worst corner, behind the lag of the trials
     ``values``       of the parameters, by their keys in the settings
+    ``q_kind``       filter of the DOB; of no meaning without one
     """
 
     structure: str
@@ -51,6 +53,7 @@ class Point(NamedTuple):
     lagged_ms: float
     judged: int
     values: dict[str, float]
+    q_kind: QKind = "type_2"
 
 
 def sweep(
@@ -60,28 +63,40 @@ def sweep(
     done: Callable[[float], None],
 ) -> Iterator[Point]:
     """Yield a point for each delay, the longest first; delays without a design have none."""
-    law = STRUCTURES[structure].law
-    known: list[Candidate] = []
+    law, _, q_kinds = STRUCTURES[structure]
+    known: dict[QKind, list[Candidate]] = {kind: [] for kind in q_kinds}
+    searches = len(asked.delays_ms) * len(q_kinds)
     for index, delay_ms in enumerate(reversed(asked.delays_ms)):
+        points = []
+        for place, q_kind in enumerate(q_kinds, index * len(q_kinds)):
 
-        def progress(share: float, _best: float, index: int = index) -> None:
-            done((index + share) / len(asked.delays_ms))
+            def progress(share: float, _best: float, place: int = place) -> None:
+                done((place + share) / searches)
 
-        coarse, fine = (
-            study(asked, vehicle, structure, delay_ms, is_fine) for is_fine in (False, True)
-        )
-        found = find(coarse, fine, law, progress, known)
-        if found.feasible:
-            known = [found.candidate]
-            yield point_of(fine, asked, structure, found.candidate.values(), found.judged)
+            coarse, fine = (
+                study(asked, vehicle, structure, delay_ms, is_fine, q_kind)
+                for is_fine in (False, True)
+            )
+            found = find(coarse, fine, law, progress, known[q_kind])
+            if found.feasible:
+                known[q_kind] = [found.candidate]
+                values = found.candidate.values()
+                points.append(point_of(fine, asked, structure, values, found.judged))
+        if points:
+            yield min(points, key=lambda point: point.rms_m)
 
 
 def study(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str, delay_ms: float, fine: bool
+    asked: FrontierSettings,
+    vehicle: VehicleFile,
+    structure: str,
+    delay_ms: float,
+    fine: bool,
+    q_kind: QKind = "type_2",
 ) -> Study:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
-    law, takes_map = STRUCTURES[structure]
-    spec = specification_for(asked, law, delay_ms)
+    law, takes_map, _ = STRUCTURES[structure]
+    spec = specification_for(asked, law, delay_ms, q_kind)
     first_tick = max(1, round(asked.ignore_s * NS_PER_S / spec.period_ns))
     return make_study(
         spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map, first_tick=first_tick
@@ -108,10 +123,13 @@ def point_of(
         *margins_ms(settings, fine.vehicle, asked.trials.lag_s),
         judged,
         values,
+        spec.dob_q_kind,
     )
 
 
-def specification_for(asked: FrontierSettings, law: str, delay_ms: float) -> Specification:
+def specification_for(
+    asked: FrontierSettings, law: str, delay_ms: float, q_kind: QKind = "type_2"
+) -> Specification:
     """Return what a structure has to meet at every delay up to one."""
     step_ms = max(_STEP_MS_MIN, delay_ms / _STEPS)
     return Specification(
@@ -120,6 +138,7 @@ def specification_for(asked: FrontierSettings, law: str, delay_ms: float) -> Spe
         rate_hz=asked.rate_hz,
         peak_sensitivity_max=asked.peak_sensitivity_max,
         noise_gain_rad_m_max=asked.noise_gain_rad_m_max,
+        dob_q_kind=q_kind,
         delay=DelayTable(ms_max=delay_ms, step_ms=step_ms, margin_ms=asked.margin_share * delay_ms),
         d_stability=DStabilityTable(settling_1_s=0.1, bandwidth_rad_s=5.0),
         course=asked.course,

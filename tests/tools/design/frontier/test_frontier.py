@@ -111,7 +111,7 @@ def test_each_design_meets_the_demands_that_make_the_comparison_fair(structure: 
 
 @pytest.mark.parametrize("structure", TRIED)
 def test_the_error_of_the_linear_analysis_is_that_of_runs(structure: str) -> None:
-    law, takes_map = STRUCTURES[structure]
+    law, takes_map, _ = STRUCTURES[structure]
     spec = specification_for(whole(), law, 250.0)
     settings = controller_settings(spec, vehicle(), law, FOUND[structure])
     run_m = worst_rms_m(whole(), vehicle(), with_map(settings, takes_map), 250.0)
