@@ -120,7 +120,7 @@ def test_the_error_of_the_linear_analysis_is_that_of_runs(structure: str) -> Non
 
 
 def test_the_margin_is_where_a_corner_becomes_unstable() -> None:
-    law, _ = STRUCTURES["PID + heading"]
+    law = STRUCTURES["PID + heading"].law
     spec = specification_for(whole(), law, 250.0)
     design = design_law(controller_settings(spec, vehicle(), law, FOUND["PID + heading"]))
     loops = [SampledLoop(design, model, spec.period_ns) for model in vehicle().models]
