@@ -54,7 +54,7 @@ NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
 PAUSE_NS = 50_000_000
 """How long a node takes no message after a frame that only it sends [ns]; a single pause is too
-short to end its control."""
+short to end its control. ``tests.soak.forged_frames`` prints what others cost."""
 
 
 def second_sender_line(reception: "Reception") -> str:
