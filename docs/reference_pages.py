@@ -1,4 +1,4 @@
-"""The generated pages of the reference: commands, settings with their ranges, messages.
+"""The generated pages: commands, settings with their ranges, messages, and the course's slides.
 
 ``docs/conf.py`` calls ``write_pages``; they go to ``docs/generated``, which git ignores.
 """
@@ -39,6 +39,7 @@ def write_pages(folder: Path) -> None:
         "controller_settings": settings_page("controller", ControllerSettings),
         "design_specification": settings_page("gain design's specification", Specification),
         "messages": messages_page(),
+        "slides": slides_page(folder.parent / "learn"),
     }
     for name, text in pages.items():
         file = folder / f"{name}.md"
@@ -160,3 +161,22 @@ def _signals(alike: list[Signal]) -> str:
         f"{signal.comment} {choices}".strip(),
     )
     return "|" + "".join(f" {cell} |" for cell in cells)
+
+
+_QUESTION = re.compile(r"^\| \[[^]]+\]\((\w+\.md)\) \| (.+) \|$", re.MULTILINE)
+_PICTURE = re.compile(r"^!\[.*\)$", re.MULTILINE)
+_FORMULA = re.compile(r"^\$\$\n.*?^\$\$$", re.MULTILINE | re.DOTALL)
+_EXAMPLE = re.compile(r"^```(?:pycon|sh|python)\n.*?^```$", re.MULTILINE | re.DOTALL)
+_EXERCISE = re.compile(r"^## Exercise\n\n(.*?)\n\n", re.MULTILINE | re.DOTALL)
+
+
+def slides_page(course: Path) -> str:
+    """Return a slide of each lesson: question, picture, formulas, first example and exercise."""
+    parts = ["# Slides\n\nOne a lesson, and one a sheet when the page is printed.\n"]
+    for file, question in _QUESTION.findall((course / "index.md").read_text(encoding="utf-8")):
+        text = (course / file).read_text(encoding="utf-8")
+        title = text.partition("\n")[0].removeprefix("# ")
+        shown = _PICTURE.findall(text)[:1] + _FORMULA.findall(text) + _EXAMPLE.findall(text)[:1]
+        asked = _EXERCISE.findall(text)[:1]
+        parts.append("\n\n".join([f"## {title}", f"**{question}**", *shown, *asked]) + "\n")
+    return "\n".join(parts)
