@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Self
 
-from ..runtime.exit_status import BusError
+from ..runtime.exit_status import BusError, printable
 from .private_folder import private_folder
 
 START_TIMEOUT_S = 60.0
@@ -216,7 +216,7 @@ class Processes:
         lines = self._printed(name).strip().splitlines()
         # python-can says this of any program that crashed, after the exception.
         said = [line for line in lines if not line.endswith("was not properly shut down")]
-        return (said or ["it printed nothing"])[-1]
+        return printable((said or ["it printed nothing"])[-1])
 
     def _printed(self, name: str) -> str:
         return self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")

@@ -52,6 +52,11 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
+def printable(text: str) -> str:
+    """Return the text of another program with everything escaped that would act on a terminal."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
 def cause_of(error: BaseException) -> str:
     """Return what the system says of an error code, otherwise the error's text, on one line."""
     return (error.strerror if isinstance(error, OSError) else None) or one_line(error)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import IO, Self, cast
 
+from ...runtime.exit_status import printable
 from ..process_group import ProcessError
 from .record import RECORD_BYTES, Record, RecordError, check_mark, pack, unpack
 
@@ -109,5 +110,5 @@ class LockstepProgram:
         inside = f" after {received} of {RECORD_BYTES} bytes of an answer" if received else ""
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
-        said = f"; its last line: {lines[-1][:200]}" if lines else ""
+        said = f"; its last line: {printable(lines[-1][:200])}" if lines else ""
         return f"{self.name} {how}{inside}{said}"

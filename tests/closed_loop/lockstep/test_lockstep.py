@@ -119,6 +119,10 @@ FAILURES = {
         [sys.executable, "-c", "raise OSError('no such bus')"],
         "ended with status 1; its last line: OSError: no such bus$",
     ),
+    "its last line would act on the terminal": (
+        [sys.executable, "-c", r"raise SystemExit('\x1b[2Jna\xefve \x9d0;title\x07')"],
+        r"its last line: \\x1b\[2Jna\xefve \\x9d0;title\\x07$",
+    ),
     "a crash": (
         [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"],
         "ended by SIGSEGV$",
