@@ -1,6 +1,6 @@
 """Compare the node in C with the node in Python, frame by frame, for every law and target there is.
 
-    python -m tests.soak.node_in_c [--examples 1000] [--laws pd pid] [--points nominal]
+    python -m tests.soak.node_in_c [--examples 1000] [--presets practical_pid] [--points nominal]
 
 First the runs of the fault campaign in which the controller has something to detect, at its
 operating points; then sequences that Hypothesis draws: starts, silences, refusals, counters, second
