@@ -53,7 +53,7 @@ def one_line(error: BaseException) -> str:
 
 
 def printable(text: str) -> str:
-    """Return the text of another program with everything escaped that would act on a terminal."""
+    """Return foreign text on one line, with all escaped that would act on a terminal."""
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 

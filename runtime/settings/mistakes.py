@@ -118,16 +118,6 @@ def _keys_below(root: Schema, schema: Schema, path: KeyPath, above: Sequence[str
             yield from _keys_below(root, child, (*path, key), (*above, title))
 
 
-def printable(text: str) -> str:
-    """Return ``text`` on one line, with unprintable characters escaped.
-
-    File names, keys and values come from the user and may contain line breaks and control codes.
-    """
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
-
-
 def _is_consequence(mistake: ErrorDetails) -> bool:
     """Whether a list only counts as too short because its elements are mistakes."""
     value, context = mistake["input"], mistake.get("ctx", {})
@@ -169,7 +159,9 @@ def _explain_one(
             return f"{where} = {_shown(value)}: {context['error']}"
         case "union_tag_invalid" | "enum" | "literal_error":
             # pydantic's message would repeat the allowed values.
-            return f"{where} = {_shown(value)} is not a known one{may_be}"
+            near = difflib.get_close_matches(str(value), ", ".join(texts).split(", "), n=1)
+            meant = may_be.replace("(", f"(did you mean {near[0]}? ", 1) if near else may_be
+            return f"{where} = {_shown(value)} is not a known one{meant}"
         case _:
             return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{may_be}"
 

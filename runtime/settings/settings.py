@@ -23,8 +23,8 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
-from ..exit_status import UserError
-from .mistakes import KeyPath, Schema, dotted, explain, hint, printable, schema_of
+from ..exit_status import UserError, printable
+from .mistakes import KeyPath, Schema, dotted, explain, hint, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
 """Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""

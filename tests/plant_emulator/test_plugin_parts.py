@@ -143,7 +143,7 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
         (own(DOWN, "BEND"), "is no latency model but of type PathModel: it has to be a steer_by_w"),
         (
             {f"{DOWN}.model": "gama"},
-            'model = "gama" is not a known one (allowed: constant, uniform,',
+            'model = "gama" is not a known one (did you mean gamma? allowed: constant,',
         ),
         ({f"{DOWN}.model": 3}, "model = 3 is not a known one (allowed: constant, uniform,"),
         (own(DOWN, "TWO_ROUTES"), "latency.downlink: own.slow_s is missing (allowed: number from"),

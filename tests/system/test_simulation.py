@@ -172,7 +172,10 @@ def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
             "vehicle and plant of type PlantSettings: give one of the two",
         ),
         ({"seed": -1}, r"overrides of plant: seed = -1 .* \(allowed: integer from 0, up to"),
-        ({"law": "pdd"}, r'overrides of controller: law = "pdd" is not a known one \(allowed: pd,'),
+        (
+            {"law": "pdd"},
+            r'controller: law = "pdd" is not a known one \(did you mean pd\? allowed: pd,',
+        ),
         ({"overrides": {"plant.sed": 1}}, r"sed is not a known key \(did you mean seed\?\)"),
         ({"overrides": {"seed": 1}}, r"key seed starts with neither plant\. nor controller\."),
         ({"overrides": {"plant.seed": None}}, r"seed = None: settings have no such value"),

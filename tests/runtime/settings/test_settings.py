@@ -153,7 +153,10 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
     [
         ("law=xx", 'law = "xx" is not a known one (allowed: pd, dob)'),
         ("law=3", "law = 3 is not a known one (allowed: pd, dob)"),
-        ("order=new", 'order = "new" is not a known one (allowed: newest, oldest)'),
+        (
+            "order=new",
+            'order = "new" is not a known one (did you mean newest? allowed: newest, oldest)',
+        ),
         ("log=1", "log = 1 should be a valid boolean (allowed: true or false)"),
         ("seed=1.5", "seed = 1.5 should be a valid integer (allowed: integer from 0)"),
         ("seed=true", "seed = true should be a valid integer (allowed: integer from 0)"),

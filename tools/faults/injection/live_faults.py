@@ -7,6 +7,7 @@ Faults that change what others send (loss, delay, stuck signals) belong to the f
 plant's edge, ``plant_emulator.faults.stage``.
 """
 
+import difflib
 import math
 from collections.abc import Mapping
 from enum import StrEnum
@@ -119,7 +120,10 @@ def parse_fault(text: str, pid: int = 0) -> LiveFault:
     try:
         kind = LiveKind(name)
     except ValueError:
-        raise ValueError(f"{name[:40]!r}: no such fault; there are {', '.join(LiveKind)}") from None
+        near = difflib.get_close_matches(name, list(LiveKind), n=1)
+        meant = f" (did you mean {near[0]}?)" if near else ""
+        known = ", ".join(LiveKind)
+        raise ValueError(f"{name[:40]!r}: no such fault{meant}; there are {known}") from None
     given: dict[str, str] = {}
     for part in parts:
         key, sign, value = part.partition("=")

@@ -15,6 +15,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from ....runtime.exit_status import printable
 from ....runtime.node import NS_PER_S
 from ....runtime.settings import SettingsError
 from .live_faults import LiveFault, LiveKind
@@ -80,11 +81,8 @@ def process_name(pid: int) -> str:
     """Return the command line of a process, as far as it may be read."""
     with suppress(OSError):
         words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-        text = " ".join(word.decode(errors="replace") for word in words if word)
-        printable = "".join(one if one.isprintable() else "?" for one in text)
-        if len(printable) > _NAME_LENGTH_MAX:
-            return "..." + printable[-_NAME_LENGTH_MAX:]
-        return printable
+        text = printable(" ".join(word.decode(errors="replace") for word in words if word))
+        return text if len(text) <= _NAME_LENGTH_MAX else f"...{text[-_NAME_LENGTH_MAX:]}"
     return ""
 
 

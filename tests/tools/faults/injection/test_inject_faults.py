@@ -105,6 +105,7 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
     [
         ("", "'': no such fault; there are babble, "),
         ("jam", "'jam': no such fault"),
+        ("spoof_nxt", "'spoof_nxt': no such fault .did you mean spoof_next.*; there are babble, "),
         ("spoof,seed=3", "spoof: 'seed=3' is not KEY=VALUE with a key of onset_s, duration_s"),
         ("spoof,onset_s", "spoof: 'onset_s' is not KEY=VALUE"),
         ("spoof,onset_s=1,onset_s=2", "spoof: onset_s is given twice"),
