@@ -13,7 +13,7 @@ from cantools.database import DecodeError
 from cantools.database.can import Message, Signal
 
 from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
-from .checksum import Rule
+from .checksum import E2eRule, Rule
 from .settings import UNITS, MessageSettings, Quantity
 
 
@@ -62,8 +62,11 @@ class CarMessage:
             if one.carries is Quantity.STEER and one.rate_max is not None:
                 self.rate_max_rad_s = one.rate_max / abs(UNITS[one.unit] * one.ratio)
         self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
-        self.counters = 1 << signals[settings.counter].length if settings.counter else 1
         rule = settings.checksum
+        self._counter_values = 1 << signals[settings.counter].length if settings.counter else 1
+        self.counters = self._counter_values
+        if isinstance(rule, E2eRule):
+            self.counters = min(self.counters, rule.counters)
         self._mask = self._packed({rule.signal: self._wrapped(rule.signal, -1)}) if rule else b""
 
     def frame(self, values: Mapping[Quantity, float], number: int) -> Frame:
@@ -73,7 +76,9 @@ class CarMessage:
             scaled = values[one.carries] * UNITS[one.unit] * one.ratio + one.offset
             raw[signal.name] = _raw_of(signal, scaled)
         if self.settings.counter:
-            raw[self.settings.counter] = self._wrapped(self.settings.counter, number)
+            raw[self.settings.counter] = self._wrapped(
+                self.settings.counter, number % self.counters
+            )
         return Frame(self.can_id, self._sealed(raw), self.flags)
 
     def read(self, data: bytes) -> Reading | Refused:
@@ -97,7 +102,8 @@ class CarMessage:
             value = (scaled - one.offset) / (UNITS[one.unit] * one.ratio)
             found.setdefault(one.carries, []).append(value)
         values = {quantity: sum(every) / len(every) for quantity, every in found.items()}
-        return Reading(values, int(raw.get(self.settings.counter, 0)) % self.counters)
+        counter = int(raw.get(self.settings.counter, 0)) % self._counter_values
+        return Reading(values, counter) if counter < self.counters else Refused.BAD_CHECKSUM
 
     @cached_property
     def changeable(self) -> Sequence[str]:
@@ -142,7 +148,7 @@ class CarMessage:
         own = {name: _raw_of(signal, value)}
         if self.settings.counter:
             name = self.settings.counter
-            own[name] = self._wrapped(name, int(raw[name]) + steps)
+            own[name] = self._wrapped(name, (int(raw[name]) + steps) % self.counters)
         return self._sealed(raw | own, self._beside_signals(data, raw))
 
     def outside(self, data: bytes) -> bytes | None:

@@ -69,7 +69,8 @@ E2eProfile = Literal["e2e_p01", "e2e_p05", "e2e_p11"]
 class E2eRule(Settings):
     """The CRC of an AUTOSAR E2E profile, by the package autosar-e2e; its counter is a signal too.
 
-    The header begins at the CRC's first byte, and a CRC of two bytes is little-endian.
+    The header begins at the CRC's first byte, and a CRC of two bytes is little-endian. A counter of
+    15 is invalid in the profiles 1 and 11.
     """
 
     rule: E2eProfile
@@ -85,6 +86,11 @@ class E2eRule(Settings):
             raise ValueError(f"{self.rule} needs pip install autosar-e2e") from error
         self._protect = getattr(profile, f"{self.rule}_protect")
         return self
+
+    @property
+    def counters(self) -> int:
+        """How many values the profile's counter takes at most."""
+        return 256 if self.rule == "e2e_p05" else 15
 
     def compute(self, can_id: int, data: bytes, mask: bytes) -> int:  # noqa: ARG002 as all rules
         """Return the checksum."""

@@ -1,11 +1,15 @@
 """Checksums by rule: the published examples of each kind, and any damage is seen."""
 
+import e2e.p01
 import pytest
+from cantools.database import load_string
 from crccheck.crc import Crc8Autosar
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.dbc.dialect.car_message import CarMessage, Reading, Refused
 from steer_by_wire.dbc.dialect.checksum import CrcRule, E2eProfile, E2eRule, PluginRule, SumRule
+from steer_by_wire.dbc.dialect.settings import MessageSettings, Quantity, SignalSettings
 from steer_by_wire.dbc.messages import DATA_IDS, Mode, SteeringCommand, encode
 
 LAST_BYTE = bytes(7) + b"\xff"
@@ -73,3 +77,29 @@ def test_our_own_command_is_a_cars_message_of_profile_5(steer_rad: float, counte
     assert rule.compute(0x100, bytes(2) + data[2:], b"\xff\xff" + bytes(6)) == int.from_bytes(
         data[:2], "little"
     )
+
+
+def test_the_counter_of_profile_1_is_the_one_that_its_library_counts_and_accepts() -> None:
+    """0 to 14: with 15 the library refuses the frame, and so do we."""
+    text = """
+BU_: CAR CONTROLLER
+BO_ 257 LANE: 8 CAR
+ SG_ CRC : 0|8@1+ (1,0) [0|255] "" CONTROLLER
+ SG_ COUNTER : 8|4@1+ (1,0) [0|15] "" CONTROLLER
+ SG_ OFFSET : 16|16@1- (0.001,0) [-32|32] "m" CONTROLLER
+"""
+    (definition,) = load_string(text).messages
+    rule = E2eRule(rule="e2e_p01", signal="CRC", data_id=0x123)
+    signals = {"OFFSET": SignalSettings(carries=Quantity.LATERAL_ERROR)}
+    settings = MessageSettings(cycle_ms=10, signals=signals, counter="COUNTER", checksum=rule)
+    message = CarMessage(definition, settings, {})
+    counted = bytearray(b"\0\x0e" + bytes(6))
+    for number in range(40):
+        e2e.p01.e2e_p01_protect(counted, 0x123)
+        frame = message.frame({Quantity.LATERAL_ERROR: 0.0}, number)
+        assert frame.data == counted
+        assert message.read(frame.data) == Reading({Quantity.LATERAL_ERROR: 0.0}, number % 15)
+    wrong = bytearray(b"\0\x0f" + bytes(6))
+    e2e.p01.e2e_p01_protect(wrong, 0x123, increment_counter=False)
+    assert not e2e.p01.e2e_p01_check(wrong, 0x123)
+    assert message.read(bytes(wrong)) is Refused.BAD_CHECKSUM
