@@ -230,7 +230,7 @@ def _segments(
     supervision = supervision_of(controller)
     arrival_ns, _, taken_back = arrivals
     is_fresh = tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns
-    if is_fresh.all() and not len(taken_back):
+    if is_fresh.all() and not (len(taken_back) and len(tick_ns)):
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
     supervisor, arrived = Supervisor(supervision, 0), 0
     before_ns: int | None = None
