@@ -112,8 +112,7 @@ class CarMessage:
         Under another multiplexer the data would be those of other signals, which the frame lacks.
         Where signals share bits there are none: cantools adds their values up.
         """
-        whole = [one for one in self._message.signals if not one.multiplexer_ids]
-        if any(bits_of(one) & bits_of(other) for one, other in combinations(whole, 2)):
+        if any(share_bits(self._message, *pair) for pair in combinations(self._message.signals, 2)):
             return []
         rule = self.settings.checksum
         kept = (self.settings.counter, rule and rule.signal)
@@ -232,7 +231,7 @@ def _short(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-_LARGEST_FLOATS = MappingProxyType(
+LARGEST_FLOATS = MappingProxyType(
     {16: 65504.0, 32: float.fromhex("0x1.fffffep+127"), 64: sys.float_info.max}
 )
 """By their bits; beyond them a float is infinite."""
@@ -242,7 +241,7 @@ def _raw_range(signal: Signal) -> tuple[float, float]:
     """Return the least and the largest raw value that fits into a signal."""
     bits = signal.length
     if signal.is_float:
-        return -_LARGEST_FLOATS[bits], _LARGEST_FLOATS[bits]
+        return -LARGEST_FLOATS[bits], LARGEST_FLOATS[bits]
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
 
 
@@ -287,3 +286,21 @@ def bits_of(signal: Signal) -> set[int]:
         return {*range(signal.start, signal.start + signal.length)}
     first = signal.start ^ 7  # counted from each byte's highest bit
     return {place ^ 7 for place in range(first, first + signal.length)}
+
+
+def share_bits(message: Message, one: Signal, other: Signal) -> bool:
+    """Whether two signals have bits in common, and a frame of the message can have both."""
+    if not bits_of(one) & bits_of(other):
+        return False
+    selected, other_selected = _selected(message, one), _selected(message, other)
+    shared = selected.keys() & other_selected.keys()
+    return all(selected[name] & other_selected[name] for name in shared)
+
+
+def _selected(message: Message, signal: Signal) -> dict[str, set[int]]:
+    """Return the multiplexers on which a signal depends, and the values with which it is sent."""
+    values: dict[str, set[int]] = {}
+    while (name := signal.multiplexer_signal) and name not in values:
+        values[name] = {*(signal.multiplexer_ids or ())}
+        signal = message.get_signal_by_name(name)
+    return values

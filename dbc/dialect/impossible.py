@@ -9,7 +9,7 @@ from ...runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
-from .car_message import CarMessage, Refused, bits_of, raw_constant
+from .car_message import LARGEST_FLOATS, CarMessage, Refused, bits_of, raw_constant, share_bits
 from .checksum import CrcRule
 from .quantities import COMMANDS
 from .settings import CONTROLLER, MessageSettings, Quantity
@@ -19,9 +19,19 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
     """Yield each mistake, beginning with its key in the message's table."""
     signals = {signal.name: signal for signal in message.signals}
     named = _named(settings)
-    unknown = [(key, name) for key, name in named if name not in signals]
-    for key, name in unknown:
-        yield f".{key}: {message.name} has no signal {name} ({hint(name, signals)})"
+    impossible = [
+        *(
+            f".{key}: {message.name} has no signal {name} ({hint(name, signals)})"
+            for key, name in named
+            if name not in signals
+        ),
+        *(
+            f": {name} is a float of {signal.length} bits (allowed: {_FLOATS})"
+            for name, signal in signals.items()
+            if signal.is_float and signal.length not in LARGEST_FLOATS
+        ),
+    ]
+    yield from impossible
     if message.length not in DATA_LENGTH_CODE:
         yield f": {message.length} bytes are the length of no frame (allowed: {_LENGTHS})"
     for signal in message.signals:
@@ -33,8 +43,10 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
             yield f".signals.{name}: {one.carries} is sent by the {other}"
         if not one.ratio:
             yield f".signals.{name}.ratio = 0 (allowed: any number but 0)"
-    if not unknown:
-        yield from _mistakes_in_signals([(key, signals[name]) for key, name in named], settings)
+    if not impossible:
+        found = [(key, signals[name]) for key, name in named]
+        yield from _shared_bits(message, found)
+        yield from _mistakes_in_signals(found, settings)
 
 
 def refuses_itself(message: CarMessage) -> str:
@@ -61,13 +73,15 @@ def _named(settings: MessageSettings) -> list[tuple[str, str]]:
     ]
 
 
+def _shared_bits(message: Message, named: list[tuple[str, Signal]]) -> Iterator[str]:
+    for (key, one), (other_key, other) in combinations(named, 2):
+        if share_bits(message, one, other):
+            yield f".{other_key}: {other.name} has bits of {key}"
+
+
 def _mistakes_in_signals(
     named: list[tuple[str, Signal]], settings: MessageSettings
 ) -> Iterator[str]:
-    for (key, one), (other_key, other) in combinations(named, 2):
-        is_both = not (one.multiplexer_ids or other.multiplexer_ids)
-        if one is other or (is_both and bits_of(one) & bits_of(other)):
-            yield f".{other_key}: {other.name} has bits of {key}"
     for key, signal in named:
         if not signal.scale:
             yield f".{key}: the database gives {signal.name} the scale 0"
@@ -79,8 +93,11 @@ def _mistakes_in_signals(
                 yield f".{key} = {value!r} ({error})"
         if signal.is_multiplexer and not key.startswith("constants."):
             yield f".{key}: {signal.name} is a multiplexer, which only a constant sets"
-        if signal.is_float and key in ("counter", "checksum.signal"):
-            yield f".{key}: {signal.name} is a float (allowed: an integer)"
+        if key in ("counter", "checksum.signal"):
+            if signal.is_float:
+                yield f".{key}: {signal.name} is a float (allowed: an integer)"
+            if signal.multiplexer_ids:
+                yield f".{key}: {signal.name} is multiplexed (allowed: a signal of every frame)"
     rule = settings.checksum
     if isinstance(rule, CrcRule):
         largest = (1 << named[-1][1].length) - 1
@@ -91,3 +108,4 @@ def _mistakes_in_signals(
 
 
 _LENGTHS = ", ".join(map(str, DATA_LENGTH_CODE))
+_FLOATS = ", ".join(map(str, LARGEST_FLOATS))

@@ -100,3 +100,12 @@ def test_a_constant_beyond_the_largest_float_is_refused(tmp_path: Path) -> None:
     text = CAR.replace('signals.OFFSET = { carries = "lateral_error_m" }', "constants.OFFSET = 1e9")
     with pytest.raises(SettingsError, match=r"constants\.OFFSET = 1000000000\.0 \(allowed: -65504"):
         car(tmp_path, text)
+
+
+def test_a_float_of_a_size_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    text = CAR.replace("floats.dbc", "other.dbc")
+    (tmp_path / "other.dbc").write_text(DATABASE.replace("HEADING : 0|32", "HEADING : 0|24"))
+    with pytest.raises(SettingsError) as refused:
+        car(tmp_path, text)
+    said = "messages.CAMERA: HEADING is a float of 24 bits (allowed: 16, 32, 64)"
+    assert refused.value.mistakes == (f"{tmp_path / 'car.toml'}: {said}",)

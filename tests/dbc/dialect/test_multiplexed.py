@@ -1,13 +1,17 @@
 """A multiplexed message says what its multiplexer selects, and any value of that is taken."""
 
+from pathlib import Path
 from typing import Any
 
 import cantools.database
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.dialect.car_message import CarMessage, Refused
+from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.settings import MessageSettings, Quantity
+from steer_by_wire.runtime.settings import SettingsError
 
 
 def message(kind: str, speed: str, angle: str) -> CarMessage:
@@ -58,3 +62,77 @@ def test_a_multiplexer_is_no_room_outside_a_range() -> None:
     assert MESSAGE.has_room_outside
     assert not ONLY_MULTIPLEXER_HAS_ROOM.has_room_outside
     assert ONLY_MULTIPLEXER_HAS_ROOM.outside(bytes([0, 10, 0])) is None
+
+
+CAR = """
+dbc = "car.dbc"
+[messages.REQUEST]
+sender = "controller"
+cycle_ms = 10
+signals.ANGLE = { carries = "steer_rad" }
+[messages.LANE]
+cycle_ms = 10
+signals.OFFSET = { carries = "lateral_error_m" }
+"""
+
+
+def car(folder: Path, offset: str, ours: str) -> Dialect:
+    """Return a dialect: ``offset``, how OFFSET is multiplexed, ``ours``, lines on its message.
+
+    OFFSET has the bits of A and of B, which an inner multiplexer selects.
+    """
+    database = f"""
+BU_: PLANT CONTROLLER
+BO_ 600 REQUEST: 4 CONTROLLER
+ SG_ ANGLE : 0|32@1- (0.001,0) [0|0] "" PLANT
+BO_ 601 LANE: 8 PLANT
+ SG_ M M : 32|4@1+ (1,0) [0|0] "" CONTROLLER
+ SG_ N m1M : 36|4@1+ (1,0) [0|0] "" CONTROLLER
+ SG_ OFFSET {offset}: 0|16@1- (0.001,0) [0|0] "" CONTROLLER
+ SG_ A m3 : 8|4@1+ (1,0) [0|0] "" CONTROLLER
+ SG_ B m2 : 12|4@1+ (1,0) [0|0] "" CONTROLLER
+ SG_ K m0 : 56|8@1+ (1,0) [0|0] "" CONTROLLER
+SG_MUL_VAL_ 601 K M 0-0;
+SG_MUL_VAL_ 601 N M 1-1;
+SG_MUL_VAL_ 601 A M 3-4;
+SG_MUL_VAL_ 601 B N 2-2;
+"""
+    if offset:
+        database += f"SG_MUL_VAL_ 601 OFFSET M {offset[1]}-{offset[1]};\n"
+    (folder / "car.dbc").write_text(database, encoding="utf-8")
+    (folder / "car.toml").write_text(f"{CAR}{ours}", encoding="utf-8")
+    return read_dialect(folder / "car.toml")
+
+
+@pytest.mark.parametrize(
+    ("offset", "line", "mistakes"),
+    [
+        ("", "constants.A = 1", [".constants.A: A has bits of signals.OFFSET"]),
+        ("m0 ", "constants.A = 1\nconstants.B = 1", []),
+        ("m1 ", "constants.B = 1", [".constants.B: B has bits of signals.OFFSET"]),
+        ("m0 ", 'counter = "K"', [".counter: K is multiplexed (allowed: a signal of every frame)"]),
+        (
+            "m0 ",
+            'checksum = { signal = "K", rule = "sum" }\nconstants.M = 2',
+            [".checksum.signal: K is multiplexed (allowed: a signal of every frame)"],
+        ),
+    ],
+)
+def test_what_no_frame_can_have_is_refused(
+    offset: str, line: str, mistakes: list[str], tmp_path: Path
+) -> None:
+    said: tuple[str, ...] = ()
+    try:
+        car(tmp_path, offset, line)
+    except SettingsError as refused:
+        said = refused.mistakes
+    where = tmp_path / "car.toml"
+    assert said == tuple(f"{where}: messages.LANE{mistake}" for mistake in mistakes)
+
+
+@pytest.mark.parametrize(("offset", "names"), [("", ""), ("m0 ", "OFFSETABK"), ("m1 ", "")])
+def test_signals_that_a_multiplexer_keeps_apart_can_be_falsified(
+    offset: str, names: str, tmp_path: Path
+) -> None:
+    _, message = car(tmp_path, offset, "").messages
+    assert sorted("".join(message.changeable)) == sorted(names)
