@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import IntArray
 
@@ -69,7 +70,9 @@ def _factor(factors: Sequence[FactorRecord], endings: tuple[str, ...]) -> Factor
     def is_of(key: str) -> bool:
         return key.startswith(LATENCY) and key.rpartition(".")[2] in endings
 
-    found = [factor for factor in factors if factor.keys and all(map(is_of, factor.keys))]
+    # Levels may have names, which have no place on an axis.
+    scaled = [factor for factor in factors if factor.keys and are_numbers(factor.labels)]
+    found = [factor for factor in scaled if all(map(is_of, factor.keys))]
     found.sort(key=lambda factor: not any("downlink" in key for key in factor.keys))
     return found[0] if found else None
 

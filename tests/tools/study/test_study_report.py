@@ -127,6 +127,20 @@ def test_a_folder_without_results_is_refused_in_one_line(
         write(tmp_path)
 
 
+def test_latencies_whose_levels_have_names_are_on_no_axis(tmp_path: Path) -> None:
+    named = STUDY.partition("[[factors]]")[0].replace("duration_s = 8.0", "duration_s = 1.0")
+    named += """[[factors]]
+name = "way"
+[factors.levels]
+short = { plant.latency.downlink.mean_s = 0.02 }
+long = { plant.latency.downlink.mean_s = 0.3 }
+"""
+    folder = computed(tmp_path, named)
+    study = read_study(folder)
+    axes = study_axes(study, read_rows(study))
+    assert (axes.mean.keys, axes.jitter.keys, axes.others) == ((), (), ("way",))
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_written(
     tmp_path: Path,
