@@ -1,5 +1,6 @@
 """Frames of a car as ours: commands for the plant, measurements for the controller."""
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -68,7 +69,8 @@ class FromPlant:
 
     def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:  # noqa: ARG002
         """Return our messages whose first quantity has come."""
-        if not _is_carried(values):
+        is_finite = math.isfinite(values.get(Quantity.APPLYING, 1.0))
+        if not (is_finite and _is_carried(values)):
             return Refused.OUT_OF_RANGE
         self._known |= values
         known, made = self._known, list[ours.Message]()

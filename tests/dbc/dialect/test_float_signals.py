@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
+from steer_by_wire.dbc.messages import SteeringStatusCode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError
 from tests.dbc.dialect.test_gateway import Recorder
@@ -20,6 +22,9 @@ BO_ 256 REQUEST: 8 CONTROLLER
  SG_ ACTIVE : 32|32@1- (1,0) [0|0] "" PLANT
 BO_ 257 CAMERA: 4 PLANT
  SG_ HEADING : 0|32@1- (1,0) [0|0] "" CONTROLLER
+BO_ 259 WHEEL: 8 PLANT
+ SG_ WHEEL : 0|32@1- (1,0) [0|0] "" CONTROLLER
+ SG_ FOLLOWS : 32|32@1- (1,0) [0|0] "" CONTROLLER
 BO_ 258 LANE: 4 PLANT
  SG_ OFFSET : 0|16@1- (1,0) [0|0] "" CONTROLLER
  SG_ SHORT : 16|16@1+ (1,0) [0|0] "" CONTROLLER
@@ -27,6 +32,8 @@ SIG_VALTYPE_ 256 ANGLE : 1;
 SIG_VALTYPE_ 256 ACTIVE : 1;
 SIG_VALTYPE_ 257 HEADING : 1;
 SIG_VALTYPE_ 258 OFFSET : 1;
+SIG_VALTYPE_ 259 WHEEL : 1;
+SIG_VALTYPE_ 259 FOLLOWS : 1;
 """
 CAR = """
 dbc = "floats.dbc"
@@ -38,6 +45,10 @@ signals.ACTIVE = { carries = "engaged" }
 [messages.CAMERA]
 cycle_ms = 10
 signals.HEADING = { carries = "heading_error_rad" }
+[messages.WHEEL]
+cycle_ms = 10
+signals.WHEEL = { carries = "wheel_angle_rad" }
+signals.FOLLOWS = { carries = "applying" }
 [messages.LANE]
 cycle_ms = 10
 signals.OFFSET = { carries = "lateral_error_m" }
@@ -80,6 +91,27 @@ def test_a_command_that_is_no_angle_is_refused(angle: float, tmp_path: Path) -> 
     gateway = Gateway(Recorder(), car(tmp_path), PLANT, 0)
     gateway.on_frame(Frame(256, struct.pack("<ff", angle, 1.0)), 0)
     assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
+
+
+@pytest.mark.parametrize(
+    ("follows", "codes", "refused"),
+    [
+        (1.0, [SteeringStatusCode.APPLYING], {}),
+        (0.0, [SteeringStatusCode.NO_COMMAND], {}),
+        *((value, [], {"out of range": 1}) for value in (math.nan, math.inf, -math.inf)),
+    ],
+)
+def test_a_wheel_that_follows_by_no_number_is_refused(
+    follows: float,
+    codes: list[SteeringStatusCode],
+    refused: Mapping[str, int],
+    tmp_path: Path,
+) -> None:
+    node = Recorder()
+    gateway = Gateway(node, car(tmp_path), CONTROLLER, 0)
+    gateway.on_frame(Frame(259, struct.pack("<ff", 0.1, follows)), 0)
+    assert [one.status for one in node.messages] == codes
+    assert gateway.report()["dialect"]["refused"] == refused
 
 
 @pytest.mark.parametrize("heading", [math.nan, math.inf, 9.0])
