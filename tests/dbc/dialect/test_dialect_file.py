@@ -108,9 +108,9 @@ MISTAKES = {
     ),
     "a function that takes something else": (
         'rule = "sum", identifier = true, length = true',
-        'rule = "os:getcwd"',
-        "messages.STEER_REQUEST: no frame of it can be made: checksum rule os:getcwd raises"
-        " TypeError: posix.getcwd() takes no arguments (2 given)",
+        'rule = "math:sqrt"',
+        "messages.STEER_REQUEST: no frame of it can be made: checksum rule math:sqrt raises"
+        " TypeError: math.sqrt() takes exactly one argument (2 given)",
     ),
     "nobody who steers": (
         'ANGLE_REQUEST = { carries = "steer_rad"',
