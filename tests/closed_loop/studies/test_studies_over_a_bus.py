@@ -16,6 +16,8 @@ from steer_by_wire.closed_loop.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
+from steer_by_wire.closed_loop.studies.result_files import Store
+from steer_by_wire.closed_loop.studies.result_reader import read_study
 from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios, pair_of_row
 from steer_by_wire.closed_loop.studies.study import load_study
@@ -320,6 +322,21 @@ def test_faults_of_a_study_over_a_bus_name_the_cars_messages(tmp_path: Path) -> 
     row = {"overrides": overrides, "controller": "practical_pd"}
     (fault,) = pair_of_row(json.loads(study.identity), row).plant.faults
     assert fault.message == "STEER_REQUEST"
+
+
+def test_the_record_of_a_study_keeps_the_faults_of_all_runs(tmp_path: Path) -> None:
+    """They name a car's messages, which are known only where its dialect is."""
+    file = in_dialect(tmp_path, "practical_pd", CAR)
+    fault = '{ kind = "drop", direction = "downlink", message = "STEER_REQUEST" }'
+    text = file.read_text(encoding="utf-8").replace(
+        "[base.plant]\n", f"[base.plant]\nfaults = [{fault}]\n"
+    )
+    file.write_text(text, encoding="utf-8")
+    scenarios = Scenarios(load_study(file))
+    Store(tmp_path / "out", scenarios).open(text)
+    (kept,) = read_study(tmp_path / "out").plant["faults"]
+    (set_,) = scenarios.pair(0).plant.faults
+    assert kept == set_.model_dump(mode="json", exclude_none=True)
 
 
 def test_a_study_that_no_car_can_run_is_refused(tmp_path: Path) -> None:

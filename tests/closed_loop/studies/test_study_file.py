@@ -334,6 +334,11 @@ BAD: dict[str, tuple[str, str]] = {
         'plant.faults = [{ kind = "drop", direction = "uplink" }]\n',
         r"study\.toml: factor x sets faults, which need a bus",
     ),
+    "faults of a variant": (
+        '[base.variants.lossy]\npreset = "practical_pd"\n'
+        '[[base.variants.lossy.plant.faults]]\nkind = "drop"\ndirection = "uplink"\n',
+        r"study\.toml: base\.variants\.lossy sets faults, which need a bus",
+    ),
 }
 
 
