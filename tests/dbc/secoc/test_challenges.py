@@ -3,6 +3,9 @@
 from random import Random
 from types import ModuleType
 
+import pytest
+
+from steer_by_wire.dbc import secoc
 from steer_by_wire.dbc.secoc import challenges
 from tests.support.suite.mutation import assert_noticed
 
@@ -44,3 +47,10 @@ def check(tested: ModuleType) -> None:
 
 def test_a_test_notices_every_mutant() -> None:
     assert_noticed(challenges, check, EQUIVALENT)
+
+
+def test_a_check_of_nothing_and_a_module_without_mutants_fail() -> None:
+    with pytest.raises(AssertionError, match="  ->  "):
+        assert_noticed(challenges, lambda _: None)
+    with pytest.raises(AssertionError, match="only 0 mutants"):
+        assert_noticed(secoc, lambda _: None)
