@@ -21,6 +21,7 @@ from tests.support.frames.authenticated_ends import (
     PLANT_STATUS,
     controller,
     flipped,
+    meet,
     met,
     plant,
 )
@@ -107,6 +108,50 @@ def test_no_bytes_make_an_end_raise_or_accept(
 ) -> None:
     end = met()[0] if synchronised else controller()
     assert isinstance(end.verify(Frame(can_id, data, flags)), Refused)
+
+
+# A recording
+
+
+def recorded_session() -> list[Frame]:
+    """All that a listener receives of two ends that meet and run."""
+    controller_end, plant_end = controller(), plant()
+    frames = []
+    for _ in range(5):
+        for sender, receiver, sent in (
+            (plant_end, controller_end, (*FROM_PLANT, PLANT_STATUS)),
+            (controller_end, plant_end, (COMMAND, CONTROLLER_STATUS)),
+        ):
+            for frame in sent:
+                frames.append(sender.secure(frame))
+                receiver.verify(frames[-1])
+    assert controller_end.is_synchronised
+    assert plant_end.is_synchronised
+    return frames
+
+
+RECORDED = recorded_session()
+
+
+@given(st.lists(st.sampled_from(RECORDED), max_size=60), st.booleans(), st.booleans())
+@example([*RECORDED, *RECORDED[::-1], *RECORDED], True, False)
+@example([*RECORDED, *RECORDED[::-1], *RECORDED], False, True)
+def test_an_old_session_opens_nothing_to_an_end_that_starts(
+    replayed: list[Frame], is_plant: bool, has_met: bool
+) -> None:
+    """In any order, neither before it has met its peer nor after; and the peer is still heard."""
+    ends = (
+        controller(challenge=b"ctrl-two", first_counter=10**6),
+        plant(challenge=b"planttwo", first_counter=10**6),
+    )
+    if has_met:
+        meet(*ends)
+    assert all(isinstance(ends[is_plant].verify(frame), Refused) for frame in replayed)
+    for _ in range(3):
+        ends[0].verify(ends[1].secure(PLANT_STATUS))
+        ends[1].verify(ends[0].secure(CONTROLLER_STATUS))
+    assert ends[0].verify(ends[1].secure(FROM_PLANT[0])) == FROM_PLANT[0]
+    assert ends[1].verify(ends[0].secure(COMMAND)) == COMMAND
 
 
 # Who has no key
