@@ -289,13 +289,23 @@ def key(browser: Browser, kind: str, name: str) -> None:
     browser.call("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
 
-def drag(browser: Browser, from_x: float, from_y: float, to_x: float) -> None:
+SECOND_FINGER = """{
+    const box = document.getElementById("wheel"), pointerId = 77;
+    for (const kind of ["pointerdown", "pointermove", "pointerup", "lostpointercapture"])
+        box.dispatchEvent(new PointerEvent(kind, { pointerId, clientX: 5, clientY: 5 }));
+    0
+}"""
+"""Touches the wheel elsewhere while a first one holds it."""
+
+
+def drag(browser: Browser, from_x: float, from_y: float, to_x: float, meanwhile: str = "0") -> None:
     """Take the picture of the wheel, pull it, and keep it; in radii of the rim from its middle."""
     box = "document.getElementById('wheel').getBoundingClientRect()"
     x, y, width = browser.read(f"[{box}.x, {box}.y, {box}.width]")
     for kind, at in (("mousePressed", from_x), ("mouseMoved", to_x)):
         where = {"x": x + width * (0.5 + 0.4 * at), "y": y + width * (0.5 + 0.4 * from_y)}
         browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **where)
+        browser.read(meanwhile)
 
 
 def let_go(browser: Browser) -> None:
@@ -322,7 +332,8 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} === 0")
 
-    drag(browser, -0.2, -0.98, 0.2)  # the rim follows: above to the right is to the right
+    # The rim follows: above to the right is to the right.
+    drag(browser, -0.2, -0.98, 0.2, SECOND_FINGER)
     browser.wait_for(f"Math.abs({value_of('steer_rad')} + 2 * Math.atan(0.2 / 0.98) / 16) < 0.002")
     let_go(browser)
     browser.wait_for(f"{value_of('steer_rad')} === 0")

@@ -14,16 +14,21 @@ export class Hand {
     this.isOn = false; // whether somebody has touched anything yet
     this.keys = new Set();
     this.dragged = null; // where the pointer has the rim, from its middle, in radii
+    this.pointerId = null; // of the finger that took the rim; a second one does nothing
     document.addEventListener("keydown", (event) => this.onKey(event, true));
     document.addEventListener("keyup", (event) => this.onKey(event, false));
     window.addEventListener("blur", () => this.keys.clear());
     wheel.addEventListener("pointerdown", (event) => {
+      if (this.dragged) return;
+      this.pointerId = event.pointerId;
       wheel.setPointerCapture(event.pointerId);
       this.dragged = this.placeOf(event);
       this.isOn = true;
     });
     wheel.addEventListener("pointermove", (event) => this.onDrag(event));
-    for (const end of ["pointerup", "pointercancel"]) wheel.addEventListener(end, () => (this.dragged = null));
+    wheel.addEventListener("lostpointercapture", (event) => {
+      if (event.pointerId === this.pointerId) this.dragged = null;
+    });
   }
 
   placeOf({ clientX, clientY }) {
@@ -33,7 +38,7 @@ export class Hand {
 
   // The rim follows the pointer, so that to the right is to the right above, and to the left below.
   onDrag(event) {
-    if (!this.dragged) return;
+    if (!this.dragged || event.pointerId !== this.pointerId) return;
     const [fromX, fromY] = this.dragged, [toX, toY] = (this.dragged = this.placeOf(event));
     const from = Math.hypot(fromX, fromY), to = Math.hypot(toX, toY);
     const sweptRad = Math.atan2(fromX * toY - fromY * toX, fromX * toX + fromY * toY);
