@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..controller.node.node import ControllerNode
 from ..controller.settings import ControllerSettings
-from ..dbc.dialect.option import in_dialect
+from ..dbc.dialect.ends import PLANT, in_dialect
 from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ..plant_emulator.faults.messages_on_bus import messages_on
 from ..plant_emulator.faults.stage import with_faults
@@ -61,7 +61,7 @@ def make_virtual_plant(
 ) -> tuple[PlantNode, ReportingNode]:
     """Make the plant, and its node on the bus: in a dialect, behind the faults of its settings."""
     plant = PlantNode(settings, 0, samples_max=samples_max)
-    spoken = in_dialect(plant, dialect, "plant", 0)
+    spoken = in_dialect(plant, dialect, PLANT, 0)
     return plant, with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
 
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect, run_in_dialect
+from ..dbc.dialect import ends
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
@@ -121,7 +122,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
-        return in_dialect(node, dialect, "controller", start_ns)
+        return ends.in_dialect(node, dialect, ends.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)
     return run_in_dialect(PROGRAM, options, settings, make_node, concluded, dialect)

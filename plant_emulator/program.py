@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect, run_in_dialect
+from ..dbc.dialect import ends
+from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
@@ -79,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = PlantNode(settings, start_ns, params, samples_max)
-        spoken = in_dialect(node, dialect, "plant", start_ns)
+        spoken = ends.in_dialect(node, dialect, ends.PLANT, start_ns)
         return with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
 
     conclude = partial(_conclude, options)

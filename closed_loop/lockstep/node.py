@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.option import in_dialect
+from ...dbc.dialect.ends import CONTROLLER, in_dialect
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
 from ..process_group import ProcessError
@@ -119,4 +119,4 @@ def controller_in(
 ) -> ReportingNode:
     """Return the controller as it is on a bus in a dialect; a program speaks it of itself."""
     own = dialect if isinstance(controller, ControllerNode) else None
-    return in_dialect(controller, own, "controller", 0)
+    return in_dialect(controller, own, CONTROLLER, 0)

@@ -23,7 +23,8 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.option import dialect_of, in_dialect
+from ...dbc.dialect import ends
+from ...dbc.dialect.option import dialect_of
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
@@ -146,7 +147,7 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
-        return in_dialect(node, self._dialect, "controller", start_ns)
+        return ends.in_dialect(node, self._dialect, ends.CONTROLLER, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles

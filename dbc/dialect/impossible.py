@@ -11,8 +11,9 @@ from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
 from .car_message import LARGEST_FLOATS, CarMessage, Refused, bits_of, raw_constant, share_bits
 from .checksum import CrcRule
+from .ends import CONTROLLER, PLANT
 from .quantities import COMMANDS
-from .settings import CONTROLLER, MessageSettings, Quantity
+from .settings import MessageSettings, Quantity
 
 
 def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
@@ -39,7 +40,7 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
             yield f": signal {signal.name} ends beyond its {message.length} bytes"
     for name, one in settings.signals.items():
         if (one.carries in COMMANDS) != (settings.sender == CONTROLLER):
-            other = "controller" if one.carries in COMMANDS else "plant"
+            other = CONTROLLER if one.carries in COMMANDS else PLANT
             yield f".signals.{name}: {one.carries} is sent by the {other}"
         if not one.ratio:
             yield f".signals.{name}.ratio = 0 (allowed: any number but 0)"

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
@@ -13,6 +13,7 @@ from ...runtime.program.run_node import run_node
 from ...runtime.settings import Settings, SettingsError
 from ..secoc.key_option import Program, run_secured_node
 from ..secoc.secured_frame import PLANT
+from . import ends
 from .listening import OURS, Listening
 
 if TYPE_CHECKING:
@@ -45,20 +46,6 @@ def listening_in(file: Path | None) -> Listening:
     return Overheard(dialect)
 
 
-def in_dialect(
-    node: ReportingNode,
-    dialect: "Dialect | None",
-    end: Literal["plant", "controller"],
-    start_ns: int,
-) -> ReportingNode:
-    """Return a node behind a gateway, if the bus speaks a car's messages."""
-    if dialect is None:
-        return node
-    from .gateway import Gateway
-
-    return Gateway(node, dialect, end, start_ns)
-
-
 def run_in_dialect(
     program: Program,
     options: argparse.Namespace,
@@ -74,7 +61,7 @@ def run_in_dialect(
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
     from .gateway import dialect_text
 
-    received = dialect.sent_by("controller" if program.end is PLANT else "plant")
+    received = dialect.sent_by(ends.CONTROLLER if program.end is PLANT else ends.PLANT)
     if any(one.flags & FD for one in dialect.messages):
         options.fd = True
     has_extended = any(one.flags & EXTENDED for one in received)

@@ -22,8 +22,7 @@ from pydantic import Field
 
 from ...runtime.settings import Settings
 from .checksum import Rule
-
-PLANT, CONTROLLER = "plant", "controller"
+from .ends import PLANT
 
 
 class Quantity(StrEnum):
@@ -70,7 +69,7 @@ class SignalSettings(Settings):
 class MessageSettings(Settings):
     """One message of the car."""
 
-    sender: Literal["plant", "controller"] = "plant"
+    sender: Literal["plant", "controller"] = PLANT
     cycle_ms: float = Field(ge=1.0, le=60_000.0)
     signals: dict[str, SignalSettings] = Field(default_factory=dict)
     constants: dict[str, float | str] = Field(default_factory=dict)

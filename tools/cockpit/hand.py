@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...dbc.dialect.option import add_dialect_argument, dialect_of, in_dialect
+from ...dbc.dialect.ends import CONTROLLER, in_dialect
+from ...dbc.dialect.option import add_dialect_argument, dialect_of
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
@@ -90,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
         hand: Any = HandNode(HandFile(options.file), start_ns)  # nobody asks it for a report
-        node = in_dialect(hand, dialect_of(options.dialect), "controller", start_ns)
+        node = in_dialect(hand, dialect_of(options.dialect), CONTROLLER, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0
 

@@ -25,10 +25,10 @@ from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
+from steer_by_wire.dbc.dialect.ends import CONTROLLER, PLANT, in_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.option import in_dialect
 from steer_by_wire.dbc.dialect.overheard import Overheard
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     ControllerFault,
@@ -101,7 +101,7 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
 
 def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
-    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), "controller", 0)
+    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), CONTROLLER, 0)
     overheard, steers_rad = listening(), []
     while node.deadline_ns < 50 * NS_PER_MS:
         now_ns = node.deadline_ns

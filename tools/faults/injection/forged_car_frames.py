@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 from ....dbc.dialect.car_message import CarMessage, Refused
 from ....dbc.dialect.dialect import Dialect
-from ....dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from ....dbc.dialect.ends import CONTROLLER, PLANT
+from ....dbc.dialect.settings import Quantity
 from ....runtime.frame import Frame
 from .forged_frames import OurFrames
 
