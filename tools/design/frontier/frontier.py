@@ -68,7 +68,7 @@ def _rows(
         return
     law, takes_map, _ = STRUCTURES[structure]
     for point in sweep(asked, vehicle, structure, done):
-        spec = specification_for(asked, law, point.delay_ms, point.q_kind)
+        spec = specification_for(asked, law, point.delay_ms, point.q_kind or "type_2")
         designed = controller_settings(spec, vehicle, law, point.values)
         settings = with_map(designed, takes_map)
         yield Row(point, try_out(asked, vehicle, settings, point.delay_ms))
@@ -99,11 +99,14 @@ def write_csv(rows: Iterable[Row], file: Path) -> None:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "" if value is None else str(value)
 
 
 def _digest(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> str:
-    text = json.dumps([asked.model_dump(mode="json"), vehicle.model_dump(mode="json"), structure])
+    settings = asked.model_dump(mode="json"), vehicle.model_dump(mode="json")
+    text = json.dumps([*settings, structure, STRUCTURES.get(structure)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 

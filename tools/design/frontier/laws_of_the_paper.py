@@ -57,6 +57,8 @@ def _point(
         figures = loop_figures(grid, design_law(settings))
         noise_rad_m = float(figures.noise_gain_rad_m.max())
         peak = float(figures.peak_sensitivity.max())
+    q_kind = None if settings.dob is None else settings.dob.q_kind
     return Point(
-        structure, delay_ms, rms_m, noise_rad_m, peak, margin_ms, nominal_ms, lagged_ms, 0, {}
+        *(structure, delay_ms, rms_m, noise_rad_m, peak, margin_ms, nominal_ms, lagged_ms, 0, {}),
+        q_kind,
     )

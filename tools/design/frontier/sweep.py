@@ -40,7 +40,7 @@ class Point(NamedTuple):
     ``nominal_ms``   the same of the nominal vehicle
     ``lagged_ms``    the same of the worst corner, behind the lag of the trials
     ``values``       of the parameters, by their keys in the settings
-    ``q_kind``       filter of the DOB; of no meaning without one
+    ``q_kind``       filter of the DOB; None without one
     """
 
     structure: str
@@ -53,7 +53,7 @@ class Point(NamedTuple):
     lagged_ms: float
     judged: int
     values: dict[str, float]
-    q_kind: QKind = "type_2"
+    q_kind: QKind | None = None
 
 
 def sweep(
@@ -123,7 +123,7 @@ def point_of(
         *margins_ms(settings, fine.vehicle, asked.trials.lag_s),
         judged,
         values,
-        spec.dob_q_kind,
+        spec.dob_q_kind if "dob" in values else None,
     )
 
 

@@ -5,11 +5,14 @@ import json
 import math
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
@@ -31,7 +34,7 @@ from steer_by_wire.tools.design.frontier.trials import (
     with_map,
     worst_rms_m,
 )
-from steer_by_wire.tools.design.law_parameters import controller_settings
+from steer_by_wire.tools.design.law_parameters import Candidate, controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.suite.combinations import sampled
 
@@ -49,10 +52,22 @@ FOUND = {
         "k_i": 1.6,
         "k_heading": 0.8,
     },
+    "PD + DOB": {"k_p": 1.1, "k_d": 0.15, "derivative_filter": 14.0, "dob": 2.0},
+    "PD + DDOB": {
+        "k_p": 1.4,
+        "k_d": 0.1,
+        "derivative_filter": 17.8,
+        "dob": 2.95,
+        "cdob": 4.8,
+        "washout": 2.45,
+    },
 }
 """By ``steer-by-wire design paper_vehicle --frontier frontier``, for 250 ms."""
 
-TRIED = sampled(["PD + map", "PID + heading"], [*FOUND])
+TRIED = sampled(["PD + DDOB", "PID + heading"], [*FOUND])
+
+Q_KIND: QKind = "order_2"
+"""The better filter of a DOB from 250 ms on; other structures have none."""
 
 QUIET = {
     "PD": {"k_p": 0.66, "k_d": 0.0435, "derivative_filter": 7.4},
@@ -64,7 +79,7 @@ QUIET = {
         "cdob": 2.5,
         "washout": 2.3,
     },
-    "PD + DOB": {"k_p": 0.46, "k_d": 0.15, "derivative_filter": 3.55, "dob": 0.485},
+    "PD + DOB": {"k_p": 0.495, "k_d": 0.126, "derivative_filter": 3.9, "dob": 0.78},
     "PD + DDOB": {
         "k_p": 0.66,
         "k_d": 0.099,
@@ -97,7 +112,7 @@ def whole() -> FrontierSettings:
 @cache
 def point(structure: str) -> Point:
     """Of the page."""
-    fine = study(whole(), vehicle(), structure, 250.0, True)
+    fine = study(whole(), vehicle(), structure, 250.0, True, Q_KIND)
     return point_of(fine, whole(), structure, FOUND[structure])
 
 
@@ -112,7 +127,7 @@ def test_each_design_meets_the_demands_that_make_the_comparison_fair(structure: 
 @pytest.mark.parametrize("structure", TRIED)
 def test_the_error_of_the_linear_analysis_is_that_of_runs(structure: str) -> None:
     law, takes_map, _ = STRUCTURES[structure]
-    spec = specification_for(whole(), law, 250.0)
+    spec = specification_for(whole(), law, 250.0, Q_KIND)
     settings = controller_settings(spec, vehicle(), law, FOUND[structure])
     run_m = worst_rms_m(whole(), vehicle(), with_map(settings, takes_map), 250.0)
     # The linear worst is over all delays up to the longest, the runs' over both ends.
@@ -144,7 +159,8 @@ def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> Non
 def test_the_page_states_the_error_of_a_design_at_the_second_level_of_noise(structure: str) -> None:
     preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
     quieter = load_settings(FrontierSettings, preset, overrides=("noise_gain_rad_m_max=1",))
-    fine = study(quieter, vehicle(), structure, 500.0, True)
+    q_kind: QKind = "order_2" if structure == "PD + DOB" else "type_2"
+    fine = study(quieter, vehicle(), structure, 500.0, True, q_kind)
     found = point_of(fine, quieter, structure, QUIET[structure])
     page = (
         (ROOT / "docs/frontier.md").read_text(encoding="utf-8").split("noise_gain_rad_m_max=1")[1]
@@ -162,6 +178,33 @@ def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its
     (found,) = sweep(quick, alone, "PD", lambda _: None)
     fine = study(quick, alone, "PD", 250.0, True)
     assert found.rms_m <= 0.8 * point_of(fine, quick, "PD", FOUND["PD"]).rms_m
+
+
+def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And each search goes on from the design of its own filter for the longer delay."""
+    begun: list[tuple[QKind, list[int]]] = []
+
+    def study_of(_asked: object, _vehicle: object, _structure: str, *where: object) -> object:
+        delay_ms, _, q_kind = where
+        return SimpleNamespace(delay_ms=delay_ms, q_kind=q_kind)
+
+    def find(_coarse: object, fine: Any, law: str, _done: object, known: list[Candidate]) -> object:
+        begun.append((fine.q_kind, [each.places[0] for each in known]))
+        place = round(fine.delay_ms) + (fine.q_kind == "order_2")
+        return SimpleNamespace(feasible=True, candidate=Candidate(law, (place,) * 4), judged=1)
+
+    def point_of(fine: Any, _asked: object, structure: str, *_: object) -> Point:
+        is_better = (fine.q_kind == "order_2") == (fine.delay_ms == 250.0)
+        rms_m = 1e-3 if is_better else 2e-3
+        return Point(structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind)
+
+    for name, function in {"study": study_of, "find": find, "point_of": point_of}.items():
+        monkeypatch.setattr(sweep_of_delays, name, function)
+    found = sweep(asked("delays_ms=[160, 250]"), vehicle(), "PD + DOB", lambda _: None)
+    assert [(each.delay_ms, each.q_kind) for each in found] == [
+        *((250.0, "order_2"), (160.0, "type_2")),
+    ]
+    assert begun == [("type_2", []), ("order_2", []), ("type_2", [250]), ("order_2", [251])]
 
 
 def test_what_is_there_is_not_computed_again_and_other_settings_are(tmp_path: Path) -> None:
