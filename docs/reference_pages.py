@@ -114,9 +114,20 @@ def messages_page() -> str:
         "# Messages and signals\n\nEvery message of `dbc/steer_by_wire.dbc`. Bits count from the"
         " lowest of byte 0; a payload is little-endian, signed signals are in two's complement."
         " Bytes 0 to 2 are the [E2E header](../wire_contract.md#protection-autosar-e2e-profile-5)"
-        " where a message has a Data ID. The raw integer is the value over what follows *by*.\n"
+        " where a message has a Data ID. The raw integer is the value over the number after *by*.\n"
     )
-    return "\n".join([intro, *map(_message, load_database().messages)])
+    messages = sorted(load_database().messages, key=lambda message: message.frame_id)
+    head = "| Identifier | Message | From | Cycle |\n|---|---|---|---|"
+    rows = [
+        f"| [0x{one.frame_id:X}](#{one.name.lower()}-0x{one.frame_id:x}) | {one.name} |"
+        f" {one.senders[0]} | {_cycle(one)} |"
+        for one in messages
+    ]
+    return "\n".join([intro, head, *rows, "", *map(_message, messages)])
+
+
+def _cycle(message: Message) -> str:
+    return f"{message.cycle_time} ms" if message.cycle_time else "none in the DBC"
 
 
 def _message(message: Message) -> str:
@@ -128,7 +139,7 @@ def _message(message: Message) -> str:
     unused = [bit for bit in range(8 * message.length) if bit not in used]
     facts = [
         f"From {message.senders[0]} to {', '.join(sorted(signals[0].receivers))}",
-        f"every {message.cycle_time} ms" if message.cycle_time else "not cyclic",
+        f"cycle: {_cycle(message)}",
         f"{message.length} bytes{' of CAN FD' if message.is_fd else ''}",
         f"E2E Data ID 0x{data_id.value:X}" if data_id else "no E2E header",
         *([f"unused bits {', '.join(map(str, unused))}"] if unused else []),
