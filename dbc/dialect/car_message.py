@@ -75,10 +75,9 @@ class CarMessage:
         for signal, one in self._carried:
             scaled = values[one.carries] * UNITS[one.unit] * one.ratio + one.offset
             raw[signal.name] = _raw_of(signal, scaled)
-        if self.settings.counter:
-            raw[self.settings.counter] = self._wrapped(
-                self.settings.counter, number % self.counters
-            )
+        name = self.settings.counter
+        if name:
+            raw[name] = self._wrapped(name, number % self.counters)
         return Frame(self.can_id, self._sealed(raw), self.flags)
 
     def read(self, data: bytes) -> Reading | Refused:

@@ -73,13 +73,16 @@ def explain(
     return mistakes
 
 
+def meant(name: str, known: Iterable[str], prefix: str = "") -> str:
+    """Return the question whether the nearest of ``known`` was meant; empty if none is near."""
+    nearest = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean {prefix}{nearest[0]}?" if nearest else ""
+
+
 def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
     """Return what ``name`` may have meant: the nearest of ``known``, or all."""
     names = list(known)
-    nearest = difflib.get_close_matches(name, names, n=1)
-    if nearest:
-        return f"did you mean {prefix}{nearest[0]}?"
-    return f"known: {', '.join(names) or 'none'}"
+    return meant(name, names, prefix) or f"known: {', '.join(names) or 'none'}"
 
 
 def _meant_below(root: Schema, name: str, siblings: Iterable[str]) -> str:
@@ -146,10 +149,10 @@ def _explain_one(
             tables = _schemas_at(schema, path[:-1], data)
             siblings = {name for table in tables for name in table.get("properties", ())}
             prefix = key.removesuffix(str(path[-1]))
-            meant = _meant_below(schema, str(path[-1]), siblings) or hint(
+            hinted = _meant_below(schema, str(path[-1]), siblings) or hint(
                 str(path[-1]), sorted(siblings), prefix
             )
-            return f"{where} is not a known key ({meant})"
+            return f"{where} is not a known key ({hinted})"
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{may_be}"
         case "value_error" if isinstance(value, dict):
@@ -159,9 +162,9 @@ def _explain_one(
             return f"{where} = {_shown(value)}: {context['error']}"
         case "union_tag_invalid" | "enum" | "literal_error":
             # pydantic's message would repeat the allowed values.
-            near = difflib.get_close_matches(str(value), ", ".join(texts).split(", "), n=1)
-            meant = may_be.replace("(", f"(did you mean {near[0]}? ", 1) if near else may_be
-            return f"{where} = {_shown(value)} is not a known one{meant}"
+            question = meant(str(value), ", ".join(texts).split(", "))
+            offered = may_be.replace("(", f"({question} ", 1) if question else may_be
+            return f"{where} = {_shown(value)} is not a known one{offered}"
         case _:
             return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{may_be}"
 

@@ -7,12 +7,13 @@ Faults that change what others send (loss, delay, stuck signals) belong to the f
 plant's edge, ``plant_emulator.faults.stage``.
 """
 
-import difflib
 import math
 from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
+
+from ....runtime.settings.mistakes import meant
 
 TIME_S_MAX = 1e5
 PID_MAX = 1 << 22
@@ -120,10 +121,10 @@ def parse_fault(text: str, pid: int = 0) -> LiveFault:
     try:
         kind = LiveKind(name)
     except ValueError:
-        near = difflib.get_close_matches(name, list(LiveKind), n=1)
-        meant = f" (did you mean {near[0]}?)" if near else ""
+        question = meant(name, LiveKind)
+        offered = f" ({question})" if question else ""
         known = ", ".join(LiveKind)
-        raise ValueError(f"{name[:40]!r}: no such fault{meant}; there are {known}") from None
+        raise ValueError(f"{name[:40]!r}: no such fault{offered}; there are {known}") from None
     given: dict[str, str] = {}
     for part in parts:
         key, sign, value = part.partition("=")
