@@ -12,7 +12,7 @@ the node, against which it has its fallback; what came of a forged measurement i
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from ..runtime.frame import FD, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
@@ -57,6 +57,12 @@ PAUSE_NS = 50_000_000
 short to end its control. ``tests.soak.forged_frames`` prints what others cost."""
 
 
+class TakenBack(NamedTuple):
+    """A message that is in use again, because those after it may have been forged."""
+
+    message: Message
+
+
 def second_sender_line(reception: "Reception") -> str:
     """Return in words whose messages have a second sender; empty without any."""
     names = ", ".join(reception.second_senders)
@@ -76,8 +82,6 @@ class Reception:
     ``sent_types``     what this node alone sends
 
     ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
-    ``taken_back_to``  the message that came into use again last, because those after it may be
-                forged; None before the first
     ``sends``   whether the node sends its messages now. One that still waits for others to begin
                 does not pause: with its own frames it will contradict those that now are followed
     """
@@ -108,7 +112,6 @@ class Reception:
         self._own_ns = -NEVER_NS
         self._paused_until_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
-        self.taken_back_to: Message | None = None
         self.sends = True
         self.accepted = 0
         self.refused = 0
@@ -155,10 +158,11 @@ class Reception:
             raise ValueError(f"{message_type.__name__} has no counter")
         return check
 
-    def take(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
+    def take(self, frame: Frame, now_ns: int = 0) -> Message | TakenBack | Cause | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
 
         Beside a second sender it may be the message of an earlier frame, which comes into use now.
+        It is TakenBack where others after it have been in use.
 
         ``now_ns``  when it arrived
         """
@@ -180,7 +184,9 @@ class Reception:
         self.accepted += 1
         return message
 
-    def _later(self, result: SequenceResult, check: SequenceCheck) -> Message | SequenceResult:
+    def _later(
+        self, result: SequenceResult, check: SequenceCheck
+    ) -> Message | TakenBack | SequenceResult:
         """Return what to act on after a frame that is not used at once."""
         if result is SequenceResult.CONFIRMED:
             self.accepted += 1
@@ -188,8 +194,8 @@ class Reception:
             self._refuse(result)
         if result in CHANGING and isinstance(check.content, bytes):
             message = self._message_of(check, check.content)
-            if result is SequenceResult.TAKEN_BACK:
-                self.taken_back_to = message
+            if message is not None and result is SequenceResult.TAKEN_BACK:
+                return TakenBack(message)
             return message or result
         return result
 
@@ -201,7 +207,7 @@ class Reception:
                 return unpacked[0] if isinstance(unpacked, tuple) else None
         return None
 
-    def _take_other(self, frame: Frame, now_ns: int) -> Message | Cause | None:
+    def _take_other(self, frame: Frame, now_ns: int) -> Message | TakenBack | Cause | None:
         """Take a frame that is not received here, or not in a pause."""
         can_id = frame.can_id
         if can_id in self._sent_ids:

@@ -26,6 +26,7 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
+from ...dbc.reception import TakenBack
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision
@@ -120,10 +121,11 @@ class ControllerNode:
         """Process a frame; the response to a measurement is sent at the next tick."""
         received, bus_history = self._received, self._law.bus_history
         before_ns = received.errors.arrival_ns
-        message = received.reception.take(frame, now_ns)
+        taken = received.reception.take(frame, now_ns)
+        message = taken.message if type(taken) is TakenBack else taken
         if type(message) is LateralError:
             received.lateral_error_m, received.heading_error_rad = message
-            if message is received.reception.taken_back_to:
+            if message is not taken:
                 received.is_taken_back = True
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:

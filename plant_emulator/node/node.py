@@ -37,7 +37,7 @@ from ...dbc.messages import (
     SteeringPlan,
     sent_by,
 )
-from ...dbc.reception import Reception
+from ...dbc.reception import Reception, TakenBack
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
@@ -151,11 +151,12 @@ class PlantNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
-        received = self._reception.take(frame, now_ns)
+        taken = self._reception.take(frame, now_ns)
+        received = taken.message if type(taken) is TakenBack else taken
         if isinstance(received, STEERING):
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
-            if received is self._reception.taken_back_to:
+            if received is not taken:
                 self._returning = [*self._returning[-7:], received]  # the line may lose some
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))

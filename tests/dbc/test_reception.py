@@ -32,6 +32,7 @@ from steer_by_wire.dbc.messages import (
     encode,
     rejection_of,
 )
+from steer_by_wire.dbc.reception import TakenBack
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
@@ -97,7 +98,7 @@ class Told:
         assert isinstance(check.content, bytes)
         used = decode(frame._replace(data=check.content))
         assert isinstance(used, Decoded)
-        return used.message
+        return TakenBack(used.message) if result is SequenceResult.TAKEN_BACK else used.message
 
     def second_sender(self, now_ns: int) -> SecondSender:
         noticed = [check.second_sender_ns for check in self.checks.values()]
@@ -202,8 +203,8 @@ def check_that_plans_and_commands_are_one_sequence(tested: ModuleType) -> None:
             for number, frame in enumerate(frames[one]):
                 assert type(receiver.take(frame, number * 10 * MS)) is one
             back = receiver.take(frames[other][-1], 195 * MS)
-            assert type(back) is one
-            assert receiver.taken_back_to is back
+            assert isinstance(back, tested.TakenBack)
+            assert type(back.message) is one
             assert receiver.rejected == {"taken_back": 1}
             assert receiver.lost == 0
 

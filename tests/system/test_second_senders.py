@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.reception import PAUSE_NS, Reception
+from steer_by_wire.dbc.reception import PAUSE_NS, Reception, TakenBack
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
@@ -82,6 +82,7 @@ def hear(warm: Reception, kind: type[Message], offset: int) -> Foreign:
     for number in range(WARM_UP, WARM_UP + ATTACK + 50):
         now_ns, is_attacked = number * PERIOD_NS, number < WARM_UP + ATTACK
         taken = tested.take(true[number], now_ns)
+        taken = taken.message if isinstance(taken, TakenBack) else taken
         is_used = isinstance(taken, LateralError | SteeringCommand)
         unused_true += is_attacked and not is_used
         accepted_after += not is_attacked and is_used
@@ -89,6 +90,7 @@ def hear(warm: Reception, kind: type[Message], offset: int) -> Foreign:
         false_ns += 4 * NS_PER_MS * (in_use > 0.3)
         if is_attacked:
             taken = tested.take(false[number + offset], now_ns + 4 * NS_PER_MS)
+            taken = taken.message if isinstance(taken, TakenBack) else taken
             noticed = tested.second_sender(now_ns)
         in_use = taken[0] if isinstance(taken, LateralError | SteeringCommand) else in_use
         false_ns += 6 * NS_PER_MS * (in_use > 0.3)
