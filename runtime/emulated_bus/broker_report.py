@@ -31,7 +31,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
                 "frames": channel.load.frames,
                 "traffic": channel.traffic_frames,
                 "load": channel.load.busy_ns / duration_ns,
-                "discarded": channel.discarded,
+                "discarded": channel.departed.discarded,
                 "bus_offs": channel.bus_offs,
                 "lost_in_bus_off": channel.lost_in_bus_off,
                 **_errors(channel.errors),

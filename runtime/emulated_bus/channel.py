@@ -1,10 +1,5 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
-Frames that a client has submitted are still sent after it has gone, like the last frames of a
-program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on one channel, so that
-no client fills the bus by joining and leaving. Beyond that, the client that left the most loses
-its frames.
-
 Rest bus and errors are those of the bus model, as in virtual time; their time begins
 with the channel. Such a channel is advanced every PACE_NS at least, so that frames of the traffic
 reach the clients up to that much late, with their right times.
@@ -24,12 +19,11 @@ from ..node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
 from .broker_connection import Connection
 from .bus_off_recovery import Recovery
+from .departed_clients import DepartedClients
 from .error_reports import ErrorReports
 from .protocol import OWN, BusOff, pack_frame
 from .transmit_buffers import FRAMES_WAITING_MAX, TransmitBuffers
 
-LEFT_FRAMES_MAX = 1024
-"""Frames of departed clients that may wait on one channel."""
 PACE_NS = NS_PER_MS
 """How long a channel with traffic or errors is left alone at most."""
 
@@ -59,7 +53,7 @@ class Channel:
     ``start_ns``                                            when the time of its bus begins [ns]
 
     ``errors``          what went wrong on the wire; None where nothing can
-    ``discarded``       frames of departed clients that were never sent
+    ``departed``        frames of clients that have gone
     ``traffic_frames``  frames of the rest bus
     """
 
@@ -99,8 +93,8 @@ class Channel:
         self._buffers = TransmitBuffers(is_fifo=is_fifo)
         self._bitrate_bit_s = bitrate_bit_s
         self._senders: dict[tuple[int, bool], int] = {}
-        self._quiet_ns = self._requested_offs = self._lost_in_bus_off = self.discarded = 0
-        self._left: dict[int, int] = {}
+        self._quiet_ns = self._requested_offs = self._lost_in_bus_off = 0
+        self.departed = DepartedClients(self._model.withdraw, self._forget)
 
     @property
     def next_event_ns(self) -> int:
@@ -224,10 +218,8 @@ class Channel:
         member = self.members.get(sender)
         if member is not None:
             self._buffers.free(member, frame)
-        elif self._left[sender] > 1:
-            self._left[sender] -= 1
         else:
-            self._forget(sender)
+            self.departed.on_sent(sender)
 
     def _with_others(self, completed: list[Delivery], bus_ns: int) -> list[Delivery]:
         """Return the completed frames with those of the traffic and error frames, in order."""
@@ -241,14 +233,13 @@ class Channel:
                 if sender in self.members:
                     self._buffers.empty(self.members[sender])
                 else:
-                    self._forget(sender)
+                    self.departed.forget(sender)
             self._reports.gone_off.clear()
             others += self._reports.take(bus_ns)
         return sorted([*completed, *others], key=lambda delivery: delivery.end_ns)
 
     def _forget(self, sender: int) -> None:
         """Forget a departed client without frames."""
-        self._left.pop(sender, None)
         self._model.access.forget(sender)
         if self._reports is not None:
             self._reports.forget(sender)
@@ -293,21 +284,9 @@ class Channel:
         return member
 
     def leave(self, client: Connection) -> None:
-        """Remove a client; its frames are still sent, as many as may wait for departed clients."""
-        if self.members.pop(client.number, None) is None:
-            return
-        if not client.frames_waiting:
-            self._forget(client.number)
-            return
-        self._left[client.number] = client.frames_waiting
-        for number in sorted(self._left, key=self._left.__getitem__, reverse=True):
-            if sum(self._left.values()) <= LEFT_FRAMES_MAX:
-                break
-            withdrawn = len(self._model.withdraw(number))
-            self.discarded += withdrawn
-            self._left[number] -= withdrawn
-            if not self._left[number]:
-                self._forget(number)
+        """Remove a client; its frames are still sent."""
+        if self.members.pop(client.number, None) is not None:
+            self.departed.add(client.number, client.frames_waiting)
 
     def _is_acknowledged(self, sender: int) -> bool:
         """Whether another node is there that takes part."""

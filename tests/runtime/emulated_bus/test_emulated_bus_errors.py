@@ -321,7 +321,7 @@ def test_a_client_that_leaves_in_the_middle_of_errors_is_forgotten() -> None:
         assert channel.errors is not None
         assert channel.errors.bus_offs == 1
         assert len(channel.members) == 1
-        assert channel._left == {}
+        assert channel.departed.waiting == {}
         assert [*channel.errors._members] == [1]
 
 

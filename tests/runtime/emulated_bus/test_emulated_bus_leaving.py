@@ -8,7 +8,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.arbitration_delays import WATCHED_IDS_MAX
 from steer_by_wire.runtime.emulated_bus.broker_clients import ACCEPT_PAUSE_NS, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
-from steer_by_wire.runtime.emulated_bus.channel import LEFT_FRAMES_MAX
+from steer_by_wire.runtime.emulated_bus.departed_clients import LEFT_FRAMES_MAX
 from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
@@ -55,7 +55,7 @@ def test_who_comes_and_goes_leaves_a_bounded_number_of_frames_and_others_keep_th
         vandal.close()
         bench.step()
         channel = bench.broker.channels["can0"]
-        assert sum(channel._left.values()) <= LEFT_FRAMES_MAX
+        assert sum(channel.departed.waiting.values()) <= LEFT_FRAMES_MAX
         assert len(channel._model._queue.competing) <= LEFT_FRAMES_MAX
     frames = received(listener)
     for _ in range(LEFT_FRAMES_MAX // 100 + 1):  # a socket's buffer holds fewer than all
@@ -63,9 +63,9 @@ def test_who_comes_and_goes_leaves_a_bounded_number_of_frames_and_others_keep_th
         frames += received(listener)
     assert Frame(0x7FE, b"polite") in frames
     total = visits * count + 1
-    assert len(frames) + channel.discarded == total
-    assert channel.discarded >= total - LEFT_FRAMES_MAX
-    assert channel._left == {}
+    assert len(frames) + channel.departed.discarded == total
+    assert channel.departed.discarded >= total - LEFT_FRAMES_MAX
+    assert channel.departed.waiting == {}
     assert channel._model._queue._waiting_of == {}
 
 
