@@ -18,13 +18,13 @@ from ...runtime.exit_status import BusError
 from ...runtime.frame import FD, Frame
 from ...runtime.recording.candump import written_frame
 from ...runtime.settings import Settings, SettingsError
+from .best_of_the_day import BestOfTheDay
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
-_BEST_SHOWN = 8
 NOT_OURS = "only the pairs that the cockpit has started itself can be started, killed or paused"
 
 
@@ -150,7 +150,7 @@ class Desk:
         self.recordings = self._stack.enter_context(private_folder("recordings"))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
-        self._scores: list[Mapping[str, Any]] = []
+        self._best = BestOfTheDay()
         self._busy = ""
         self.generation = 0
 
@@ -212,7 +212,7 @@ class Desk:
             "programs": [] if self._own is None else self._own.states(),
             "recording_s": None if since is None else round(time.monotonic() - since, 1),
             "recorded": sorted(file.name for file in self.recordings.glob("*.log")),
-            "best": self._best_of_the_day(),
+            "best": self._best.shown(),
             "busy": self._busy,
         }
 
@@ -257,15 +257,7 @@ class Desk:
         score = self.lanes[wish.lane].status.get("score") if wish.lane < len(self.lanes) else None
         if not score or self._scenario is None:
             raise WishError("there is no score yet")
-        about = {"day": time.strftime("%F"), "name": wish.name, "title": self._scenario.title}
-        self._scores.append({**about, **score})
-
-    def _best_of_the_day(self) -> Sequence[Mapping[str, Any]]:
-        """Return the best scores of today, by the time in the lane and then by the error."""
-        today = [score for score in self._scores if score["day"] == time.strftime("%F")]
-        today.sort(key=lambda score: (-score["in_lane"], score["rms_m"]))
-        shown = ("name", "title", "rms_m", "in_lane")
-        return [{key: score[key] for key in shown} for score in today[:_BEST_SHOWN]]
+        self._best.add(wish.name, self._scenario.title, score)
 
     def _steer(self, wish: Steer) -> None:
         hand = self._own_lanes().hand
