@@ -30,13 +30,18 @@ _OF_MODE: Mapping[Mode, ControlVerdict] = {
 """Verdict on a run that ends in a mode without a fault of its own."""
 
 
-def control_verdict(mode: Mode, in_effect: int, silent_ns: int, period_ns: int) -> ControlVerdict:
-    """Return the verdict on a run that ends in ``mode`` without a fault of its own.
+def control_verdict(
+    failure: str, mode: Mode, in_effect: int, silent_ns: int, period_ns: int
+) -> ControlVerdict:
+    """Return the verdict on a run that ends in ``mode``.
 
+    ``failure``    a fault that the controller has found in itself; empty without
     ``in_effect``  commands that were seen to take effect
     ``silent_ns``  time since the last of them [ns]
     ``period_ns``  of control [ns]
     """
+    if failure:
+        return ControlVerdict.FAULT
     verdict = _OF_MODE[mode]
     is_silent = silent_ns > max(EFFECT_NS, EFFECT_PERIODS * period_ns)
     if verdict is ControlVerdict.IN_CONTROL and (is_silent or not in_effect):

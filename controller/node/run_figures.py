@@ -9,7 +9,7 @@ from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
 from ..law_interface import LawOutput
-from .control_verdict import ControlVerdict, control_verdict
+from .control_verdict import control_verdict
 
 
 class ControlSample(NamedTuple):
@@ -120,9 +120,7 @@ class RunFigures:
         in_effect, silent_ns = round_trip.samples, self.last_tick_ns - self._effect_ns
         return {
             "verdict": str(
-                ControlVerdict.FAULT
-                if failure
-                else control_verdict(self._mode, in_effect, silent_ns, self._period_ns)
+                control_verdict(failure, self._mode, in_effect, silent_ns, self._period_ns)
             ),
             "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),
             "in_effect": in_effect,
