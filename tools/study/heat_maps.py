@@ -58,6 +58,11 @@ class HeatMaps(NamedTuple):
     family: IntArray
 
 
+def are_drawn(axes: StudyAxes) -> bool:
+    """Whether a report has heat maps; one row or column says less than the table of the laws."""
+    return len(axes.jitter.labels) >= 2 and len(axes.mean.labels) >= 2
+
+
 def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:
     """Return the worst of each cell."""
     cell, shape = cells(axes, rows, controllers)

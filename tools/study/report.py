@@ -30,7 +30,7 @@ from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
 from .delay_errors import delay_sections
-from .heat_maps import draw_held, draw_rms, heat_maps, map_section
+from .heat_maps import are_drawn, draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import (
     draw_conditions,
     draw_error_over_delay,
@@ -58,7 +58,7 @@ def write(folder: Path) -> Path:
         *filter(None, (seeds_section(study, rows),)),
         *_laws(study, rows, axes),
         *delay_sections(study, rows),
-        *filter(None, (maps_of(study, rows, axes),)),
+        *_maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows),
     ]
@@ -88,16 +88,15 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     return [law_section(found, pictures)]
 
 
-def maps_of(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section | None:
-    """Return the heat maps over mean latency and jitter; None where one of them does not vary."""
-    if len(axes.jitter.labels) < 2 or len(axes.mean.labels) < 2:
-        return None  # one row or column of cells says less than the table of the laws
+def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
+    if not are_drawn(axes):
+        return []
     maps = heat_maps(rows, axes, len(study.names))
     pictures = [
         _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names)),
         _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
     ]
-    return map_section(axes, pictures)
+    return [map_section(axes, pictures)]
 
 
 def _worst(study: StudyRecord, rows: Rows) -> Section:
