@@ -33,6 +33,7 @@ from ..filters.transfer_function import TransferFunction
 from ..law_interface import LookingBack
 from ..laws.law_from_settings import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
+from . import jitter
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .loop_signals import LoopModel
@@ -40,8 +41,6 @@ from .periodic_loop import PeriodicLoop, Responses, linear, stable_constant_dela
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
-JITTER_MEANS_MS = (80, 160)
-JITTER_LOSS = 0.01
 SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
 """Largest delay for a law with a filter. Every command in transit is a state; with a hundred of
@@ -166,7 +165,7 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     }
     progress("stable delays")
     stable = stable_delays(loop)
-    means_ms = JITTER_MEANS_MS if stable else ()
+    means_ms = jitter.MEANS_MS if stable else ()
     return figures | {
         "stable_delays": _delays(stable),
         "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in means_ms],
@@ -265,15 +264,12 @@ def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> 
 
 
 def _jitter(loop: SampledLoop, mean_ms: int, progress: Progress) -> Figures:
-    # Imports scipy for the gamma distribution, which a running node has no use for.
-    from .jitter import JitterTooLargeError, stable_spreads
-
     progress(f"jitter at a mean of {mean_ms} ms")
     not_analysed, spreads_s = "", list[list[float]]()
     try:
-        spreads = stable_spreads(loop, mean_ms * NS_PER_MS, JITTER_LOSS)
+        spreads = jitter.stable_spreads(loop, mean_ms * NS_PER_MS, jitter.LOSS)
         spreads_s = [[first / NS_PER_S, last / NS_PER_S] for first, last in spreads]
-    except JitterTooLargeError:
+    except jitter.JitterTooLargeError:
         not_analysed = "too many commands on their way at this rate to be analysed"
-    found = {"mean_s": 1e-3 * mean_ms, "loss": JITTER_LOSS, "not_analysed": not_analysed}
+    found = {"mean_s": 1e-3 * mean_ms, "loss": jitter.LOSS, "not_analysed": not_analysed}
     return found | {"spreads_s": spreads_s}

@@ -35,6 +35,9 @@ from .stable_delays import stable_intervals
 
 MOMENTS_MAX = 250_000
 """Largest size of all second moments together, for an analysis within a few seconds."""
+MEANS_MS = (80, 160)
+"""Mean latencies for which ``check`` finds the jitter that the loop tolerates."""
+LOSS = 0.01
 SPREAD_PARTS = 4
 SPREAD_RESOLUTION_NS = 1_000_000
 _SETTLING_S = 1.5

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.controller import program
-from steer_by_wire.controller.analysis import check_figures
+from steer_by_wire.controller.analysis import check_figures, jitter
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.node.modes import supervision_of
 from steer_by_wire.controller.program import check_main, main
@@ -105,7 +105,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     # looks back is analysed over a common multiple with the sensors' 10 ms instead, at few delays.
     monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20_000_000)
     monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
-    monkeypatch.setattr(check_figures, "JITTER_MEANS_MS", (80,))
+    monkeypatch.setattr(jitter, "MEANS_MS", (80,))
     looks_back = preset(name).law in ("predictor", "packet", "delayed_set_point")
     rates = ("rate_hz=100",) if looks_back else ("rate_hz=64", "link.sensor_period_ms=15.625")
     settings = preset(name, *rates)

@@ -5,10 +5,10 @@ It takes three quarters of a check.
 
 import pytest
 
-from steer_by_wire.controller.analysis import check_figures
+from steer_by_wire.controller.analysis import jitter
 
 
 @pytest.fixture
 def no_jitter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Analyse no jitter."""
-    monkeypatch.setattr(check_figures, "JITTER_MEANS_MS", ())
+    monkeypatch.setattr(jitter, "MEANS_MS", ())
