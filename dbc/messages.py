@@ -18,7 +18,7 @@ from .codec.codec import EncodeError as EncodeError
 from .codec.codec import Rejection as Rejection
 from .codec.codec import codecs_of
 from .codec.layout import SignalRange as SignalRange
-from .codec.protection import COUNTERS, id_mark, mark_in
+from .codec.protection import COUNTERS, id_mark, is_masqueraded
 from .contract.enumerations import *  # noqa: F403  all are names of this module too
 from .contract.generated_layout import LAYOUTS
 from .contract.message_records import *  # noqa: F403
@@ -161,7 +161,7 @@ def rejection_of(frame: Frame) -> Rejection:
 
 def _cause(unpacked: Rejection, data: bytes) -> Rejection:
     """Tell a payload of another message from a damaged one."""
-    if unpacked is Rejection.BAD_CRC and mark_in(data) in _ID_MARKS:
+    if unpacked is Rejection.BAD_CRC and is_masqueraded(data, _ID_MARKS):
         return Rejection.MASQUERADED
     return unpacked
 
