@@ -50,5 +50,5 @@ class ProgressLines:
             return f"{what} {100.0 * share:.0f} %"
         since_s = now_s - begin_s
         left_s = min(since_s * (1.0 - share) / (share - first), self._longest_s - since_s)
-        left_s = max(left_s, 0.0)  # its last judgement may end later
-        return f"{what} {100.0 * share:.0f} % (about {left_s:.0f} s left)"
+        what_is_left = f"about {left_s:.0f} s left" if left_s >= 1.0 else "confirming its best"
+        return f"{what} {100.0 * share:.0f} % ({what_is_left})"

@@ -246,7 +246,7 @@ def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
     assert "pd 1 % (about 20 s left)" in capsys.readouterr().err  # and not 990 s
     now_s = 42.0
     lines.update({"pd": 0.02})
-    assert "pd 2 % (about 0 s left)" in capsys.readouterr().err  # its last judgement takes longer
+    assert "pd 2 % (confirming its best)" in capsys.readouterr().err  # after the search's end
     ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
     assert not capsys.readouterr().err
 
