@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 import shapely
@@ -10,15 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from ..reports.plot_style import COLOURS
+from ..reports.plot_style import LINES
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind
 from .gain_regions import GainRegion
 
 GAIN_LABELS = {"xlabel": "K_p [rad/m]", "ylabel": "K_d [rad s/m]"}
 REGION_COLOUR = "#0072B2"
-_BOUND_COLOURS = dict(zip(Bound, COLOURS, strict=False))
-_KIND_STYLES = {RootKind.COMPLEX: "-", RootKind.REAL: "--", RootKind.INFINITE: ":"}
+_LINES = {
+    (kind, bound): {**line, "color": colour}
+    for ((kind, (bound, colour)), line) in zip(
+        product(RootKind, zip(Bound, LINES.by_key()["color"], strict=False)), LINES, strict=False
+    )
+}
+"""Of the boundaries in the order in which they are seldom missing; none is of R at infinity."""
 
 
 def draw_gamma(axes: Axes, spec: DStability) -> None:
@@ -36,33 +42,27 @@ def draw_gamma(axes: Axes, spec: DStability) -> None:
         ]
     )
     axes.fill(*allowed.exterior.xy, color="0.85", label="dominant roots allowed")
-    axes.axvline(-sigma, color=_BOUND_COLOURS[Bound.SIGMA], label=f"σ = {sigma:g} 1/s")
+    axes.axvline(-sigma, **_LINES[RootKind.COMPLEX, Bound.SIGMA], label=f"σ = {sigma:g} 1/s")
     ray = np.array([0.0, far])
     for sign in (1.0, -1.0):
         axes.plot(
             ray * math.cos(theta),
             sign * ray * math.sin(theta),
-            color=_BOUND_COLOURS[Bound.CONE],
-            ls="--",
+            **_LINES[RootKind.COMPLEX, Bound.CONE],
             label=f"θ = {math.degrees(theta):g}°" if sign > 0.0 else None,
         )
-    colour = _BOUND_COLOURS[Bound.RADIUS]
-    axes.plot(*circle.T, color=colour, ls="-.", label=f"R = {radius:g} rad/s")
+    axes.plot(*circle.T, **_LINES[RootKind.COMPLEX, Bound.RADIUS], label=f"R = {radius:g} rad/s")
     axes.set(aspect="equal", xlim=(-1.6 * radius, 0.5 * radius), ylim=(-1.3 * radius, 1.3 * radius))
     axes.set(xlabel="Re s [rad/s]", ylabel="Im s [rad/s]")
 
 
 def draw_curves(axes: Axes, curves: Sequence[BoundaryCurve]) -> None:
-    """Draw boundaries: a colour for each demand, a style for each kind of root."""
+    """Draw boundaries: a colour for each demand, dashes for each demand and kind of root."""
     drawn = set()
     for curve in curves:
         key = f"{curve.bound}, {curve.kind} root"
-        axes.plot(
-            *curve.gains.T,
-            color=_BOUND_COLOURS[curve.bound],
-            ls=_KIND_STYLES[curve.kind],
-            label=key if key not in drawn else None,
-        )
+        label = key if key not in drawn else None
+        axes.plot(*curve.gains.T, **_LINES[curve.kind, curve.bound], label=label)
         drawn.add(key)
 
 

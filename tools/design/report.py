@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.parameter_space.gain_boundaries import Window
 from ...closed_loop.parameter_space.region_pictures import GAIN_LABELS, draw_curves, fill_region
-from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.reports.plot_style import LINES
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.laws.law_from_settings import design_law, required
 from ...controller.settings import ControllerSettings
@@ -53,6 +53,8 @@ _POINTS = 800
 _OMEGA_RAD_S_MIN = 0.05
 _DELAYS_DRAWN = 60
 _CORNERS_NAMED_MAX = 4
+_WIDTHS = (0.9, 2.2)
+"""Without and with the longest delay, or the actuator's lag; dashes are those of the corner."""
 
 
 def preset_name(spec: Specification, law: str) -> str:
@@ -352,10 +354,8 @@ def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: 
 
 def _draw_rms(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
     delay_ms = np.array(design.rms.delays_ns) / NS_PER_MS
-    for colour, label, rms_m in zip(
-        _colours(vehicle), _labels(vehicle), design.rms.rms_m, strict=True
-    ):
-        axes.plot(delay_ms, 1e3 * rms_m, color=colour, label=label)
+    for line, label, rms_m in zip(LINES(), _labels(vehicle), design.rms.rms_m, strict=False):
+        axes.plot(delay_ms, 1e3 * rms_m, **line, label=label)
     largest_m = spec.rms_m_max_of(design.law)
     inside = delay_ms <= spec.delay.ms_max
     highest_mm = 1e3 * max(float(design.rms.rms_m[:, inside].max()), largest_m or 0.0)
@@ -376,11 +376,12 @@ def _draw_sensitivity(
     law = law_response(design_law(design.settings), grid.z)
     size = sensitivity_size(grid, law)
     omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
-    for index, colour in enumerate(_colours(vehicle)):
-        axes.loglog(omega_rad_s, size[index, 0], color=colour, ls=":")
-        axes.loglog(omega_rad_s, size[index, 1], color=colour, ls="-")
-    axes.plot([], [], color="black", ls=":", label="no delay")
-    axes.plot([], [], color="black", ls="-", label=f"{spec.delay.ms_max:g} ms")
+    for place, (width, label) in enumerate(
+        zip(_WIDTHS, ("no delay", f"{spec.delay.ms_max:g} ms"), strict=True)
+    ):
+        for line, of_vertex in zip(LINES(), size[:, place], strict=False):
+            axes.loglog(omega_rad_s, of_vertex, **line, lw=width)
+        axes.plot([], [], color="black", lw=width, label=label)
     axes.axhline(spec.peak_sensitivity_max, color="black", lw=0.9, ls="--", label="limit")
     axes.set(xlabel="ω [rad/s]", ylabel="|1/(1 + L)|", ylim=(1e-3, 2.0 * spec.peak_sensitivity_max))
     axes.set_xlim(_OMEGA_RAD_S_MIN, omega_rad_s[-1])
@@ -393,14 +394,13 @@ def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: D
     last_ns = round(1.15 * max(design.rms.delays_ns[-1], spec.margin_delays_ns[-1]))
     delays_ns = np.linspace(0, last_ns, _DELAYS_DRAWN).astype(int)
     lags_s = [0.0] if spec.actuator is None else [0.0, spec.actuator.lag_s]
-    for colour, model in zip(_colours(vehicle), vehicle.models, strict=True):
-        for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
+    for lag_s, width in zip(lags_s, _WIDTHS, strict=False):
+        for line, model in zip(LINES(), vehicle.models, strict=False):
             loop = SampledLoop(law, behind_lag(model, lag_s), spec.period_ns)
             decay = [loop.decay_1_s(int(delay_ns)) for delay_ns in delays_ns]
-            axes.plot(delays_ns / NS_PER_MS, decay, color=colour, ls=style)
-    for lag_s, style in zip(lags_s, ("-", "--"), strict=False):
+            axes.plot(delays_ns / NS_PER_MS, decay, **line, lw=width)
         label = f"actuator lag {lag_s:g} s" if lag_s else "no actuator lag"
-        axes.plot([], [], color="black", ls=style, label=label)
+        axes.plot([], [], color="black", lw=width, label=label)
     settling_1_s = spec.d_stability.settling_1_s
     axes.axhline(settling_1_s, color="black", lw=0.9, ls=":", label=f"σ = {settling_1_s:g} 1/s")
     axes.axhline(0.0, color="black", lw=0.9)
@@ -413,11 +413,6 @@ def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: D
 
 def _shade_range(axes: Axes, spec: Specification) -> None:
     axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
-
-
-def _colours(vehicle: VehicleFile) -> list[str]:
-    count = len(vehicle.box.vertices())
-    return [COLOURS[index % len(COLOURS)] for index in range(count)]
 
 
 def _labels(vehicle: VehicleFile) -> list[str | None]:

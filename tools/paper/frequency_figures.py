@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...closed_loop.parameter_space.root_count import on_axis
-from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.nominal_model import paper_eq19
 from ...runtime.array_types import FloatArray
 from .continuous_loop import continuous_law, dob_alone, dob_q, reference_response
@@ -190,15 +189,15 @@ def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
     axes = figure.subplots()
     columns = {"omega_rad_s": without.closed_loop.omega_rad_s}
     curves = (
-        ("y/r without DOB", "y_per_r_without_dob", without.closed_loop, COLOURS[0], "-"),
-        ("y/r with DOB", "y_per_r_with_dob", with_dob.closed_loop, COLOURS[1], "-"),
-        ("y/u", "y_per_u", without.regulated, COLOURS[0], "--"),
-        ("y/u_new, with DOB", "y_per_u_new", with_dob.regulated, COLOURS[1], "--"),
+        ("y/r without DOB", "y_per_r_without_dob", without.closed_loop),
+        ("y/r with DOB", "y_per_r_with_dob", with_dob.closed_loop),
+        ("y/u", "y_per_u", without.regulated),
+        ("y/u_new, with DOB", "y_per_u_new", with_dob.regulated),
     )
-    for label, column, responses, colour, line in curves:
+    for label, column, responses in curves:
         spread_db = 20.0 * np.log10(responses.spread)
         columns[f"spread_{column}_db"] = spread_db
-        axes.loglog(responses.omega_rad_s, spread_db, line, color=colour, label=label)
+        axes.loglog(responses.omega_rad_s, spread_db, label=label)
     axes.axvline(CUTOFF_RAD_S, color="0.4", lw=0.9, ls="-.")
     axes.annotate(
         "ω_c", (CUTOFF_RAD_S, 1.2e-3), xytext=(5, 0), textcoords="offset points", color="0.3"
@@ -210,8 +209,7 @@ def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
 
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:
-    lines = zip(COLOURS, corner_labels(), responses.size, ("-", "--", "-", "--"), strict=False)
-    for colour, label, size, line in lines:
-        axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), line, color=colour, label=label)
+    for label, size in zip(corner_labels(), responses.size, strict=True):
+        axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), label=label)
     axes.axvline(CUTOFF_RAD_S, color="0.4", lw=0.9, ls="-.")
     axes.margins(x=0.0)

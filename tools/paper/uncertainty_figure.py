@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.parameter_space.root_count import on_axis
 from ...closed_loop.parameter_space.uncertainty import paper_box
-from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.continuous_filters import q_order_2, q_type_2
 from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from ...controller.filters.transfer_function import TransferFunction
@@ -119,12 +118,11 @@ def _uncertainty_picture(
     columns = {"omega_rad_s": omega_rad_s}
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
-    lines = zip(CORNERS, corner_labels(), plants, COLOURS, ("-", "--", "-", "--"), strict=False)
-    for corner, label, plant, colour, line in lines:
+    for corner, label, plant in zip(CORNERS, corner_labels(), plants, strict=True):
         uncertainty = np.abs(multiplicative_uncertainty(plant, model, omega_rad_s, delay_s))
         inverse_db = -20.0 * np.log10(uncertainty)
         columns[f"inverse_uncertainty_{corner}_db"] = inverse_db
-        axes.semilogx(omega_rad_s, inverse_db, line, color=colour, label=f"1/|Δ_m|, {label}")
+        axes.semilogx(omega_rad_s, inverse_db, label=f"1/|Δ_m|, {label}")
     cutoffs = {f"{CUTOFF_RAD_S:g} rad/s": (CUTOFF_RAD_S, "-")}
     met = cutoffs_that_meet_23(q_order_2, largest_uncertainty(plants, model, delay_s))
     largest_rad_s = met[-1].maximum_rad_s

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.controller.filters.continuous_filters import q_order_2
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.tools.paper import uncertainty_figure
@@ -24,6 +25,7 @@ from steer_by_wire.tools.paper.network_figure import (
 )
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from steer_by_wire.tools.paper.uncertainty_figure import exact_cutoffs, figure_9
+from tests.support.suite.curves import alike_without_colour
 
 
 def decibels(ratio: float) -> float:
@@ -36,6 +38,7 @@ def check_form(reproduction: Reproduction, key: str) -> None:
         assert picture.name.startswith(key)
         assert len({len(column) for column in picture.columns.values()}) == 1
         assert all(np.all(np.isfinite(column)) for column in picture.columns.values())
+        assert not alike_without_colour(picture.figure)
         for axes in picture.figure.axes:
             assert axes.get_ylabel()
         assert picture.figure.axes[-1].get_xlabel()
@@ -46,7 +49,8 @@ def check_form(reproduction: Reproduction, key: str) -> None:
 def test_figure_9_meets_its_condition_at_every_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
     # The exact cutoffs, which it states without judging them, take most of its time.
     monkeypatch.setattr(uncertainty_figure, "_EXACT_POINTS", 5)
-    reproduction = figure_9()
+    with plot_style():
+        reproduction = figure_9()
     check_form(reproduction, "figure_09")
     for picture in reproduction.pictures:
         q_db = picture.columns["q_db"]
@@ -93,7 +97,8 @@ def test_towards_its_cutoff_the_observer_no_longer_helps() -> None:
 
 
 def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
-    tenth, eleventh = figure_10(), figure_11()
+    with plot_style():
+        tenth, eleventh = figure_10(), figure_11()
     check_form(tenth, "figure_10")
     check_form(eleventh, "figure_11")
     assert {comparison.agrees for comparison in eleventh.comparisons} == {True, None}
@@ -103,7 +108,8 @@ def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
 
 
 def test_figure_12_holds_with_a_filtered_derivative_and_not_with_an_ideal_one() -> None:
-    reproduction = figure_12()
+    with plot_style():
+        reproduction = figure_12()
     check_form(reproduction, "figure_12")
     assert reproduction.verdict is Verdict.WITH_CORRECTION
     verdicts = {comparison.quantity: comparison.agrees for comparison in reproduction.comparisons}

@@ -2,19 +2,23 @@
 
 import numpy as np
 
+from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.tools.paper.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
+from tests.support.suite.curves import alike_without_colour
 
 
 def reproduced(reproduction: Reproduction) -> dict[str, str]:
     for picture in reproduction.pictures:
+        assert not alike_without_colour(picture.figure)
         assert len({len(column) for column in picture.columns.values()}) == 1
         assert all(column.dtype == np.float64 for column in picture.columns.values())
     return {c.quantity: c.reproduced for c in reproduction.comparisons}
 
 
 def test_figure_7_shows_the_published_roots_within_every_bound() -> None:
-    reproduction = figure_7()
+    with plot_style():
+        reproduction = figure_7()
     found = reproduced(reproduction)
     assert found["dominant roots at the published gains"] == "-0.5501 ± 0.1982j rad/s"
     assert [c.agrees for c in reproduction.comparisons].count(True) == 3
@@ -23,7 +27,8 @@ def test_figure_7_shows_the_published_roots_within_every_bound() -> None:
 
 
 def test_figure_8_shows_the_published_gains_inside() -> None:
-    reproduction = figure_8()
+    with plot_style():
+        reproduction = figure_8()
     found = reproduced(reproduction)
     assert found["published gains"] == "inside"
     assert reproduction.verdict is Verdict.WITH_CORRECTION
