@@ -8,10 +8,10 @@ from typing import Any, NamedTuple, Self
 
 from .bus_recorder import BusRecorder
 from .live_bus import Bus
-from .pair_result import CONTROLLER, PLANT, PairFiles, PairResult, Trace
+from .pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, PairResult, Trace
 from .process_group import ProcessError, Processes
 
-PROGRAMS = (CONTROLLER, PLANT)
+PROGRAMS = (CONTROLLER_PROGRAM, PLANT_PROGRAM)
 """In the order in which they are started and ended: without a plant the controller would hold."""
 _NO_OPTIONS: Mapping[str, Sequence[str]] = MappingProxyType({})
 
@@ -33,10 +33,10 @@ class LivePair:
 
     ``controller``   another program in place of our controller, which gets these words alone and
                      is started when the plant is ready
-    ``options``      further options of our programs: {PLANT: ["--priority", "50"]}
+    ``options``      further options of our programs: {PLANT_PROGRAM: ["--priority", "50"]}
     ``is_recorded``  whether all on the bus is recorded, and the plant leaves its trace
 
-    ``programs``  the processes, named PLANT and CONTROLLER: to signal, kill or end before the other
+    ``programs``  the processes by name: to signal, kill or end before the other
 
     Leaving the block ends both with SIGINT, so that their reports are written however the block
     ended, and kills one that does not end. They also end cleanly when this process ends, in
@@ -60,12 +60,12 @@ class LivePair:
         for program in PROGRAMS:
             # Settings first: after --bus-kwargs they would be parsed as more of its arguments.
             words = [str(files.settings(program)), "--json", str(files.report(program))]
-            if program == PLANT and is_recorded:
+            if program == PLANT_PROGRAM and is_recorded:
                 words += ["--trace", str(files.plant_trace)]
             words += [*options.get(program, ()), *bus.options]
             self._started[program] = Program(f"steer_by_wire.{program}", words)
         if controller is not None:
-            self._started[CONTROLLER] = controller
+            self._started[CONTROLLER_PROGRAM] = controller
         self._end = ExitStack()
 
     def __enter__(self) -> Self:
@@ -75,8 +75,8 @@ class LivePair:
                 stack.enter_context(self._recorder)
             self.programs = stack.enter_context(Processes(self._files.folder))
             if self._has_own_controller:
-                self.programs.start(PLANT, *self._started[PLANT])
-                self.begin(CONTROLLER)
+                self.programs.start(PLANT_PROGRAM, *self._started[PLANT_PROGRAM])
+                self.begin(CONTROLLER_PROGRAM)
             else:
                 for program in PROGRAMS:
                     self.begin(program)
@@ -107,11 +107,11 @@ class LivePair:
     @property
     def plant_is_running(self) -> bool:
         """Whether the plant still drives; raises ProcessError when either has failed."""
-        if self.programs.status(CONTROLLER) is not None:
-            raise self.programs.failure(CONTROLLER)
-        status = self.programs.status(PLANT)
+        if self.programs.status(CONTROLLER_PROGRAM) is not None:
+            raise self.programs.failure(CONTROLLER_PROGRAM)
+        status = self.programs.status(PLANT_PROGRAM)
         if status:
-            raise self.programs.failure(PLANT)
+            raise self.programs.failure(PLANT_PROGRAM)
         return status is None
 
     @property

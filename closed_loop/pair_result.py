@@ -16,7 +16,7 @@ from ..runtime.array_types import FloatArray
 from ..runtime.output_file import write_text
 from ..runtime.settings.toml_text import dump_toml
 
-PLANT, CONTROLLER = "plant_emulator", "controller"
+PLANT_PROGRAM, CONTROLLER_PROGRAM = "plant_emulator", "controller"
 """Names of the programs, and of their packages."""
 
 
@@ -51,8 +51,10 @@ class PairFiles(NamedTuple):
     ) -> dict[str, str | None]:
         """Return the settings of both programs by the name of their file; None without any."""
         return {
-            self.settings(PLANT).name: dump_toml(plant),
-            self.settings(CONTROLLER).name: None if controller is None else dump_toml(controller),
+            self.settings(PLANT_PROGRAM).name: dump_toml(plant),
+            self.settings(CONTROLLER_PROGRAM).name: None
+            if controller is None
+            else dump_toml(controller),
         }
 
     def report(self, program: str) -> Path:

@@ -39,7 +39,7 @@ from ..live_bus import BUSES, Bus, open_channels
 from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
-from ..pair_result import CONTROLLER, PLANT, PairFiles, Trace
+from ..pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
 from ..process_group import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
@@ -126,7 +126,7 @@ class Rig:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
         if not isinstance(controller, str):
-            write_text(files.settings(PLANT), dump_toml(self.settings))
+            write_text(files.settings(PLANT_PROGRAM), dump_toml(self.settings))
             if callable(controller):
                 return self._in_virtual_time(controller, self.settings, files)
             if not lockstep:
@@ -170,11 +170,11 @@ class Rig:
             (bus,) = channels.buses
             command = None if words is None else Program(_COMMAND, _filled(words, bus))
             spoken = [] if self._dialect_file is None else ["--dialect", str(self._dialect_file)]
-            options = dict.fromkeys((PLANT, CONTROLLER), spoken)
+            options = dict.fromkeys((PLANT_PROGRAM, CONTROLLER_PROGRAM), spoken)
             with LivePair(bus, files, controller=command, options=options) as pair:
                 ending = self._wait(pair.programs)
-            report = pair.report(PLANT)["node"]
-            remains = not ending and pair.programs.status(CONTROLLER) == STATUS_KILLED
+            report = pair.report(PLANT_PROGRAM)["node"]
+            remains = not ending and pair.programs.status(CONTROLLER_PROGRAM) == STATUS_KILLED
         trace, cut_off = Trace.read(files.plant_trace), pair.recording_failure
         where = channels.description
         return Outcome(files, where, settings, report, trace, ending, cut_off, remains=remains)
@@ -182,9 +182,9 @@ class Rig:
     def _wait(self, programs: Processes) -> str:
         """Wait for the end of the plant or of the controller; returns how the latter ended."""
         until_s = time.monotonic() + START_S_MAX + self.settings.duration_s
-        while programs.status(PLANT) is None and time.monotonic() < until_s:
-            if programs.status(CONTROLLER) is not None:
-                return str(programs.failure(CONTROLLER))
+        while programs.status(PLANT_PROGRAM) is None and time.monotonic() < until_s:
+            if programs.status(CONTROLLER_PROGRAM) is not None:
+                return str(programs.failure(CONTROLLER_PROGRAM))
             time.sleep(_POLL_S)
         return ""
 

@@ -30,7 +30,7 @@ from typing import NamedTuple, Self
 
 from steer_by_wire.closed_loop.live_bus import Bus
 from steer_by_wire.closed_loop.live_pair import PROGRAMS, LivePair
-from steer_by_wire.closed_loop.pair_result import PLANT, PairFiles
+from steer_by_wire.closed_loop.pair_result import PLANT_PROGRAM, PairFiles
 from steer_by_wire.closed_loop.process_group import ProcessError, launched_broker
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.dbc.messages import (
@@ -134,11 +134,11 @@ def run(bus: Bus, plant: PlantSettings, attack: Attack | None = None) -> Outcome
         files = PairFiles(Path(folder))
         files.write_settings(plant, CONTROLLER)
         intruder = None if attack is None else stack.enter_context(LiveAttack(bus, attack))
-        options = {**OPTIONS, PLANT: (*UNSUPERVISED, "--trace", str(files.plant_trace))}
+        options = {**OPTIONS, PLANT_PROGRAM: (*UNSUPERVISED, "--trace", str(files.plant_trace))}
         pair = stack.enter_context(LivePair(bus, files, options=options, is_recorded=False))
         while pair.plant_is_running:
             time.sleep(0.1)
-        peak_m = float(pair.report(PLANT)["node"]["lateral_error_peak_m"])
+        peak_m = float(pair.report(PLANT_PROGRAM)["node"]["lateral_error_peak_m"])
         followed = samples_with(files.plant_trace, VALUES[SteeringCommand])
         return Outcome(peak_m, 0 if intruder is None else intruder.forged, followed)
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.closed_loop.process_group import ProcessError
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.runtime.bus_model.settings import BusSettings
@@ -70,7 +70,7 @@ def run_live_soak(
             raise ProcessError(f"{name} has ended with status {status}: {run.folder / name}.txt")
     bus_log = read_bus_log(run.bus_log, babble_ids)
     (sent, taken), (plant_sent, plant_taken) = (
-        read_own_log(run.own_log(name)) for name in (CONTROLLER, PLANT)
+        read_own_log(run.own_log(name)) for name in (CONTROLLER_PROGRAM, PLANT_PROGRAM)
     )
     both_sent, both_taken = {**sent, **plant_sent}, {**taken, **plant_taken}
     return LiveSoak(bus_log, both_sent, both_taken, memory_kib, run.reports, run.cut_off)

@@ -10,7 +10,7 @@ import os
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.tools.faults.live.recorded_pair import BROKER, CHANNEL
@@ -48,14 +48,22 @@ def live(request: pytest.FixtureRequest) -> LiveSoak:
 
 def refused(run: LiveSoak) -> int:
     """Frames that found no room: they were never handed over, but have used up their counters."""
-    return sum(run.reports[name]["loop"]["frames_refused"] for name in (CONTROLLER, PLANT))
+    return sum(
+        run.reports[name]["loop"]["frames_refused"] for name in (CONTROLLER_PROGRAM, PLANT_PROGRAM)
+    )
 
 
 def test_the_babbling_node_and_the_pair_were_there(loaded: LiveSoak) -> None:
     assert loaded.bus.babbled > 100
     assert loaded.bus.others > 100
     assert set(loaded.sent) >= {CAN_IDS[SteeringCommand], CAN_IDS[LateralError]}
-    assert {BROKER, BABBLER, PLANT, f"{PLANT}: file writer", CONTROLLER} <= set(loaded.memory_kib)
+    assert {
+        BROKER,
+        BABBLER,
+        PLANT_PROGRAM,
+        f"{PLANT_PROGRAM}: file writer",
+        CONTROLLER_PROGRAM,
+    } <= set(loaded.memory_kib)
 
 
 def test_what_the_bus_took_is_sent_in_order(live: LiveSoak) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -78,16 +78,16 @@ def trial_of(
 ) -> Trial:
     case = next(one for one in live_cases() if one.name == name)
     reports = {**reports, INJECTOR: {"actions": actions}}
-    run = LiveRun(Path(), {PLANT: 0, CONTROLLER: 0}, reports)
+    run = LiveRun(Path(), {PLANT_PROGRAM: 0, CONTROLLER_PROGRAM: 0}, reports)
     return Trial(case, run._replace(**changes), observed)
 
 
 def test_a_run_passes_when_each_that_must_has_noticed_the_fault() -> None:
     trial = trial_of("bit flips")
-    noticed = {PLANT: {"bad_crc": 3}, CONTROLLER: {"bad_crc": 1, "repeated": 2}}
+    noticed = {PLANT_PROGRAM: {"bad_crc": 3}, CONTROLLER_PROGRAM: {"bad_crc": 1, "repeated": 2}}
     assert list(mistakes_of(trial, noticed)) == []
-    other = {PLANT: {"bad_crc": 3}, CONTROLLER: {"repeated": 2}}
-    assert list(mistakes_of(trial, other)) == [f"{CONTROLLER} has not noticed it"]
+    other = {PLANT_PROGRAM: {"bad_crc": 3}, CONTROLLER_PROGRAM: {"repeated": 2}}
+    assert list(mistakes_of(trial, other)) == [f"{CONTROLLER_PROGRAM} has not noticed it"]
     idle = trial_of("bit flips", actions=[])
     assert list(mistakes_of(idle, noticed)) == ["the injector did nothing"]
     left = trial_of("bit flips", left=["process plant_emulator"])
@@ -95,19 +95,21 @@ def test_a_run_passes_when_each_that_must_has_noticed_the_fault() -> None:
     cut = trial_of("bit flips", cut_off="No space left on device")
     (mistake,) = mistakes_of(cut, noticed)
     assert mistake == "the recording of the bus was cut off: No space left on device"
-    failed = trial_of("bit flips", statuses={PLANT: 5})
-    assert list(mistakes_of(failed, noticed)) == [f"{PLANT} has ended with status 5"]
+    failed = trial_of("bit flips", statuses={PLANT_PROGRAM: 5})
+    assert list(mistakes_of(failed, noticed)) == [f"{PLANT_PROGRAM} has ended with status 5"]
 
 
 def test_only_who_was_killed_may_end_so_and_a_golden_run_counts_nothing() -> None:
-    killed = trial_of("plant killed", statuses={PLANT: -9, CONTROLLER: 0})
-    noticed = {CONTROLLER: {"silence": 1}}
+    killed = trial_of("plant killed", statuses={PLANT_PROGRAM: -9, CONTROLLER_PROGRAM: 0})
+    noticed = {CONTROLLER_PROGRAM: {"silence": 1}}
     assert list(mistakes_of(killed, noticed)) == []
     assert list(mistakes_of(trial_of("plant killed"), noticed))
     golden = trial_of("golden", actions=[])
-    assert list(mistakes_of(golden, {PLANT: {}, CONTROLLER: {}})) == []
-    assert list(mistakes_of(golden, {PLANT: {"lost": 1}})) == [f"{PLANT} counts {{'lost': 1}}"]
-    stalled = {PLANT: {"skipped": 3}}
+    assert list(mistakes_of(golden, {PLANT_PROGRAM: {}, CONTROLLER_PROGRAM: {}})) == []
+    assert list(mistakes_of(golden, {PLANT_PROGRAM: {"lost": 1}})) == [
+        f"{PLANT_PROGRAM} counts {{'lost': 1}}"
+    ]
+    stalled = {PLANT_PROGRAM: {"skipped": 3}}
     assert list(mistakes_of(golden, stalled)) == [], "by the machine"
 
 
@@ -115,28 +117,28 @@ def test_only_who_was_killed_may_end_so_and_a_golden_run_counts_nothing() -> Non
 def test_who_wakes_first_may_hold_and_both_know_what_they_have_missed(holds: int) -> None:
     plant = report_of({**PLANT_NODE, "skipped_samples": 99, "safety": {**HELD, "holdings": 1}})
     controller = report_of({**CONTROLLER_NODE, "skipped_ticks": 99, "holds": holds})
-    noticed = {PLANT: counts_of(plant), CONTROLLER: counts_of(controller)}
+    noticed = {PLANT_PROGRAM: counts_of(plant), CONTROLLER_PROGRAM: counts_of(controller)}
     trial = trial_of("both clocks jump 1 s")
     assert list(mistakes_of(trial, noticed)) == []
-    assert list(mistakes_of(trial, {**noticed, CONTROLLER: {}})), "its timer cannot miss it"
-    unseen = {**noticed, PLANT: {"skipped": 99}}
-    assert list(mistakes_of(trial, unseen)) == [f"{PLANT} has not noticed it"]
+    assert list(mistakes_of(trial, {**noticed, CONTROLLER_PROGRAM: {}})), "its timer cannot miss it"
+    unseen = {**noticed, PLANT_PROGRAM: {"skipped": 99}}
+    assert list(mistakes_of(trial, unseen)) == [f"{PLANT_PROGRAM} has not noticed it"]
 
 
 def test_a_program_may_end_by_bus_off_only_where_that_is_expected() -> None:
-    noticed = {PLANT: {"silence": 1}, CONTROLLER: {"bus_off": 1}}
-    statuses = {PLANT: 0, CONTROLLER: 3}
+    noticed = {PLANT_PROGRAM: {"silence": 1}, CONTROLLER_PROGRAM: {"bus_off": 1}}
+    statuses = {PLANT_PROGRAM: 0, CONTROLLER_PROGRAM: 3}
     not_kept = "controller in bus-off, not kept"
     assert list(mistakes_of(trial_of(not_kept, statuses=statuses), noticed)) == []
     assert list(mistakes_of(trial_of(not_kept), noticed))
     kept = trial_of("controller in bus-off", statuses=statuses)
-    assert list(mistakes_of(kept, noticed)) == [f"{CONTROLLER} has ended with status 3"]
+    assert list(mistakes_of(kept, noticed)) == [f"{CONTROLLER_PROGRAM} has ended with status 3"]
 
 
 def test_a_fault_in_the_plants_settings_must_have_changed_a_frame() -> None:
-    noticed = {CONTROLLER: {"silence": 1}}
+    noticed = {CONTROLLER_PROGRAM: {"silence": 1}}
     for changed, mistakes in ((7, []), (0, ["the plant's fault stage did nothing"])):
-        reports = {PLANT: {"node": {"faults": [{"changed": changed}]}}}
+        reports = {PLANT_PROGRAM: {"node": {"faults": [{"changed": changed}]}}}
         trial = trial_of("measurements lost", actions=[], reports=reports)
         assert list(mistakes_of(trial, noticed)) == mistakes
 
@@ -240,34 +242,34 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
     error = encode(LateralError(-0.25, 0.0), 0)
     own = [(100.0, normal), (101.0, error), (101.2, refused)]
     on_bus = [(100.001, normal), (101.0005, forged), (101.001, error), (101.25, refused)]
-    (tmp_path / f"{PLANT}.log").write_text("".join(line(t, one, "T") for t, one in own))
-    (tmp_path / f"{CONTROLLER}.log").write_text(line(101.2, refused, "R"))
+    (tmp_path / f"{PLANT_PROGRAM}.log").write_text("".join(line(t, one, "T") for t, one in own))
+    (tmp_path / f"{CONTROLLER_PROGRAM}.log").write_text(line(101.2, refused, "R"))
     (tmp_path / "candump.log").write_text("".join(line(t, one, "R") for t, one in on_bus))
     plant = report_of({**PLANT_NODE, "rejected": {"out_of_order": 3}})
     controller = report_of(CONTROLLER_NODE)
     trial = trial_of(
         "spoofed, own counter",
         folder=tmp_path,
-        reports={PLANT: plant, CONTROLLER: controller},
+        reports={PLANT_PROGRAM: plant, CONTROLLER_PROGRAM: controller},
         actions=[{"time_ns": 101 * NS_PER_S, "fault": "spoof", "what": "begins"}],
         observed=(100 * NS_PER_S, 103 * NS_PER_S),
     )
     outcome = judge_trial(trial)
     assert outcome.mistakes == []
-    assert outcome.counts == {PLANT: {"out_of_order": 3}, CONTROLLER: {}}
-    assert list(outcome.reactions[PLANT]) == pytest.approx([0.2, 0.25])
+    assert outcome.counts == {PLANT_PROGRAM: {"out_of_order": 3}, CONTROLLER_PROGRAM: {}}
+    assert list(outcome.reactions[PLANT_PROGRAM]) == pytest.approx([0.2, 0.25])
     # The only command that stops was on the bus, but the controller has not sent it.
-    assert outcome.reactions[CONTROLLER] == Reaction(None, None)
+    assert outcome.reactions[CONTROLLER_PROGRAM] == Reaction(None, None)
     assert outcome.vehicle.error_peak_m == pytest.approx(0.25)
 
 
 def test_the_table_and_the_record_hold_every_run() -> None:
     outcome = LiveResult(
         "plant killed",
-        {CONTROLLER: {"silence": 1}},
-        {PLANT: Reaction(None, None), CONTROLLER: Reaction(0.137, 0.138)},
+        {CONTROLLER_PROGRAM: {"silence": 1}},
+        {PLANT_PROGRAM: Reaction(None, None), CONTROLLER_PROGRAM: Reaction(0.137, 0.138)},
         Vehicle(0.1, 0.02, 0.3, 0.1, "APPLYING"),
-        {PLANT: -9, CONTROLLER: 0},
+        {PLANT_PROGRAM: -9, CONTROLLER_PROGRAM: 0},
         [],
         ["something"],
     )
@@ -278,7 +280,7 @@ def test_the_table_and_the_record_hold_every_run() -> None:
     assert (finding.holds, finding.figure) == (False, "1 of 2 runs; first: plant killed: something")
     assert live_finding([outcome._replace(mistakes=[])]).holds
     record = record_of(outcome)
-    assert record["reactions"][CONTROLLER] == {"noticed_s": 0.137, "reported_s": 0.138}
+    assert record["reactions"][CONTROLLER_PROGRAM] == {"noticed_s": 0.137, "reported_s": 0.138}
     assert record["mistakes"] == ["something"]
     assert set(record["vehicle"]) == set(Vehicle._fields)
 
@@ -305,9 +307,9 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
     passed = LiveResult(
         "golden",
         {},
-        {PLANT: Reaction(None, None), CONTROLLER: Reaction(None, None)},
+        {PLANT_PROGRAM: Reaction(None, None), CONTROLLER_PROGRAM: Reaction(None, None)},
         Vehicle(0.1, 0.1, 0.1, 0.1, "APPLYING"),
-        {PLANT: 0, CONTROLLER: 0},
+        {PLANT_PROGRAM: 0, CONTROLLER_PROGRAM: 0},
         [],
         [],
     )

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 from ...closed_loop.live_bus import open_channels
 from ...closed_loop.live_pair import LivePair
 from ...closed_loop.live_pair import Program as StartedProgram
-from ...closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from ...closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ...closed_loop.private_folder import private_folder
 from ...closed_loop.virtual_bus import QUIET_BUS
 from ...dbc.dialect.option import listening_in
@@ -74,7 +74,7 @@ def _points(path: Path) -> Sequence[tuple[float, float]]:
 
 Action = Literal["kill", "pause", "resume", "restart"]
 Program = Literal["plant", "controller"]
-_PROGRAMS: Mapping[Program, str] = {"plant": PLANT, "controller": CONTROLLER}
+_PROGRAMS: Mapping[Program, str] = {"plant": PLANT_PROGRAM, "controller": CONTROLLER_PROGRAM}
 
 
 class OwnLanes:

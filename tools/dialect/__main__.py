@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from steer_by_wire.closed_loop.lockstep.node import controller_in
-from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT
+from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import (
     START_S_MAX,
@@ -86,7 +86,7 @@ def _check(options: argparse.Namespace) -> int:
     controller = controller_in(dialect, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
     bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
     run_virtual_nodes(edge, controller, bus, options.out, in_vain)
-    for program, gateway in ((PLANT, edge), (CONTROLLER, controller)):
+    for program, gateway in ((PLANT_PROGRAM, edge), (CONTROLLER_PROGRAM, controller)):
         print(f"{program.replace('_', ' ')}: {dialect_text(gateway.report()['dialect'])}")
     return ExitStatus.OK
 

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.closed_loop.agreed_point import judged_like
-from steer_by_wire.closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.node.contradicted_settings import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
@@ -86,7 +86,7 @@ CONTROLLER_PRESET = "practical_pd_ddob"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     example = f"{NAME} --set plant.latency.downlink.mean_s=0.08 --out out/run"
-    parser = command_parser(NAME, __doc__, example, "[PLANT.toml] [options]")
+    parser = command_parser(NAME, __doc__, example, "[PLANT_PROGRAM.toml] [options]")
     parser.add_argument(
         "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
     )
@@ -240,11 +240,11 @@ def _bus_settings(options: argparse.Namespace) -> BusSettings:
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:
     """Return the command that makes a run again from the settings it has left."""
-    command = ["steer-by-wire", "run", str(files.settings(PLANT))]
+    command = ["steer-by-wire", "run", str(files.settings(PLANT_PROGRAM))]
     if options.controller_command:
         command += ["--controller-command", shlex.join(options.controller_command)]
     else:
-        command += ["--controller", str(files.settings(CONTROLLER))]
+        command += ["--controller", str(files.settings(CONTROLLER_PROGRAM))]
     if options.interface:
         command += ["--interface", options.interface]
     else:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ...closed_loop.lockstep.node import LockstepNode
-from ...closed_loop.pair_result import CONTROLLER, PLANT
+from ...closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ...closed_loop.virtual_bus import SharedBus
 from ...controller.node import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
@@ -24,10 +24,10 @@ from ...runtime.settings import Settings
 NAME = "steer-by-wire run"
 CONTROLLER_PREFIX = "controller_"
 """Of the controller's quantities."""
-PROGRAMS = (PLANT, CONTROLLER)
+PROGRAMS = (PLANT_PROGRAM, CONTROLLER_PROGRAM)
 QUANTITIES = {
-    **of_part(plant_quantities.QUANTITIES, PLANT),
-    **of_part(controller_quantities.QUANTITIES, CONTROLLER, CONTROLLER_PREFIX),
+    **of_part(plant_quantities.QUANTITIES, PLANT_PROGRAM),
+    **of_part(controller_quantities.QUANTITIES, CONTROLLER_PROGRAM, CONTROLLER_PREFIX),
 }
 """What ``--fail-if`` may name."""
 
@@ -59,8 +59,8 @@ def reports_of(
     ``controller``  its settings, or the words of its command
     """
     of_program: dict[str, tuple[Settings | Sequence[str], Mapping[str, Any]]] = {
-        PLANT: (plant, run.edges[0].report()),
-        CONTROLLER: (controller, run.edges[1].report()),
+        PLANT_PROGRAM: (plant, run.edges[0].report()),
+        CONTROLLER_PROGRAM: (controller, run.edges[1].report()),
     }
     return {
         program: {
@@ -81,7 +81,7 @@ def reports_of(
 
 def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Return the figures of a run, each with its heading."""
-    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
+    plant, controller = reports[PLANT_PROGRAM]["node"], reports[CONTROLLER_PROGRAM]["node"]
     lines = [
         ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
         ("seed", str(plant["seed"])),
@@ -126,9 +126,9 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the plant's verdict, and what limited the commands on their way; or who failed."""
     if failures := _failures(reports):
         return "; ".join(failures)
-    is_ours = "settings" in reports[CONTROLLER]
-    limited = controller_report.limited_text(reports[CONTROLLER]["node"]) if is_ours else ""
-    return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
+    is_ours = "settings" in reports[CONTROLLER_PROGRAM]
+    limited = controller_report.limited_text(reports[CONTROLLER_PROGRAM]["node"]) if is_ours else ""
+    return "; ".join(filter(None, (verdict_text(reports[PLANT_PROGRAM]["node"]), limited)))
 
 
 def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:

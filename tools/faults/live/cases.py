@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache
 
-from ....closed_loop.pair_result import CONTROLLER, PLANT
+from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....plant_emulator.faults.settings import FaultSettings
 from ....runtime.settings import Settings, load_settings, read_preset
 from ..injection.live_faults import LiveKind
@@ -41,7 +41,7 @@ class LiveCase(Settings):
     @property
     def expected(self) -> Mapping[str, tuple[str, ...]]:
         """The counters of which one must have risen, by program."""
-        both = {PLANT: self.plant, CONTROLLER: self.controller}
+        both = {PLANT_PROGRAM: self.plant, CONTROLLER_PROGRAM: self.controller}
         return {name: counters for name, counters in both.items() if counters}
 
 

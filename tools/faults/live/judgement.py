@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.pair_result import CONTROLLER, PLANT
+from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -83,7 +83,7 @@ class LiveResult(NamedTuple):
 
 def judge_trial(trial: Trial) -> LiveResult:
     """Read the files of a run, and judge it."""
-    programs, reports = (PLANT, CONTROLLER), trial.run.reports
+    programs, reports = (PLANT_PROGRAM, CONTROLLER_PROGRAM), trial.run.reports
     counts = {name: counts_of(reports[name]) for name in programs if name in reports}
     end_ns = trial.observed[1]
     on_bus = _bus_frames(trial.run.bus_log)
@@ -96,7 +96,7 @@ def judge_trial(trial: Trial) -> LiveResult:
         reactions[name] = Reaction(
             _first_sign(sent[name], onset_ns, end_ns), _first_sign(seen, onset_ns, end_ns)
         )
-    vehicle = vehicle_of(list(_decoded(sent[PLANT])), onset_ns, end_ns)
+    vehicle = vehicle_of(list(_decoded(sent[PLANT_PROGRAM])), onset_ns, end_ns)
     mistakes = list(mistakes_of(trial, counts))
     return LiveResult(
         trial.case.name, counts, reactions, vehicle, trial.run.statuses, trial.actions, mistakes
@@ -144,7 +144,7 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
 
 def changed_by_stage(trial: Trial) -> int:
     """Return how many frames the fault stage at the plant's edge has changed."""
-    faults = trial.run.reports.get(PLANT, {}).get("node", {}).get("faults", [])
+    faults = trial.run.reports.get(PLANT_PROGRAM, {}).get("node", {}).get("faults", [])
     return sum(one["changed"] for one in faults)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TerminalTable
 
-from ....closed_loop.pair_result import CONTROLLER, PLANT
+from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....closed_loop.process_group import ProcessError
 from ....closed_loop.reports.findings import Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number
@@ -136,13 +136,13 @@ def _row(outcome: LiveResult) -> list[str]:
     vehicle = outcome.vehicle
     return [
         outcome.name,
-        _counts(outcome, PLANT),
-        _counts(outcome, CONTROLLER),
-        _times(outcome.reactions[PLANT]),
-        _times(outcome.reactions[CONTROLLER]),
+        _counts(outcome, PLANT_PROGRAM),
+        _counts(outcome, CONTROLLER_PROGRAM),
+        _times(outcome.reactions[PLANT_PROGRAM]),
+        _times(outcome.reactions[CONTROLLER_PROGRAM]),
         f"{_figure(vehicle.error_before_m)} → {_figure(vehicle.error_peak_m)}",
-        "killed" if outcome.statuses[PLANT] < 0 else vehicle.last_status,
-        f"{outcome.statuses[PLANT]} / {outcome.statuses[CONTROLLER]}",
+        "killed" if outcome.statuses[PLANT_PROGRAM] < 0 else vehicle.last_status,
+        f"{outcome.statuses[PLANT_PROGRAM]} / {outcome.statuses[CONTROLLER_PROGRAM]}",
     ]
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ....closed_loop.bus_recorder import BusRecorder
 from ....closed_loop.live_bus import Bus
 from ....closed_loop.live_pair import LivePair
-from ....closed_loop.pair_result import CONTROLLER, PLANT, PairFiles
+from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ....closed_loop.private_folder import private_folder
 from ....closed_loop.process_group import Processes
 from ....controller.settings import controller_preset
@@ -98,7 +98,8 @@ def run_live(
     files = PairFiles(folder)
     files.write_settings(setup.plant, controller_preset("practical_pd_ddob"))
     options = {
-        name: [*setup.both, "--record", str(folder / f"{name}.log")] for name in (PLANT, CONTROLLER)
+        name: [*setup.both, "--record", str(folder / f"{name}.log")]
+        for name in (PLANT_PROGRAM, CONTROLLER_PROGRAM)
     }
     with private_folder("faults") as private:
         socket = private / "socket"
@@ -118,7 +119,9 @@ def run_live(
                 statuses = {name: others.end(name) for name in further}
                 # Both together: either would enter its hold if the other ended first.
                 pair.interrupt()
-                statuses |= {name: pair.programs.end(name) for name in (CONTROLLER, PLANT)}
+                statuses |= {
+                    name: pair.programs.end(name) for name in (CONTROLLER_PROGRAM, PLANT_PROGRAM)
+                }
             statuses[BROKER] = others.end(BROKER)
         left = _still_there(pids)
         left += [socket.name] if socket.exists() else []
