@@ -127,29 +127,6 @@ def test_of_all_offsets_a_few_are_followed_for_a_short_time_and_then_nobody(
     assert max(unnoticed.values()) <= 40
 
 
-def test_a_network_that_doubles_or_delays_frames_is_no_second_sender() -> None:
-    tested = Reception((SteeringCommand,), COMMANDS)
-    frames = [encode(message(is_measured=False, value=TRUE, number=n), n % 256) for n in range(600)]
-    for number, frame in enumerate(frames):
-        for late in (0, 1, 7, 40):
-            if number >= late and (late == 0 or number % 3 == 0):
-                tested.take(frames[number - late] if late else frame, number * PERIOD_NS)
-    assert tested.second_sender(600 * PERIOD_NS) is SecondSender.NONE
-    assert tested.second_senders == []
-    assert tested.accepted == 600
-
-
-def test_a_sender_that_restarts_is_no_second_sender() -> None:
-    true = stream(is_measured=False, value=TRUE)
-    for restart in range(256):
-        tested = Reception((SteeringCommand,), COMMANDS)
-        now_ns = 0
-        for number in [*range(300), *range(restart, restart + 100)]:
-            now_ns += PERIOD_NS
-            tested.take(true[number], now_ns)
-        assert tested.second_senders == [], restart
-
-
 def test_a_burst_of_losses_a_stall_and_a_bunch_lose_nothing_more() -> None:
     tested = Reception((LateralError,), MEASUREMENTS)
     sent = [*range(100), *range(170, 300)]  # 0.7 s of losses, believed at once
