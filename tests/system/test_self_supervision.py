@@ -108,25 +108,6 @@ def test_overruns_that_are_borne_change_nothing() -> None:
     assert not tested.node.finished
 
 
-@pytest.mark.parametrize(
-    ("overruns", "samples", "fails"),
-    [
-        ({"overruns_max": 2}, 2, False),
-        ({"overruns_max": 2}, 3, True),
-        ({"overruns_max": "off"}, 500, False),
-        ({"overruns_max": 100}, 500, False),
-        ({"overruns_max": 0, "window_ticks": 1}, 1, True),
-    ],
-    ids=str,
-)
-def test_how_many_overruns_are_borne_is_a_setting(
-    overruns: dict[str, Any], samples: int, fails: bool
-) -> None:
-    tested = link(overruns=overruns)
-    late(tested, samples)
-    assert bool(tested.node.report()["failure"]) is fails
-
-
 @pytest.mark.parametrize("pause_s", [1.0, 3600.0])
 def test_a_pause_however_long_is_one_overrun_after_which_the_plant_goes_on(pause_s: float) -> None:
     """A process that was stopped, or a machine that slept with its clock running."""

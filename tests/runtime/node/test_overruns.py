@@ -23,23 +23,11 @@ def served(supervision: OverrunSupervision, late_periods: Sequence[int]) -> list
     return verdicts
 
 
-def test_a_node_that_keeps_its_rate_is_trusted() -> None:
-    supervision = OverrunSupervision(0, 100)
-    assert all(served(supervision, [0] * 1000))
-    assert (supervision.failure, supervision.overruns, supervision.worst) == ("", 0, 0)
-
-
 def test_as_many_overruns_as_allowed_are_borne_and_one_more_is_not() -> None:
     supervision = OverrunSupervision(3, 10)
     verdicts = served(supervision, [1, 0, 1, 0, 1, 0, 1, 0])
     assert verdicts == [True] * 6 + [False] * 2
     assert supervision.failure == "4 of the last 7 ticks overran, allowed are 3 of 10"
-
-
-def test_one_stall_is_one_overrun_however_long_it_lasts() -> None:
-    supervision = OverrunSupervision(1, 100)
-    assert all(served(supervision, [0, 100_000, 0]))
-    assert supervision.overruns == 1
 
 
 def test_lateness_within_the_period_is_none() -> None:
@@ -49,13 +37,11 @@ def test_lateness_within_the_period_is_none() -> None:
         assert supervision.on_tick(timer)
 
 
-def test_a_fault_stays() -> None:
-    supervision = OverrunSupervision(0, 5)
-    served(supervision, [1] + [0] * 100)
-    assert supervision.failure == "1 of the last 1 ticks overran, allowed are 0 of 5"
-
-
-@given(st.lists(st.integers(0, 2), max_size=60), st.integers(0, 10), st.integers(1, 12))
+@given(
+    st.lists(st.sampled_from([0, 0, 1, 2, 100_000]), max_size=60),
+    st.integers(0, 10),
+    st.integers(1, 12),
+)
 def test_the_verdict_is_that_of_every_window(
     late: list[int], overruns_max: int, window: int
 ) -> None:
