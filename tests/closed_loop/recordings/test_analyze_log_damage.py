@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_file import LogError, Logged, TextLines, open_log
+from steer_by_wire.closed_loop.recordings.log_file import LogError, TextLines, open_log
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
@@ -33,7 +33,6 @@ from tests.support.runs.logged_run import (
 from tests.support.runs.logged_run import beginning as beginning
 from tests.support.runs.logged_run import constant as constant
 from tests.support.runs.logged_run import varying as varying
-from tests.support.suite.any_text import ANY_CHARACTER
 from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -154,27 +153,6 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capt
             == f"steer-by-wire analyze: error: {path}: No such file or directory\n"
         )
         assert not path.exists()
-
-
-@given(
-    st.lists(
-        st.one_of(
-            st.text(ANY_CHARACTER, max_size=30),
-            st.sampled_from(["(1.0) c 123#11", "(1) c", "  c  1 [1] "]),
-        ),
-        max_size=8,
-    )
-)
-def test_no_text_makes_the_reader_raise_anything_else(
-    tmp_path_factory: pytest.TempPathFactory, lines: list[str]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.log"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    logged: list[Logged] = []
-    try:
-        logged.extend(open_log(path))
-    except LogError:
-        assert not logged
 
 
 # Loss, by cause

@@ -5,8 +5,6 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from steer_by_wire.controller.law_interface import LawInput, LawOutput
 from steer_by_wire.controller.laws.law_from_settings import LawDesign
@@ -359,32 +357,3 @@ def test_samples_are_kept_up_to_the_number_asked_for() -> None:
         START_NS + index * PERIOD_NS for index in range(5)
     ]
     assert node.samples[0].lateral_error_m == pytest.approx(0.1)
-
-
-FRAMES = st.builds(
-    Frame,
-    st.sampled_from([*CAN_IDS.values(), 0x7FF]) | st.integers(0, 0x1FFFFFFF),
-    st.binary(max_size=64),
-    st.integers(0, 31),
-)
-ANY_MEASUREMENTS = st.builds(
-    encode, st.builds(LateralError, st.floats(-83.0, 83.0), st.just(0.0)), st.integers(0, 255)
-)
-
-
-@given(st.lists(st.tuples(FRAMES | ANY_MEASUREMENTS, st.integers(0, 400 * MS_NS)), max_size=60))
-def test_no_frame_at_any_time_makes_it_raise_or_break_a_limit(
-    arrivals: list[tuple[Frame, int]],
-) -> None:
-    plant = link(
-        law="pd_ddob",
-        dob={"q_cutoff_rad_s": 20.0},
-        cdob={"q_cutoff_rad_s": 50.0},
-        nominal_model=VEHICLE.model_dump(),
-    )
-    for frame, wait_ns in arrivals:
-        plant.node.on_frame(frame, plant.now_ns)
-        plant.tick_until(plant.now_ns + wait_ns)
-    steers_rad = [0.0, *(command.steer_rad for command in plant.commands)]
-    assert all(abs(steer_rad) <= 0.6 for steer_rad in steers_rad)
-    assert all(abs(b - a) <= 0.02 + 1.1e-5 for a, b in pairwise(steers_rad))

@@ -3,8 +3,6 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -23,43 +21,10 @@ from steer_by_wire.dbc.messages import (
     limits,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import EXTENDED, Frame
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
 
 # Frames nobody should have sent
-
-
-@st.composite
-def any_frames(draw: st.DrawFn) -> Frame:
-    ours = st.sampled_from(sorted(CAN_IDS.values()))
-    can_id = draw(st.one_of(ours, st.integers(0, 0x1FFFFFFF)))
-    kinds = (0, EXTENDED, REMOTE, ERROR, FD, FD | BITRATE_SWITCH, EXTENDED | FD)
-    flags = draw(st.sampled_from(kinds))
-    length = st.sampled_from([0, 7, 8]) if draw(st.booleans()) else st.integers(0, 64)
-    size = draw(length)
-    return Frame(can_id, draw(st.binary(min_size=size, max_size=size)), flags)
-
-
-@given(st.lists(any_frames(), max_size=20))
-def test_no_frame_can_make_the_node_raise(frames: list[Frame]) -> None:
-    tested = link(path={"kind": "straight"})
-    for number, frame in enumerate(frames):
-        now_ns = START_NS + number * MS_NS
-        assert tested.node.on_frame(frame, now_ns) == ()
-        tested.tick(now_ns)
-    tested.tick_until(START_NS + 20 * PERIOD_NS)
-    assert tested.messages(PlantStatus)
-
-
-@given(st.integers(0, 2**64 - 1))
-def test_any_content_of_a_latency_configuration_is_taken_or_counted(word: int) -> None:
-    """It has no checksum, so anything can arrive."""
-    tested = link(start_on_first_command=False)
-    data = word.to_bytes(8, "little")[: len(encode(A_CONFIG, 0).data)]
-    tested.node.on_frame(Frame(CAN_IDS[LatencyConfig], data), START_NS)
-    tested.tick_until(START_NS + 30 * PERIOD_NS)
-    report = tested.node.report()
-    assert report["accepted"] + sum(report["rejected"].values()) == 1
 
 
 A_CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0)

@@ -193,10 +193,3 @@ def test_every_frame_of_a_burst_reaches_an_asyncio_notifier(
             ]
 
     assert sorted(asyncio.run(collect())) == list(range(100))
-
-
-def test_periodic_sending_works(stack: ExitStack, classic_address: str) -> None:
-    channel = uuid.uuid4().hex
-    one, other = (client(stack, classic_address, channel=channel) for _ in range(2))
-    one.send_periodic(message(7), 0.001)
-    assert [receive(other).arbitration_id for _ in range(5)] == [7] * 5

@@ -5,7 +5,6 @@ Clients are ordinary sockets, the broker is stepped by hand in the same thread: 
 
 import random
 import socket
-from contextlib import ExitStack
 
 import pytest
 from hypothesis import given
@@ -314,18 +313,6 @@ def test_a_client_that_has_said_hello_may_be_silent_for_ever(bench: Bench) -> No
 
 
 # Garbage
-
-
-@given(st.binary(min_size=1, max_size=3 * HELLO.size), st.booleans())
-def test_no_bytes_raise_or_harm_the_others(raw: bytes, has_joined: bool) -> None:
-    with ExitStack() as stack:
-        bench = Bench(stack)
-        one, other = bench.join(), bench.join()
-        vandal = bench.join() if has_joined else bench.connect()
-        vandal.sendall(raw)
-        bench.step()
-        bench.advance(50 * CLASSIC_FRAME_NS)
-        assert_bus_is_well(bench, one, other)
 
 
 def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lines(

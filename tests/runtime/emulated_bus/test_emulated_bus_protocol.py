@@ -9,12 +9,10 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     FD_RECORD,
-    HELLO,
     ProtocolError,
     check_frame,
     pack_frame,
     unpack_delivery,
-    unpack_hello,
     unpack_request,
 )
 from steer_by_wire.runtime.frame import Frame
@@ -39,14 +37,6 @@ def assert_request_or_error(record: Struct, raw: bytes) -> None:
         check_frame(request)
         # Whatever comes through can be put on the wire.
         BusModel(500_000).submit(request, 0, 0)
-
-
-@given(st.binary(min_size=HELLO.size, max_size=HELLO.size))
-def test_any_hello_is_understood_or_an_error(raw: bytes) -> None:
-    try:
-        unpack_hello(raw)
-    except ProtocolError:
-        return
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 2**63 - 1))
