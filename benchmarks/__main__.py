@@ -20,12 +20,7 @@ from rich.console import Console
 from benchmarks import batch, loop
 from benchmarks.bus import benchmark as bus
 from benchmarks.measurement import line_record, lines_table
-from steer_by_wire.runtime.command_line import (
-    add_subcommand,
-    command_parser,
-    output_file,
-    run_main,
-)
+from steer_by_wire.runtime.command_line import add_subcommand, command_parser, output_file, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.priority_and_memory_lock import StealClock
 from steer_by_wire.runtime.program.report import write_json

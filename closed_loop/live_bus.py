@@ -49,11 +49,7 @@ class Channels(NamedTuple):
 
 @contextmanager
 def open_channels(
-    wanted: str,
-    names: Sequence[str],
-    log: Path,
-    settings: BusSettings = QUIET_BUS,
-    seed: int = 1,
+    wanted: str, names: Sequence[str], log: Path, settings: BusSettings = QUIET_BUS, seed: int = 1
 ) -> Iterator[Channels]:
     """Open the best bus of this machine until the end of the block, with a channel for every name.
 
@@ -74,7 +70,7 @@ def open_channels(
         raise SettingsError(
             f"no CAN interface {', '.join(missing)}; make them with: sudo modprobe vcan; for i in "
             f"{' '.join(missing)}; do sudo ip link add $i type vcan; sudo ip link set $i up; done; "
-            "or run below: steer-by-wire with-vcan",
+            "or run below: steer-by-wire with-vcan"
         )
     if wanted != "emulated" and settings.is_quiet and not missing:
         buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)

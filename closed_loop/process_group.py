@@ -232,10 +232,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
     directory go with this process, however that ends. Raises RuntimeError if the broker does not
     start, after it has printed the reason on standard error.
     """
-    with (
-        private_folder("bus") as folder,
-        closing(Lifeline()) as line,
-    ):
+    with private_folder("bus") as folder, closing(Lifeline()) as line:
         address = str(folder / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(

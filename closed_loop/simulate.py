@@ -217,12 +217,7 @@ def _run_virtual(
 ) -> Run:
     from ..runtime.bus_model.transmit_queue import BusOverflowError
     from .virtual_bus import virtual_bus, with_clocks
-    from .virtual_pair import (
-        START_S_MAX,
-        make_virtual_pair,
-        run_virtual_nodes,
-        waits_in_vain,
-    )
+    from .virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(

@@ -10,13 +10,7 @@ from pydantic import Field, model_validator
 from ..dbc.codec.sequence_and_second_sender import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
-from ..runtime.settings import (
-    Settings,
-    SharedTable,
-    load_settings,
-    read_preset,
-    read_table,
-)
+from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
 from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, FaultSettings

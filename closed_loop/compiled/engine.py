@@ -168,9 +168,7 @@ class BatchRun(NamedTuple):
 
 
 def run_batch(
-    plant: PlantSettings,
-    controller: ControllerSettings,
-    schedule: RunSchedule | None = None,
+    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule | None = None
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 

@@ -43,12 +43,7 @@ from ..pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
 from ..process_group import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
-from ..virtual_pair import (
-    START_S_MAX,
-    make_virtual_plant,
-    run_virtual_nodes,
-    waits_in_vain,
-)
+from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]

@@ -30,13 +30,7 @@ from ...plant_emulator.evaluation.error_windows import (
     window_figures,
 )
 from ...plant_emulator.evaluation.judged_point import behind_preview_m
-from ...plant_emulator.evaluation.run_verdict import (
-    RUN_ENDS,
-    Peaks,
-    RunEnd,
-    Verdict,
-    VerdictRules,
-)
+from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
 from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
@@ -219,13 +213,7 @@ register(window_figures)
 
 @compiled
 def _figures(
-    rules: Any,
-    time_s: Any,
-    error_m: Any,
-    followed_m: Any,
-    wheel_rad: Any,
-    sent_rad: Any,
-    row: Any,
+    rules: Any, time_s: Any, error_m: Any, followed_m: Any, wheel_rad: Any, sent_rad: Any, row: Any
 ) -> None:
     samples = len(time_s)
     row[0] = time_s[samples - 1]

@@ -49,10 +49,7 @@ class DelayListener:
     """
 
     def __init__(
-        self,
-        plant: PlantSettings,
-        controller: ControllerSettings,
-        listening: Listening,
+        self, plant: PlantSettings, controller: ControllerSettings, listening: Listening
     ) -> None:
         self._listening = listening
         self._sample_ns = plant.sensor_period_ns

@@ -64,9 +64,7 @@ def steer_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
     b21 = c_f * l_f / j
     yaw_gain = a21 * b11 - a11 * b21
     zeros = Factor(
-        v * b11 + l_s * b21,
-        v * (b21 + a12 * b21 - a22 * b11) + l_s * yaw_gain,
-        v * yaw_gain,
+        v * b11 + l_s * b21, v * (b21 + a12 * b21 - a22 * b11) + l_s * yaw_gain, v * yaw_gain
     )
     poles = Factor(1.0, -(a11 + a22), a11 * a22 - a12 * a21)
     heading = Factor(b21, yaw_gain, 0.0)

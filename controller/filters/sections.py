@@ -41,10 +41,7 @@ def cascade_2_step(p: Cascade2, x: Cascade2State, u: float) -> tuple[Cascade2Sta
     (x1, x2), (z1, z2) = x
     v = b0 * u + x1
     y = c0 * v + z1
-    return (
-        (b1 * u - a1 * v + x2, b2 * u - a2 * v),
-        (c1 * v - d1 * y + z2, c2 * v - d2 * y),
-    ), y
+    return ((b1 * u - a1 * v + x2, b2 * u - a2 * v), (c1 * v - d1 * y + z2, c2 * v - d2 * y)), y
 
 
 def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3State, float]:

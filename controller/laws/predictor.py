@@ -25,15 +25,7 @@ from pydantic import Field
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
-from ..law_interface import (
-    Fallback,
-    Law,
-    LawInput,
-    LawOutput,
-    LookingBack,
-    Schedule,
-    VehicleBelief,
-)
+from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule, VehicleBelief
 from ..limits.fades_and_ramps import FADE_RAD_S, difference_step
 from ..prediction.gains_over_speed import Feedback, design_schedule, steady_turn_rad, together
 from ..prediction.measured_vehicle import (

@@ -47,9 +47,7 @@ class LawRunner:
         self.design = design_law(settings)
         self.bus_history = (
             BusHistory(
-                settings.loop_delay,
-                settings.age_limits,
-                keeps_plans=self.design.plan is not None,
+                settings.loop_delay, settings.age_limits, keeps_plans=self.design.plan is not None
             )
             if self.design.looks_back
             else None

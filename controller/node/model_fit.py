@@ -141,11 +141,7 @@ class ModelFit:
             return {"fits": self.fits, "virtual_mass_kg": None, "virtual_mass_std_kg": None}
         deviation_kg = deviation * (least - largest) / (gain * gain * v2 * abs(per_kg))
         mass_kg = (1.0 / gain - self._length_m) / (v2 * per_kg)
-        return {
-            "fits": self.fits,
-            "virtual_mass_kg": mass_kg,
-            "virtual_mass_std_kg": deviation_kg,
-        }
+        return {"fits": self.fits, "virtual_mass_kg": mass_kg, "virtual_mass_std_kg": deviation_kg}
 
     def _lag_s(self, speed_m_s: float) -> float:
         """Return the lag of the yaw rate behind a turning wheel."""

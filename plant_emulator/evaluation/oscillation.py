@@ -78,11 +78,7 @@ def oscillation(
 
 
 def half_periods(
-    values: Sequence[float],
-    first: int,
-    window: int,
-    line: tuple[float, float, float],
-    level: float,
+    values: Sequence[float], first: int, window: int, line: tuple[float, float, float], level: float
 ) -> tuple[int, float, float]:
     """Return number, sum and sum of squares of the half periods in a window, in samples."""
     centre = 0.5 * (window - 1)

@@ -117,11 +117,7 @@ class FaultyNode(Wrapper[N]):
     """
 
     def __init__(
-        self,
-        node: N,
-        faults: Sequence[FaultSettings],
-        seed: int,
-        messages: MessagesOnBus = OURS,
+        self, node: N, faults: Sequence[FaultSettings], seed: int, messages: MessagesOnBus = OURS
     ) -> None:
         super().__init__(node)
         self._messages = messages

@@ -23,9 +23,7 @@ class Network:
             uniforms(seed, Stream.DOWNLINK_DUPLICATES),
         )
         self.uplink: LatencyLine[Frame] = LatencyLine(
-            latency.uplink,
-            uniforms(seed, Stream.UPLINK),
-            uniforms(seed, Stream.UPLINK_DUPLICATES),
+            latency.uplink, uniforms(seed, Stream.UPLINK), uniforms(seed, Stream.UPLINK_DUPLICATES)
         )
         self.measured_latency_s = math.nan
 

@@ -39,14 +39,7 @@ def cg_deviation_m(
     _, piece, along_m = locate(path, arc_length_m)
     _, end_piece, end_along_m = locate(path, arc_length_m - preview_m)
     return deviation_behind_m(
-        path,
-        piece,
-        along_m,
-        end_piece,
-        end_along_m,
-        heading_error_rad,
-        lateral_error_m,
-        preview_m,
+        path, piece, along_m, end_piece, end_along_m, heading_error_rad, lateral_error_m, preview_m
     )
 
 

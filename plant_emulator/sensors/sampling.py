@@ -59,13 +59,7 @@ class Sampling:
         self.frames = SensorFrames()
         self._motion, self._uplink = motion, uplink
 
-    def send(
-        self,
-        applied: int,
-        code: SteeringStatusCode,
-        time_ns: int,
-        motion_ns: int,
-    ) -> None:
+    def send(self, applied: int, code: SteeringStatusCode, time_ns: int, motion_ns: int) -> None:
         """Sample the motion at ``time_ns``.
 
         ``applied``    counter of the command in effect

@@ -21,15 +21,7 @@ broker; in a request for bus-off it is the duration.
 from struct import Struct
 from typing import NamedTuple
 
-from ..frame import (
-    BITRATE_SWITCH,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    REMOTE,
-    REMOTE_LENGTH_SHIFT,
-    Frame,
-)
+from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
 from ..node import NS_PER_S
 
 MAGIC = b"emucan\x00\x02"

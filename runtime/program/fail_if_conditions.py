@@ -150,10 +150,7 @@ def failures(
 
 
 def fail_status(
-    name: str,
-    conditions: Sequence[Condition],
-    quantities: Mapping[str, Quantity],
-    report: Report,
+    name: str, conditions: Sequence[Condition], quantities: Mapping[str, Quantity], report: Report
 ) -> ExitStatus:
     """Print a line for each ``--fail-if`` that a run meets; returns CONDITION if there is one."""
     lines = failures(conditions, quantities, report)

@@ -17,13 +17,7 @@ import pytest
 from benchmarks.bus import benchmark, runs, watched_controller
 from benchmarks.bus.allocations import TickMemory, tick_memory
 from benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
-from benchmarks.bus.processes import (
-    CompileError,
-    CPrograms,
-    Role,
-    compile_all,
-    started,
-)
+from benchmarks.bus.processes import CompileError, CPrograms, Role, compile_all, started
 from benchmarks.bus.records import (
     Answers,
     Passage,

@@ -48,7 +48,7 @@ SENT = (SteeringCommand,)
 DRIVES, FRAMES = 30, 60
 EQUIVALENT = {
     # The end of the pause, which nothing asks for before there is one.
-    "-NEVER_NS  ->  NEVER_NS",
+    "-NEVER_NS  ->  NEVER_NS"
 }
 
 

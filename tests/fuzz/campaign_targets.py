@@ -28,11 +28,7 @@ from steer_by_wire.tools.faults.campaign.campaign_file import (
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
 from steer_by_wire.tools.faults.campaign.case_groups import group
 from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, read_stored
-from steer_by_wire.tools.faults.campaign.presentation import (
-    campaign_page,
-    table_lines,
-    write_csv,
-)
+from steer_by_wire.tools.faults.campaign.presentation import campaign_page, table_lines, write_csv
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 from tests.fuzz.settings_targets import begin_campaign, settled, toml_value
 from tests.fuzz.traffic import Choices, promise

@@ -167,10 +167,7 @@ def peak_m(kind: str, magnitude: float) -> float:
     if kind == "spoof":
         fault["signal"] = "steer_rad"
     run = simulate(
-        "highway_corner_d",
-        "highway_pd_ddob",
-        duration_s=15.0,
-        overrides={"plant.faults": [fault]},
+        "highway_corner_d", "highway_pd_ddob", duration_s=15.0, overrides={"plant.faults": [fault]}
     )
     return run.lateral_error_peak_m
 

@@ -48,12 +48,7 @@ from steer_by_wire.runtime.program.fail_if_conditions import (
     of_part,
 )
 from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
-from steer_by_wire.runtime.settings import (
-    SettingsError,
-    SharedTable,
-    load_settings,
-    read_table,
-)
+from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
 from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html, verdict_of
 from steer_by_wire.tools.analyze.result import Result, print_results

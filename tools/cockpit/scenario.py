@@ -31,10 +31,7 @@ PATHS: Mapping[str, Mapping[str, Any] | None] = {
     "single lane change": {"kind": "single_lane_change", "start_m": 20.0},
     "double lane change": {"kind": "double_lane_change", "start_m": 20.0, "length_m": 90.0},
     "straight": {"kind": "straight"},
-    "winding road": {
-        "kind": "own",
-        "model": "steer_by_wire.tools.cockpit.course:WINDING_ROAD",
-    },
+    "winding road": {"kind": "own", "model": "steer_by_wire.tools.cockpit.course:WINDING_ROAD"},
 }
 _PAGE = "the page"
 _ANY_LAW = "practical_pd_ddob"

@@ -191,10 +191,7 @@ STOPPED = "The search was stopped before its end: this is the best so far, not t
 
 
 def unmet_text(
-    law: str,
-    settings: ControllerSettings,
-    demands: Sequence[Demand],
-    sources: tuple[str, str],
+    law: str, settings: ControllerSettings, demands: Sequence[Demand], sources: tuple[str, str]
 ) -> str:
     """Return the TOML of the best of a search whose demands are not met; its first line says so."""
     head = [

@@ -30,12 +30,7 @@ from steer_by_wire.dbc.dialect.proposal import proposal
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
-from steer_by_wire.runtime.command_line import (
-    add_subcommand,
-    command_parser,
-    output_file,
-    run_main,
-)
+from steer_by_wire.runtime.command_line import add_subcommand, command_parser, output_file, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 
 NAME = "steer-by-wire dialect"

@@ -18,12 +18,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from steer_by_wire.runtime.command_line import (
-    add_json_argument,
-    command_parser,
-    run_main,
-    seconds,
-)
+from steer_by_wire.runtime.command_line import add_json_argument, command_parser, run_main, seconds
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.program.node_options import add_real_time_arguments

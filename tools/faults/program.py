@@ -31,12 +31,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import refuse_another_run, write_json
-from steer_by_wire.runtime.settings import (
-    SettingsError,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
@@ -49,11 +44,7 @@ from steer_by_wire.tools.faults.campaign.execution import (
     specification_hash,
     write_result,
 )
-from steer_by_wire.tools.faults.campaign.presentation import (
-    campaign_page,
-    table_lines,
-    write_csv,
-)
+from steer_by_wire.tools.faults.campaign.presentation import campaign_page, table_lines, write_csv
 from steer_by_wire.tools.faults.campaign.virtual_trial import RunResult, run_trial
 from steer_by_wire.tools.faults.live.live_campaign import (
     live_finding,

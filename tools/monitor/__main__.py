@@ -75,12 +75,7 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def _show(
-    port: ClosablePort,
-    bus: str,
-    watch: BusWatch,
-    stop: Callable[[], bool],
-) -> None:
+def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
     """Draw the screen until a signal ends it; the terminal is restored then."""
     console = Console()
     plain_ascii = not console.encoding.lower().startswith("utf")
@@ -97,12 +92,7 @@ def _show(
                 live.update(Group(*lines), refresh=True)
 
 
-def _print(
-    port: ClosablePort,
-    watch: BusWatch,
-    stop: Callable[[], bool],
-    start_ns: int,
-) -> None:
+def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
     say(NAME, "one line a second; Ctrl-C ends it", sys.stderr)
     print_ns = start_ns + NS_PER_S
     reader = LiveReader(port)

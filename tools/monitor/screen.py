@@ -24,11 +24,7 @@ _STYLES = {GOOD: "bold green", NOTICE: "bold yellow", BAD: "bold red", OFF: "bol
 
 
 def screen_lines(
-    view: View,
-    bus: str,
-    width: int = WIDTH_MIN,
-    *,
-    plain_ascii: bool = False,
+    view: View, bus: str, width: int = WIDTH_MIN, *, plain_ascii: bool = False
 ) -> list[Text]:
     """Return the lines of the screen, none wider than ``width``.
 

@@ -27,16 +27,7 @@ from .delay_runs import (
     error_text,
     steer_text,
 )
-from .reference_reading import (
-    CAPTION,
-    ERROR,
-    STEER,
-    STEER_RATE,
-    WHY,
-    alike,
-    picture,
-    smaller,
-)
+from .reference_reading import CAPTION, ERROR, STEER, STEER_RATE, WHY, alike, picture, smaller
 from .result import CLAIM, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, thinned
 

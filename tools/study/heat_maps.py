@@ -33,13 +33,7 @@ HATCHES = {
 _FAMILIES = (
     (Verdict.NO_START, Verdict.TOO_SHORT, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
     (Verdict.LIMIT_CYCLE, Verdict.WHEEL_SHAKES),
-    (
-        Verdict.DRIFTS,
-        Verdict.LEFT_CORRIDOR,
-        Verdict.LEFT_ROAD,
-        Verdict.OFF_PATH,
-        Verdict.LEFT_PATH,
-    ),
+    (Verdict.DRIFTS, Verdict.LEFT_CORRIDOR, Verdict.LEFT_ROAD, Verdict.OFF_PATH, Verdict.LEFT_PATH),
     (Verdict.DECAYS,),
 )
 _COLUMNS = 2

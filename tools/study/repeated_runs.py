@@ -15,11 +15,7 @@ import numpy as np
 from ...closed_loop.pair_result import PairFiles, Trace
 from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
-from ...closed_loop.studies.node_runs import (
-    TICKS_MAX,
-    figures_of_trace,
-    followed_error_m,
-)
+from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, followed_error_m
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
 from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
@@ -120,12 +116,7 @@ def _virtual(
 
 
 def _figures(
-    computer: Computer,
-    pair: Pair,
-    trace: Trace,
-    samples: int,
-    sent_rad: FloatArray,
-    end: RunEnd,
+    computer: Computer, pair: Pair, trace: Trace, samples: int, sent_rad: FloatArray, end: RunEnd
 ) -> dict[str, Any]:
     """Return the figures of the first samples of a trace, and the verdict."""
     judged_by = computer.scenarios.study.settings.verdict

@@ -123,10 +123,7 @@ FAILURES = {
         [sys.executable, "-c", r"raise SystemExit('\x1b[2Jna\xefve \x9d0;title\x07')"],
         r"its last line: \\x1b\[2Jna\xefve \\x9d0;title\\x07$",
     ),
-    "a crash": (
-        [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"],
-        "ended by SIGSEGV$",
-    ),
+    "a crash": ([sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"], "ended by SIGSEGV$"),
     "a banner": (
         [sys.executable, "-c", "print('Welcome', flush=True); input()"],
         r"its standard output: a record begins with b'LSP1', this with b'Welcome(\\n)?'$",

@@ -12,11 +12,7 @@ from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.against_pd import comparisons
-from steer_by_wire.tools.study.level_by_level import (
-    compared_factors,
-    level_ratios,
-    level_sections,
-)
+from steer_by_wire.tools.study.level_by_level import compared_factors, level_ratios, level_sections
 from steer_by_wire.tools.study.report import study_section
 from tests.support.runs.small_study import make_scenarios, never
 

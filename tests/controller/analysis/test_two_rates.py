@@ -7,10 +7,7 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_batch
 from steer_by_wire.controller.analysis import check_figures, jitter
-from steer_by_wire.controller.analysis.check_figures import (
-    loop_around,
-    stable_delays_of,
-)
+from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.analysis.loop_signals import LoopModel

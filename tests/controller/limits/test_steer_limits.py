@@ -20,10 +20,7 @@ EQUIVALENT = {
         # No command is beyond it.
         "abs(steer_rad) >= p.steer_rad_max  ->  abs(steer_rad) == p.steer_rad_max",
     },
-    "fades_and_ramps": {
-        "value > step  ->  value >= step",
-        "value < -step  ->  value <= -step",
-    },
+    "fades_and_ramps": {"value > step  ->  value >= step", "value < -step  ->  value <= -step"},
 }
 """What behaves as the original for all numbers."""
 SHARES = (0.0, 1e-9, 0.5, 1.0, 1.0 + 1e-9, 2.0, 10.0)

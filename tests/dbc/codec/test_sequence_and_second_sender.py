@@ -135,11 +135,7 @@ TAKEN_OVER: dict[str, tuple[list[list[Shot]], Absence, int]] = {
         Absence(0, 20, 0),
         0,
     ),
-    "just behind it from before its start": (
-        [[Shot(9_900_000, -1)]],
-        Absence(0, 104, 241),
-        223,
-    ),
+    "just behind it from before its start": ([[Shot(9_900_000, -1)]], Absence(0, 104, 241), 223),
     "one lost frame": ([[Shot(5_000_000, 24)]], Absence(150, 151, 0), 128),
     "before the true sender begins": ([[Shot(SOON, -1)]], Absence(0, 21, 77), 79),
     "a stream that others interrupt": (

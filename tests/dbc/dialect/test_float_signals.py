@@ -102,10 +102,7 @@ def test_a_command_that_is_no_angle_is_refused(angle: float, tmp_path: Path) -> 
     ],
 )
 def test_a_wheel_that_follows_by_no_number_is_refused(
-    follows: float,
-    codes: list[SteeringStatusCode],
-    refused: Mapping[str, int],
-    tmp_path: Path,
+    follows: float, codes: list[SteeringStatusCode], refused: Mapping[str, int], tmp_path: Path
 ) -> None:
     node = Recorder()
     gateway = Gateway(node, car(tmp_path), CONTROLLER, 0)

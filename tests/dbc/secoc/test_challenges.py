@@ -11,7 +11,7 @@ from tests.support.suite.mutation import assert_noticed
 
 EQUIVALENT = {
     # Below every counter, which is 0 or more.
-    "1  ->  2",
+    "1  ->  2"
 }
 
 

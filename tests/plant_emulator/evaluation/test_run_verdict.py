@@ -85,8 +85,7 @@ SHAKEN_RAD = 0.3 * np.random.default_rng(1).standard_normal(6001)
 
 
 @pytest.mark.parametrize(
-    "verdict",
-    [one for one in Verdict if one not in (Verdict.DECAYS, Verdict.LEFT_CORRIDOR)],
+    "verdict", [one for one in Verdict if one not in (Verdict.DECAYS, Verdict.LEFT_CORRIDOR)]
 )
 def test_each_verdict_has_its_reason_in_the_line(verdict: Verdict) -> None:
     shakes = verdict is Verdict.WHEEL_SHAKES
@@ -231,11 +230,7 @@ def test_the_steering_passes_the_lane_change_for_the_highway(
 
 
 def test_limits_that_forbid_the_manoeuvre_are_named() -> None:
-    run = simulate(
-        "highway_corner_c",
-        "highway_predictor",
-        overrides={"plant.path.length_m": 30.0},
-    )
+    run = simulate("highway_corner_c", "highway_predictor", overrides={"plant.path.length_m": 30.0})
     report = run.plant_report
     assert report["verdict"] != "holds"
     assert report["lateral_error_rms_m"] > 0.3

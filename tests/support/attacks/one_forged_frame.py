@@ -5,11 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from steer_by_wire.dbc.codec.protection import COUNTERS
-from steer_by_wire.dbc.codec.sequence_and_second_sender import (
-    CHANGING,
-    SequenceCheck,
-    SequenceRule,
-)
+from steer_by_wire.dbc.codec.sequence_and_second_sender import CHANGING, SequenceCheck, SequenceRule
 from steer_by_wire.plant_emulator.network.settings import Order
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 

@@ -25,11 +25,7 @@ class Changed(ControllerNode):
     """A controller whose commands are changed before they are sent."""
 
     def __init__(
-        self,
-        start_ns: int,
-        change: Change,
-        settings: ControllerSettings = SETTINGS,
-        **options: Any,
+        self, start_ns: int, change: Change, settings: ControllerSettings = SETTINGS, **options: Any
     ) -> None:
         super().__init__(settings, start_ns, **options)
         self._change, self._number = change, -1

@@ -27,13 +27,7 @@ from steer_by_wire.tools.design.demands import (
     judge_law,
     make_study,
 )
-from steer_by_wire.tools.design.law_design import (
-    Design,
-    Reason,
-    design,
-    failed,
-    split_boxes,
-)
+from steer_by_wire.tools.design.law_design import Design, Reason, design, failed, split_boxes
 from steer_by_wire.tools.design.law_parameters import (
     Candidate,
     controller_settings,
@@ -45,11 +39,7 @@ from steer_by_wire.tools.design.program import linear_laws
 from steer_by_wire.tools.design.progress_lines import ProgressLines
 from steer_by_wire.tools.design.report import preset_text, reason_lines
 from steer_by_wire.tools.design.specification import Specification
-from steer_by_wire.tools.design.stop_and_resume import (
-    SearchStoppedError,
-    kept_costs,
-    stopped_after,
-)
+from steer_by_wire.tools.design.stop_and_resume import SearchStoppedError, kept_costs, stopped_after
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.loops.shipped_design import (
     PAPER_VEHICLE,
@@ -432,11 +422,7 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
         ("spec", "d_stability.bandwidth_rad_s = 0.1", "radius"),
         ("spec", "d_stability.bandwidth_rad_s = 1000", "must be below pi * rate_hz"),
         ("spec", 'minimise = "fun"', "minimise"),
-        (
-            "spec",
-            "course.friction_share_max = 0.006",
-            "0.01 of what friction 1 gives; at most",
-        ),
+        ("spec", "course.friction_share_max = 0.006", "0.01 of what friction 1 gives; at most"),
     ],
 )
 def test_a_mistake_in_a_file_is_one_line_and_status_2(

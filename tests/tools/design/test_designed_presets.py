@@ -12,18 +12,9 @@ from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.design.demands import (
-    Study,
-    judge_candidate,
-    make_study,
-)
+from steer_by_wire.tools.design.demands import Study, judge_candidate, make_study
 from steer_by_wire.tools.design.law_design import describe
-from steer_by_wire.tools.design.law_parameters import (
-    KEYS,
-    SETTINGS_KEYS,
-    Candidate,
-    lattice_place,
-)
+from steer_by_wire.tools.design.law_parameters import KEYS, SETTINGS_KEYS, Candidate, lattice_place
 from steer_by_wire.tools.design.parameter_search import Found, confirm
 from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
 from steer_by_wire.tools.design.report import predictor_figures, preset_text

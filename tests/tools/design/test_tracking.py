@@ -200,10 +200,7 @@ def test_paths_corners_and_delays_do_not_mix() -> None:
     for path in range(2):
         for corner in range(4):
             alone = tracking_grid(
-                [MODELS[corner]],
-                free[:, path, corner, None, None],
-                [delays_ns[2]],
-                PERIOD_NS,
+                [MODELS[corner]], free[:, path, corner, None, None], [delays_ns[2]], PERIOD_NS
             )
             assert rms_m(alone, design)[0, 0, 0] == pytest.approx(all_m[path, corner, 2], rel=1e-6)
 

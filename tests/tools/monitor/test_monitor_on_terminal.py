@@ -131,11 +131,7 @@ def test_a_bus_that_fails_gives_the_terminal_back_and_is_one_line() -> None:
 def test_without_a_terminal_it_prints_line_by_line(broker: str) -> None:
     command = [sys.executable, "-m", "steer_by_wire.tools.monitor", *bus_options(broker)]
     with subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as monitor:
         assert monitor.stdout is not None
         assert monitor.stderr is not None

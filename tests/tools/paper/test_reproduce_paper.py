@@ -199,8 +199,4 @@ def test_without_a_choice_everything_is_computed() -> None:
 
 def test_a_number_selects_all_that_belongs_to_it_in_the_paper_s_order() -> None:
     entries = reproduce_paper.selected(["21", "8"], ["2"], everything=False)
-    assert [entry.key for entry in entries] == [
-        "figure_08",
-        "table_2",
-        "figure_21",
-    ]
+    assert [entry.key for entry in entries] == ["figure_08", "table_2", "figure_21"]

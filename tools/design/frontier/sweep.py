@@ -57,10 +57,7 @@ class Point(NamedTuple):
 
 
 def sweep(
-    asked: FrontierSettings,
-    vehicle: VehicleFile,
-    structure: str,
-    done: Callable[[float], None],
+    asked: FrontierSettings, vehicle: VehicleFile, structure: str, done: Callable[[float], None]
 ) -> Iterator[Point]:
     """Yield a point for each delay, the longest first; delays without a design have none."""
     law, _, q_kinds = STRUCTURES[structure]
@@ -104,11 +101,7 @@ def study(
 
 
 def point_of(
-    fine: Study,
-    asked: FrontierSettings,
-    structure: str,
-    values: dict[str, float],
-    judged: int = 1,
+    fine: Study, asked: FrontierSettings, structure: str, values: dict[str, float], judged: int = 1
 ) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
     law, spec = STRUCTURES[structure].law, fine.spec

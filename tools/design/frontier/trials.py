@@ -64,10 +64,7 @@ NOT_TRIED = Trials(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, 0
 
 
 def try_out(
-    asked: FrontierSettings,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-    delay_ms: float,
+    asked: FrontierSettings, vehicle: VehicleFile, settings: ControllerSettings, delay_ms: float
 ) -> Trials:
     """Run a design at its delay."""
     trials, nominal = asked.trials, vehicle.vehicle.vehicle

@@ -81,9 +81,7 @@ class LiveRun(NamedTuple):
 
 
 def run_live(
-    folder: Path,
-    setup: LiveSetup,
-    disturb: Callable[[Running], Sequence[str]],
+    folder: Path, setup: LiveSetup, disturb: Callable[[Running], Sequence[str]]
 ) -> LiveRun:
     """Start broker, recorder, plant and controller, disturb them, and end them again.
 

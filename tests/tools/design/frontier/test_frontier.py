@@ -28,12 +28,7 @@ from steer_by_wire.tools.design.frontier.sweep import (
     study,
     sweep,
 )
-from steer_by_wire.tools.design.frontier.trials import (
-    NOT_TRIED,
-    Trials,
-    with_map,
-    worst_rms_m,
-)
+from steer_by_wire.tools.design.frontier.trials import NOT_TRIED, Trials, with_map, worst_rms_m
 from steer_by_wire.tools.design.law_parameters import Candidate, controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.suite.combinations import sampled
@@ -202,7 +197,7 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(sweep_of_delays, name, function)
     found = sweep(asked("delays_ms=[160, 250]"), vehicle(), "PD + DOB", lambda _: None)
     assert [(each.delay_ms, each.q_kind) for each in found] == [
-        *((250.0, "order_2"), (160.0, "type_2")),
+        *((250.0, "order_2"), (160.0, "type_2"))
     ]
     assert begun == [("type_2", []), ("order_2", []), ("type_2", [250]), ("order_2", [251])]
 
@@ -237,9 +232,7 @@ def test_delays_must_ascend() -> None:
         asked("delays_ms=[250, 160]")
 
 
-def test_the_papers_own_laws_are_marks_that_no_line_joins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_papers_own_laws_are_marks_that_no_line_joins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laws_of_the_paper, "LAWS", {"PD": "paper_pd"})
     monkeypatch.setattr(sweep_of_delays, "MARGIN_NS_MAX", 60_000_000)
     alone, quick = VehicleFile(vehicle=vehicle().vehicle), asked("course.duration_s=6")
