@@ -12,7 +12,7 @@ from cantools.database.can import Database, Message
 
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
-from ..runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
+from ..runtime.frame.length_with_stuff_bits import padded_length
 from .j1939_transport import LENGTH_MAX, announcement_id, data_id, source_address
 
 
@@ -68,8 +68,9 @@ def _listed(message: Message, path: Path) -> ListedMessage:
             raise ValueError(f"{path}: {message.name} has {length} bytes; J1939 has {LENGTH_MAX}")
     elif message.is_fd or length > CLASSIC_LENGTH_MAX:
         flags |= FD | BITRATE_SWITCH
-        length = min((fits for fits in DATA_LENGTH_CODE if fits >= length), default=-1)
-        if length < 0:
+        fits = padded_length(length)
+        if fits is None:
             raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
+        length = fits
     cycle_ms, senders = max(message.cycle_time or 0, 0) or None, tuple(message.senders)
     return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cached_property
 from itertools import combinations
@@ -13,6 +13,7 @@ from cantools.database import DecodeError
 from cantools.database.can import Message, Signal
 
 from ...runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
+from ...runtime.frame.length_with_stuff_bits import padded_length
 from .checksum import E2eRule, Rule
 from .settings import UNITS, MessageSettings, Quantity
 
@@ -52,7 +53,10 @@ class CarMessage:
         self.name, self.settings, self.can_id = message.name, settings, message.frame_id
         self.flags = EXTENDED if message.is_extended_frame else 0
         self.flags |= FD | BITRATE_SWITCH if message.is_fd or message.length > 8 else 0
-        self._message, self._length = message, message.length
+        self._length = message.length
+        padded = padded_length(message.length) or message.length
+        self._padding = bytes(padded - message.length)
+        """AUTOSAR's (SWS_Can_00502), in a frame longer than its message; no checksum covers it."""
         signals = {signal.name: signal for signal in message.signals}
         self._carried = [(signals[name], one) for name, one in settings.signals.items()]
         self.carries = frozenset(one.carries for _, one in self._carried)
@@ -63,6 +67,8 @@ class CarMessage:
                 self.rate_max_rad_s = one.rate_max / abs(UNITS[one.unit] * one.ratio)
         self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
         rule = settings.checksum
+        set_here = {*settings.signals, *constants, settings.counter, rule and rule.signal}
+        self._message = _without_overlap(message, set_here)
         self._counter_values = 1 << signals[settings.counter].length if settings.counter else 1
         self.counters = self._counter_values
         if isinstance(rule, E2eRule):
@@ -82,8 +88,9 @@ class CarMessage:
 
     def read(self, data: bytes) -> Reading | Refused:
         """Return the quantities in a frame, the mean where several signals carry one."""
-        if len(data) != self._length:
+        if len(data) != self._length + len(self._padding):
             return Refused.WRONG_LENGTH
+        data = data[: self._length]
         try:
             raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
         except DecodeError:
@@ -109,10 +116,7 @@ class CarMessage:
         """The names of its signals but counter, checksum and multiplexers.
 
         Under another multiplexer the data would be those of other signals, which the frame lacks.
-        Where signals share bits there are none: cantools adds their values up.
         """
-        if any(share_bits(self._message, *pair) for pair in combinations(self._message.signals, 2)):
-            return []
         rule = self.settings.checksum
         kept = (self.settings.counter, rule and rule.signal)
         return [
@@ -184,7 +188,8 @@ class CarMessage:
 
     def _beside_signals(self, data: bytes, raw: Mapping[str, float]) -> int:
         """Return the bits of a frame that belong to no signal."""
-        return int.from_bytes(data, "big") ^ int.from_bytes(self._encoded(raw), "big")
+        encoded = self._encoded(raw)
+        return int.from_bytes(data[: self._length], "big") ^ int.from_bytes(encoded, "big")
 
     def _raws_outside(self) -> Iterator[tuple[str, float]]:
         """Yield signals with a raw value outside their range, first those that carry a quantity."""
@@ -202,7 +207,7 @@ class CarMessage:
         if rule is not None:
             bare = self._with_bits({**raw, rule.signal: 0}, beside)
             raw = {**raw, rule.signal: self._checksum(rule, bare)}
-        return self._with_bits(raw, beside)
+        return self._with_bits(raw, beside) + self._padding
 
     def _checksum(self, rule: Rule, bare: bytes) -> int:
         return self._wrapped(rule.signal, rule.compute(self.can_id, bare, self._mask))
@@ -224,6 +229,27 @@ class CarMessage:
 
     def _packed(self, raw: Mapping[str, float]) -> bytes:
         return self._encoded({**dict.fromkeys(self.signals, 0), **raw})
+
+
+def _without_overlap(message: Message, kept: Collection[str | None]) -> Message:
+    """Return a message without signals that share bits with others and that nobody sets.
+
+    With them cantools would add up their values, or refuse its own frames.
+    """
+    pairs = [pair for pair in combinations(message.signals, 2) if share_bits(message, *pair)]
+    shared = {signal.name for pair in pairs for signal in pair if not signal.is_multiplexer}
+    left = [one for one in message.signals if one.name not in shared or one.name in kept]
+    if len(left) == len(message.signals):
+        return message
+    return Message(
+        message.frame_id,
+        message.name,
+        message.length,
+        left,
+        is_extended_frame=message.is_extended_frame,
+        is_fd=message.is_fd,
+        strict=False,
+    )
 
 
 def _short(value: Any) -> str:

@@ -1,11 +1,12 @@
 """What the file of a dialect asks of a message and the database does not allow."""
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import chain, combinations, product
 
 from cantools.database.can import Message, Signal
 
-from ...runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
+from ...runtime.frame import CLASSIC_LENGTH_MAX
+from ...runtime.frame.length_with_stuff_bits import padded_length
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
@@ -33,8 +34,10 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
         ),
     ]
     yield from impossible
-    if message.length not in DATA_LENGTH_CODE:
-        yield f": {message.length} bytes are the length of no frame (allowed: {_LENGTHS})"
+    if padded_length(message.length) is None:
+        yield f": {message.length} bytes do not fit into a frame (allowed: up to 64)"
+    elif message.protocol == "j1939" and not message.is_fd and message.length > CLASSIC_LENGTH_MAX:
+        yield f": {message.length} bytes of J1939 are several frames (allowed: up to 8)"
     for signal in message.signals:
         if max(bits_of(signal)) >= 8 * message.length:
             yield f": signal {signal.name} ends beyond its {message.length} bytes"
@@ -75,7 +78,13 @@ def _named(settings: MessageSettings) -> list[tuple[str, str]]:
 
 
 def _shared_bits(message: Message, named: list[tuple[str, Signal]]) -> Iterator[str]:
-    for (key, one), (other_key, other) in combinations(named, 2):
+    known = {signal.name for _, signal in named}
+    selecting = [
+        (f"multiplexer {one.name}", one)
+        for one in message.signals
+        if one.is_multiplexer and one.name not in known
+    ]
+    for (key, one), (other_key, other) in chain(combinations(named, 2), product(selecting, named)):
         if share_bits(message, one, other):
             yield f".{other_key}: {other.name} has bits of {key}"
 
@@ -108,5 +117,4 @@ def _mistakes_in_signals(
                 yield f".checksum.{name} = {text} (allowed: up to {largest:#x})"
 
 
-_LENGTHS = ", ".join(map(str, DATA_LENGTH_CODE))
 _FLOATS = ", ".join(map(str, LARGEST_FLOATS))

@@ -64,6 +64,11 @@ _FD_SHORT_CHECK_BITS = 4 + 17 + 6 + 1
 _FD_LONG_CHECK_BITS = 4 + 21 + 7 + 1
 
 
+def padded_length(length: int) -> int | None:
+    """Return the least payload length of a frame with room for so many bytes; None above 64."""
+    return min((fits for fits in DATA_LENGTH_CODE if fits >= length), default=None)
+
+
 class FrameBits(NamedTuple):
     """Bits of one frame by the rate at which they are sent.
 

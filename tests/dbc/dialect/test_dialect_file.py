@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.dbc.dialect.car_message import Reading
+from steer_by_wire.dbc.dialect.car_message import Reading, Refused
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD
@@ -145,6 +145,11 @@ DATABASES = {
         "ANGLE_COUNTER : 17|4@0+",
         "STEER_ANGLE.checksum.signal: ANGLE_CRC has bits of counter",
     ),
+    "a multiplexer that the file does not name, in a signal's bits": (
+        "SG_ GEAR :",
+        'SG_ KIND M : 30|2@1+ (1,0) [0|0] "" CONTROLLER\n SG_ GEAR m0 :',
+        "MOTION.signals.YAW_RATE: YAW_RATE has bits of multiplexer KIND",
+    ),
     "a multiplexer that carries something": (
         "SG_ YAW_RATE :",
         "SG_ YAW_RATE M :",
@@ -152,9 +157,8 @@ DATABASES = {
     ),
     "a length that no frame has": (
         "STEER_ANGLE: 4 ",
-        "STEER_ANGLE: 13 ",
-        "STEER_ANGLE: 13 bytes are the length of no frame"
-        " (allowed: 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)",
+        "STEER_ANGLE: 65 ",
+        "STEER_ANGLE: 65 bytes do not fit into a frame (allowed: up to 64)",
     ),
     "two messages with an identifier": (
         "513 ",
@@ -195,21 +199,53 @@ def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> N
     assert [one.counter for one in said if isinstance(one, Reading)] == [*range(16), *range(4)]
 
 
-def test_no_signal_can_be_falsified_where_signals_share_bits(tmp_path: Path) -> None:
+def test_signals_that_nobody_sets_may_share_bits(tmp_path: Path) -> None:
     file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8").replace("GEAR : 32|3@1+", "GEAR : 34|3@0+")
-    for other in ("", 'SG_ GEARS : 33|2@0+ (1,0) [0|3] "" CONTROLLER\n '):
-        (tmp_path / DBC.name).write_text(text.replace("SG_ GEAR :", f"{other}SG_ GEAR :"))
+    others = "".join(f'SG_ G{n} : {n}|9@1+ (1,0) [0|0] "" CONTROLLER\n ' for n in (24, 46, 48))
+    text = DBC.read_text(encoding="utf-8").replace("SG_ GEAR :", f"{others}SG_ GEAR :")
+    for name, content in ((DBC.name, text), ("own.dbc", DBC.read_text(encoding="utf-8"))):
+        (tmp_path / DBC.name).write_text(content, encoding="utf-8")
         message = next(one for one in read_dialect(file).messages if one.name == "MOTION")
-        assert message.changeable == ([] if other else ["VEHICLE_SPEED", "YAW_RATE", "GEAR"])
-        assert not (other and message.has_room_outside)
+        frame = message.frame(dict.fromkeys(Quantity, 0.9), 0)
+        if name == DBC.name:
+            overlapping, data = message, frame.data
+    assert frame.data == data
+    assert overlapping.read(data) == message.read(data)
+    assert overlapping.changeable == ["VEHICLE_SPEED", "YAW_RATE", "GEAR"]
+    every = overlapping.changed(b"\xff" * 8, "VEHICLE_SPEED", lambda _value: 0.0, 0)
+    assert every == bytes(2) + b"\xff" * 6
 
 
-def test_a_long_message_is_a_frame_of_can_fd(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("length", "padded"), [(9, 12), (12, 12), (33, 48), (64, 64)])
+def test_a_long_message_is_a_padded_frame_of_can_fd(
+    length: int, padded: int, tmp_path: Path
+) -> None:
     file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", "STEER_ANGLE: 12 ")
+    text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", f"STEER_ANGLE: {length} ")
+    text = text.replace("ANGLE_CRC : 24|8", f"ANGLE_CRC : {8 * length - 8}|8")
     (tmp_path / DBC.name).write_text(text, encoding="utf-8")
-    assert read_dialect(file).sent_by("plant")[0].flags == FD | BITRATE_SWITCH
+    message = read_dialect(file).sent_by("plant")[0]
+    assert message.flags == FD | BITRATE_SWITCH
+    data = message.frame({Quantity.WHEEL_ANGLE: 0.1}, 3).data
+    assert data[length:] == bytes(padded - length)
+    assert data[length - 1]
+    other = data[:length] + b"\xcc" * (padded - length)
+    assert message.read(data) == message.read(other) != Refused.WRONG_LENGTH
+    moved = message.changed(other, "HAND_WHEEL_ANGLE", lambda value: value + 9.0, 1)
+    assert moved is not None
+    assert len(moved) == padded
+    assert isinstance(message.read(moved), Reading)
+    assert padded == length or message.read(data[:length]) is Refused.WRONG_LENGTH
+
+
+def test_several_frames_of_j1939_are_refused(tmp_path: Path) -> None:
+    file = changed(tmp_path, "dbc", "dbc")
+    text = DBC.read_text(encoding="utf-8").replace("LANE: 8 ", "LANE: 9 ")
+    text += 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    text += 'BA_ "VFrameFormat" BO_ 2566834944 3;\n'
+    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"LANE: 9 bytes of J1939 are several frames"):
+        read_dialect(file)
 
 
 @pytest.mark.parametrize("content", [None, "", "BO_ what"])
