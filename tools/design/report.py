@@ -378,7 +378,7 @@ def _draw_sensitivity(
     ):
         for line, of_vertex in zip(LINES(), size[:, place], strict=False):
             axes.loglog(omega_rad_s, of_vertex, **line, lw=width)
-        axes.plot([], [], color="black", lw=width, label=label)
+        axes.plot([], [], "-", color="black", lw=width, label=label)
     axes.axhline(spec.peak_sensitivity_max, color="black", lw=0.9, ls="--", label="limit")
     axes.set(xlabel="ω [rad/s]", ylabel="|1/(1 + L)|", ylim=(1e-3, 2.0 * spec.peak_sensitivity_max))
     axes.set_xlim(_OMEGA_RAD_S_MIN, omega_rad_s[-1])
@@ -397,7 +397,7 @@ def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: D
             decay = [loop.decay_1_s(int(delay_ns)) for delay_ns in delays_ns]
             axes.plot(delays_ns / NS_PER_MS, decay, **line, lw=width)
         label = f"actuator lag {lag_s:g} s" if lag_s else "no actuator lag"
-        axes.plot([], [], color="black", lw=width, label=label)
+        axes.plot([], [], "-", color="black", lw=width, label=label)
     settling_1_s = spec.d_stability.settling_1_s
     axes.axhline(settling_1_s, color="black", lw=0.9, ls=":", label=f"σ = {settling_1_s:g} 1/s")
     axes.axhline(0.0, color="black", lw=0.9)
