@@ -1,8 +1,6 @@
 """The program ``steer-by-wire controller``: its settings, ``--check`` and errors."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -48,13 +46,8 @@ def checked(capsys: Capture, *arguments: str) -> str:
     ("line", "parts"),
     [
         ("rate_hz = 5", ["rate_hz = 5", "10", "1000"]),
-        ("rate_hz = 1001", ["rate_hz = 1001", "10", "1000"]),
         ("law = 'lqr'", ["law", "lqr", "pd_ddob"]),
         ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
-        ("limits.steer_rate_rad_s_max = 0", ["limits.steer_rate_rad_s_max = 0"]),
-        ("supervision.hold_ms = -1", ["supervision.hold_ms = -1", "10000"]),
-        ("supervision.counter_lead_ms = -1", ["counter_lead_ms = -1", "0", "10000"]),
-        ("supervision.ramp_rad_s = inf", ["supervision.ramp_rad_s"]),
         ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),
     ],
 )
@@ -75,12 +68,6 @@ def test_the_angle_limit_may_reach_what_the_signal_carries() -> None:
     reach_rad = limits(SteeringCommand)["steer_rad"].maximum
     settings = preset("practical_pd", f"limits.steer_rad_max={reach_rad}")
     assert settings.limits.steer_rad_max == reach_rad
-
-
-def test_the_period_is_a_whole_number_of_nanoseconds() -> None:
-    assert preset("practical_pd", "rate_hz=30").period_ns == 33_333_333
-    assert preset("practical_pd", "rate_hz=1000").period_ns == 1_000_000
-    assert preset("practical_pd", "rate_hz=10").period_ns == 100_000_000
 
 
 def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period() -> None:
@@ -128,7 +115,10 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
 
 def test_check_prints_json_with_the_figures_of_the_text(capsys: Capture) -> None:
     assert check_main(["--preset", "paper_pd", "--json", "-"]) == ExitStatus.OK
-    printed = json.loads(capsys.readouterr().out)
+    written = capsys.readouterr()
+    assert all(line.endswith(" ...") for line in written.err.splitlines())
+    assert "computing poles and margins ..." in written.err
+    printed = json.loads(written.out)
     assert ControllerSettings.model_validate(printed["settings"]) == preset("paper_pd")
     assert printed["verdict"] == "stable"
     assert printed["reason"].startswith("around the nominal plant, up to a delay of 9.2")
@@ -210,22 +200,3 @@ def test_law_and_rate_on_the_command_line_are_on_top_of_all_else(capsys: Capture
     out = checked(capsys, "--preset", "practical_pd_ddob", "--set", "rate_hz=20", *short)
     loaded = tomllib.loads(out)
     assert (loaded["law"], loaded["rate_hz"]) == ("pd", 50.0)
-
-
-def test_check_ends_with_status_0_and_a_bad_setting_with_2() -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "steer_by_wire.controller",
-        "--preset",
-        "practical_pd",
-        "--check",
-    ]
-    good = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert good.returncode == 0
-    lines = good.stderr.splitlines()
-    assert lines[0] == "steer-by-wire controller: computing poles and margins ..."
-    assert all(line.endswith(" ...") for line in lines)
-    bad = subprocess.run([*command, "--rate-hz", "5"], capture_output=True, text=True, check=False)
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert len(bad.stderr.splitlines()) == 1

@@ -292,16 +292,3 @@ def test_a_program_waits_in_bus_off_until_the_controller_is_started_again(
         connection = controller.report()["connection"]
         assert connection["error_frames"]["bus_off"] == 1
         assert (connection["outages"], connection["reconnections"]) == (1, 1)
-
-
-def test_an_adapter_that_is_unplugged_takes_its_interface_away(
-    adapters: AdapterBus, report: Path
-) -> None:
-    with ExitStack() as stack:
-        name = stack.enter_context(attached(adapters))
-        controller = start(stack, name, report)
-        adapters.unplug(ADAPTER)
-        assert controller.end() == ExitStatus.BUS
-        (error,) = [line for line in controller.printed if "error: cannot " in line]
-        assert f"the network interface {name} " in error
-        assert controller.report()["ended_by"] in error

@@ -90,22 +90,15 @@ def test_the_longest_latency_is_allowed_and_no_longer_one(tmp_path: Path) -> Non
     ("content", "complaint"),
     [
         ("", "line 1: must be latency_s or time_s,latency_s"),
-        ("0.01\n0.02\n", "line 1: must be latency_s or time_s,latency_s"),
         ("latency_s,time_s\n1,1\n", "line 1: must be latency_s or time_s,latency_s"),
         ("latency_s\n", "holds no latencies"),
         ("latency_s\n0.01\nlate\n", "line 3: needs latency_s, each a finite number from 0 up"),
         ("latency_s\n0.01,0.02\n", "line 2: needs latency_s, each a finite number from 0 up"),
         ("latency_s\n-0.01\n", "line 2: needs latency_s, each a finite number from 0 up"),
-        ("latency_s\nnan\n", "line 2: needs latency_s, each a finite number from 0 up"),
         ("latency_s\ninf\n", "line 2: needs latency_s, each a finite number from 0 up"),
         ("latency_s\n0.01\n\n0.02\n", "line 3: needs latency_s, each a finite number from 0 up"),
         ("time_s,latency_s\n0\n", "line 2: needs time_s,latency_s, each a finite number from 0 up"),
-        (
-            "time_s,latency_s\n-1,0\n",
-            "line 2: needs time_s,latency_s, each a finite number from 0 up",
-        ),
         ("time_s,latency_s\n0,0\n1,0\n1,0\n", "line 4: time_s must rise, 1.0 follows 1.0"),
-        ("time_s,latency_s\n2,0\n1,0\n", "line 3: time_s must rise, 1.0 follows 2.0"),
         ("latency_s\n" + "1" * 200_000 + "\n", "line 2: field larger than field limit"),
     ],
 )

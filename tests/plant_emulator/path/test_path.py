@@ -239,15 +239,12 @@ def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
     ("text", "message"),
     [
         ("", "must start with the header x_m,y_m"),
-        ("x,y\n1,2\n", "must start with the header x_m,y_m"),
         ("x_m,y_m\n1,2\n2,3\n", "must hold 4 to 10000 points, not 2"),
         ("x_m,y_m\n1,2\n2\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06, not '2'"),
         (
             "x_m,y_m\n1,2\n\nnan,2\n3,4\n5,6\n",
             "line 4: must be two numbers within ±1e+06, not 'nan,2'",
         ),
-        ("x_m,y_m\n1,2\n2,nan\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06"),
-        ("x_m,y_m\n1,2\n3,x\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06, not '3,x'"),
         ("x_m,y_m\n0,0\n1,1\n1,1\n2,1\n", "point 3 repeats the one before it"),
         ("x_m,y_m\n0,0\n1,0\n0,0\n1,0\n", "the path bends too sharply"),
         (

@@ -278,7 +278,7 @@ def test_the_defaults_change_no_bit_of_a_preset_run_by_the_nodes() -> None:
 
 
 @pytest.mark.parametrize("key", OFF)
-@pytest.mark.parametrize("value", ["-1", "1e9", "never", "true"])
+@pytest.mark.parametrize("value", ["-1", "never"])
 def test_a_bad_limit_is_reported_in_one_line(key: str, value: str) -> None:
     with pytest.raises(SettingsError) as caught:
         load_settings(PlantSettings, overrides=[f"safety.{key}={value}"])
