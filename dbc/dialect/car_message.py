@@ -67,7 +67,8 @@ class CarMessage:
                 self.rate_max_rad_s = one.rate_max / abs(UNITS[one.unit] * one.ratio)
         self._idle: dict[str, float] = {**dict.fromkeys(signals, 0), **constants}
         rule = settings.checksum
-        set_here = {*settings.signals, *constants, settings.counter, rule and rule.signal}
+        checksum = rule.signal if rule else None
+        set_here = {*settings.signals, *constants, settings.counter, checksum}
         self._message = _without_overlap(message, set_here)
         self._counter_values = 1 << signals[settings.counter].length if settings.counter else 1
         self.counters = self._counter_values
