@@ -88,14 +88,6 @@ def test_the_bus_model_shows_the_counterexample() -> None:
     assert seen_ms / shorter == pytest.approx(DAVIS["response_ms"][2])
 
 
-def test_responses_without_faults_are_those_of_another_implementation() -> None:
-    messages, wire = broster()
-    responses_ms = [in_ms(messages, wire, index) for index in range(len(messages))]
-    # It lets an intermission come before the message of lowest priority, too.
-    responses_ms[-1] += wire.intermission_ns / 1e6
-    assert responses_ms == pytest.approx(BROSTER["response_ms"])
-
-
 @pytest.mark.parametrize("published", BROSTER["with_faults"], ids=lambda one: f"m{one['message']}")
 def test_responses_with_faults_and_their_chances_are_those_of_another_implementation(
     published: Mapping[str, Any],

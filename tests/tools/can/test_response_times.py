@@ -124,14 +124,6 @@ def test_errors_before_a_late_release_do_not_count() -> None:
     assert miss_probability(message, [message], wire, 100.0, 2 * MS + late) == pytest.approx(miss)
 
 
-def test_each_error_at_once_costs_the_same() -> None:
-    message = Traffic("m", 1, 200_000, 10 * MS)
-    wire = wire_of(BITRATE_BIT_S)
-    for errors in range(4):
-        bound_ns = worst_response_ns(message, [message], wire._replace(errors=errors))
-        assert bound_ns == 200_000 + errors * (62_000 + 200_000)
-
-
 def test_errors_cost_their_frames_and_too_many_leave_no_bound() -> None:
     message = Traffic("m", 1, 200_000, 10 * MS)
     wire = wire_of(BITRATE_BIT_S, error_interval_ns=5 * MS)

@@ -91,11 +91,6 @@ def test_no_file_of_the_page_names_an_address_to_load_from() -> None:
     assert found == [("icon.svg", "http://")]  # the name of a namespace
 
 
-def test_no_module_of_the_page_grows_beyond_a_screenful_of_screens() -> None:
-    own = {name: text for name, (text, _) in page_files().items() if not name.startswith("vendor/")}
-    assert {name for name, text in own.items() if len(text.splitlines()) > 300} == set()
-
-
 # Scenarios
 
 

@@ -231,13 +231,6 @@ def test_the_program_ends_with_its_verdict(probed: tuple[str, dict[str, Any]]) -
     assert printed.splitlines()[-1].startswith(f"verdict, {ORDINARY}: this machine keeps")
 
 
-def test_a_bus_where_nobody_answers_is_reported() -> None:
-    """python-can's virtual interface does not reach other processes."""
-    result = run_probe(*ORDINARILY, "--duration", "0.05", "-i", "virtual", "-c", "alone")
-    assert result.returncode == 0, result.stderr
-    assert f"no echo, {ORDINARY}" in result.stdout
-
-
 def test_an_interface_that_is_not_there_is_one_line_and_status_3() -> None:
     result = run_probe("-i", "socketcan", "-c", "nosuchcan0")
     assert result.returncode == 3
