@@ -29,6 +29,7 @@ from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.programs.slcan_adapter import AdapterBus
+from tests.support.suite.combinations import sampled
 
 pytestmark = pytest.mark.vcan
 
@@ -199,7 +200,7 @@ def start(stack: ExitStack, channel: str, report: Path, *more: str) -> RunningPr
     return stack.enter_context(running("steer_by_wire.controller", options, report))
 
 
-@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
+@pytest.mark.parametrize("more", sampled([()], [(), ("--no-fast-socketcan",)]))
 def test_foreign_traffic_wakes_no_program_a_forged_bus_off_stops_none_and_a_new_interface_is_taken(
     interface: str, report: Path, more: tuple[str, ...]
 ) -> None:

@@ -125,21 +125,29 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded_run(tmp_path_factory.mktemp("cockpit"))
 
 
+@pytest.fixture(scope="module")
+def replay(log: Path) -> Iterator[str]:
+    """The page of a recording."""
+    with cockpit(str(log)) as address:
+        yield address
+
+
 def shown_figures(browser: Browser) -> Sequence[str]:
     text: str = browser.read("document.querySelector('#figures tbody').innerText")
     return re.findall(r"\d+\.\d+", text)
 
 
-def test_a_replay_shows_the_figures_of_the_analysis(browser: Browser, log: Path) -> None:
-    with cockpit(str(log)) as address:
-        opened(browser, address)
-        browser.read("cockpit.player.seek(cockpit.player.durationS)")
-        error = analyse_files([log]).figures["signals"]["lateral_error_m"]
-        wanted_mm = [1e3 * error["rms"], 1e3 * abs(error["peak"])]
-        browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('12.0')")
-        shown_mm = [float(figure) for figure in shown_figures(browser)[:2]]
-        assert shown_mm == pytest.approx(wanted_mm, abs=0.00501)  # half of the last digit shown
-        in_order(browser, address)
+def test_a_replay_shows_the_figures_of_the_analysis(
+    browser: Browser, log: Path, replay: str
+) -> None:
+    opened(browser, replay)
+    browser.read("cockpit.player.seek(cockpit.player.durationS)")
+    error = analyse_files([log]).figures["signals"]["lateral_error_m"]
+    wanted_mm = [1e3 * error["rms"], 1e3 * abs(error["peak"])]
+    browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('12.0')")
+    shown_mm = [float(figure) for figure in shown_figures(browser)[:2]]
+    assert shown_mm == pytest.approx(wanted_mm, abs=0.00501)  # half of the last digit shown
+    in_order(browser, replay)
 
 
 def choose(label: str, value: str) -> str:
@@ -151,26 +159,25 @@ def choose(label: str, value: str) -> str:
 
 
 def test_a_chart_shows_the_signal_scale_and_span_that_are_chosen(
-    browser: Browser, log: Path
+    browser: Browser, replay: str
 ) -> None:
-    with cockpit(str(log)) as address:
-        opened(browser, address)
-        browser.read("cockpit.player.seek(cockpit.player.durationS)")
-        browser.read(choose("Round trip: signal", "rms_m"))
-        browser.read(choose("Round trip: scale", "50"))
-        chart = "document.querySelector('[aria-label=\"Round trip, mm\"]')"
-        browser.wait_for(f"{chart} !== null")
-        browser.read("cockpit.charts.setZoom([2, 6])")
-        browser.wait_for(f"/^mean /.test({chart}.querySelector('.values b').innerText)")
-        shown = browser.read(f"{chart}.querySelector('.values b').innerText")
-        column = browser.read(
-            "[...Array(201).keys()].map((k) => 1000 * cockpit.lanes[0].value('rms_m', 2 + k / 50))"
-        )
-        figures = [float(figure) for figure in re.findall(r"\d+\.\d+", shown)]
-        rms = (sum(value * value for value in column) / len(column)) ** 0.5
-        wanted = [sum(column) / len(column), rms, min(column), max(column)]
-        assert figures == pytest.approx(wanted, rel=0.01)
-        in_order(browser, address)
+    opened(browser, replay)
+    browser.read("cockpit.player.seek(cockpit.player.durationS)")
+    browser.read(choose("Round trip: signal", "rms_m"))
+    browser.read(choose("Round trip: scale", "50"))
+    chart = "document.querySelector('[aria-label=\"Round trip, mm\"]')"
+    browser.wait_for(f"{chart} !== null")
+    browser.read("cockpit.charts.setZoom([2, 6])")
+    browser.wait_for(f"/^mean /.test({chart}.querySelector('.values b').innerText)")
+    shown = browser.read(f"{chart}.querySelector('.values b').innerText")
+    column = browser.read(
+        "[...Array(201).keys()].map((k) => 1000 * cockpit.lanes[0].value('rms_m', 2 + k / 50))"
+    )
+    figures = [float(figure) for figure in re.findall(r"\d+\.\d+", shown)]
+    rms = (sum(value * value for value in column) / len(column)) ** 0.5
+    wanted = [sum(column) / len(column), rms, min(column), max(column)]
+    assert figures == pytest.approx(wanted, rel=0.01)
+    in_order(browser, replay)
 
 
 def test_an_exported_replay_plays_from_a_disk(browser: Browser, log: Path, tmp_path: Path) -> None:
@@ -199,11 +206,9 @@ def test_two_recordings_play_beside_each_other(browser: Browser, log: Path, tmp_
     in_order(browser, file.as_uri())
 
 
-def test_the_page_fits_a_phone(browser: Browser, log: Path, tmp_path: Path) -> None:
-    file = tmp_path / "run.html"
-    assert main([str(log), "--export", str(file)]) == 0
+def test_the_page_fits_a_phone(browser: Browser, replay: str) -> None:
     browser.resize(390, 844, is_phone=True)
-    opened(browser, file.as_uri())
+    opened(browser, replay)
     assert browser.read("document.documentElement.scrollWidth") == 390
     browser.resize(1280, 720)
     assert browser.read("document.documentElement.scrollHeight") <= 720

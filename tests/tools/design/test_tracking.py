@@ -46,6 +46,7 @@ from steer_by_wire.tools.design.tracking import (
     tracking_grid,
     unsteered_errors,
 )
+from tests.support.suite.combinations import combined
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
@@ -133,14 +134,17 @@ def test_a_plant_s_response_is_its_impulse_response_summed(delay_ns: int, lag_s:
 # Tracking against virtual time: nodes, frames, quantisation, the plant emulator's own vehicle
 
 
-@pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading"])
 @pytest.mark.parametrize(
-    ("corner", "path", "delay_ns"),
-    [(0, ELLIPSE, 0), (3, ELLIPSE, 250 * MS_NS), (2, LANE_CHANGE, 123_456_789)],
+    ("law", "where"),
+    combined(
+        [*PAPER_LAWS, "pid_heading"],
+        [(0, ELLIPSE, 0), (3, ELLIPSE, 250 * MS_NS), (2, LANE_CHANGE, 123_456_789)],
+    ),
 )
 def test_the_error_over_time_is_that_of_a_run_without_limits(
-    law: str, corner: int, path: PathSettings, delay_ns: int
+    law: str, where: tuple[int, PathSettings, int]
 ) -> None:
+    corner, path, delay_ns = where
     result = drive(law, CORNERS[corner], path, delay_ns)
     run_m = result.trace.lateral_error_m
     grid = tracking_grid(

@@ -15,6 +15,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
 from steer_by_wire.tools.faults.campaign.campaign_file import direction_of
 from steer_by_wire.tools.faults.campaign.detectability import UNRECEIVED
+from tests.support.suite.combinations import combined
 
 FIRST_S, LAST_S = 0.95, 1.55
 """Six frames of each of these messages, which come every 100 ms, or some more."""
@@ -29,19 +30,22 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-@pytest.mark.parametrize("message", sorted(UNRECEIVED - {"MODEL_STATUS"}))  # one a second
 @pytest.mark.parametrize(
-    ("kind", "counted"),
-    [
-        (FaultKind.BIT_FLIPS, "bad_crc"),
-        (FaultKind.FREEZE, "repeated"),
-        (FaultKind.DROP, ""),
-        (FaultKind.OUT_OF_RANGE, "out_of_range"),
-    ],
+    ("message", "fault_and_cause"),
+    combined(
+        sorted(UNRECEIVED - {"MODEL_STATUS"}),  # one a second
+        [
+            (FaultKind.BIT_FLIPS, "bad_crc"),
+            (FaultKind.FREEZE, "repeated"),
+            (FaultKind.DROP, ""),
+            (FaultKind.OUT_OF_RANGE, "out_of_range"),
+        ],
+    ),
 )
 def test_a_log_reports_each_fault_of_a_message_that_no_node_receives(
-    log: Path, tmp_path: Path, message: str, kind: FaultKind, counted: str
+    log: Path, tmp_path: Path, message: str, fault_and_cause: tuple[FaultKind, str]
 ) -> None:
+    kind, counted = fault_and_cause
     fault = FaultSettings(
         kind=kind,
         direction=direction_of(message),
