@@ -24,7 +24,7 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .frontier.program import run_frontier
 from .frontier.settings import FrontierSettings
-from .law_design import Design, NoDesignError, verification_line, verify
+from .law_design import Design, NoDesignError
 from .law_parameters import KEYS, any_settings
 from .predictor_design import design_predictor, predictor_demands
 from .progress_lines import ProgressLines
@@ -42,7 +42,13 @@ from .report import (
 from .specification import PredictorTable, Specification
 from .stop_and_resume import CtrlC, SearchStoppedError, kept_costs, stopped_after
 from .vehicle_file import VehicleFile
-from .virtual_check import course_line, plant_text, refuse_what_the_plant_does_not_drive
+from .virtual_check import (
+    course_line,
+    plant_text,
+    refuse_what_the_plant_does_not_drive,
+    verification_line,
+    verify,
+)
 from .worker import Job, SharedProgress, begin_worker, run_job, shared_progress
 
 NAME = "steer-by-wire design"
