@@ -48,7 +48,7 @@ from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.page_requests import Desk
 from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
-from steer_by_wire.tools.cockpit.scenario import LANES_MAX, Scenario, scenarios
+from steer_by_wire.tools.cockpit.scenario import LANES_MAX, Scenario, scenario_titled, scenarios
 from steer_by_wire.tools.cockpit.server import HOST, Server, serving
 
 NAME = "steer-by-wire cockpit"
@@ -66,12 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example += f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html"
     parser = command_parser(NAME, __doc__, example, "[RECORDING...] [options]")
     parser.add_argument(
-        "recordings",
-        nargs="*",
-        type=Path,
-        metavar="RECORDING",
+        "recordings", nargs="*", type=Path, metavar="RECORDING",
         help="one log or its parts, in any format",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--export", type=output_file, metavar="FILE", help="write the replay as one page, and end"
     )
@@ -89,11 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     offer(scenario, lambda: titles)
     parser.add_argument(
-        "--bus",
-        choices=BUSES,
-        default="auto",
+        "--bus", choices=BUSES, default="auto",
         help="bus to start programs on (default: vcan0 if there is one, else emulated)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--allow-control",
         action="store_true",
@@ -129,7 +124,7 @@ def _run(options: argparse.Namespace) -> int:
         raise SettingsError("--export needs a RECORDING")
     settings = bus_settings(options)
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
-        first = _scenario(options.scenario)
+        first = scenario_titled(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
         _say_what_is_missing(options.dialect)  # so is one in a dialect
         lanes = OwnLanes(options.bus, settings, options.dialect)
@@ -175,15 +170,6 @@ async def _serve(
             if desk is not None:
                 await desk.close()
     return ExitStatus.OK
-
-
-def _scenario(title: str | None) -> Scenario:
-    """Return the scenario of a title, the first one by default; raises SettingsError."""
-    by_title = {scenario.title: scenario for scenario in scenarios()}
-    title = title or next(iter(by_title))
-    if title not in by_title:
-        raise SettingsError(f"no scenario {title!r}; there are: {', '.join(by_title)}")
-    return by_title[title]
 
 
 if __name__ == "__main__":

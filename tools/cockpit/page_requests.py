@@ -18,10 +18,10 @@ from ...runtime.exit_status import BusError
 from ...runtime.frame import FD, Frame
 from ...runtime.recording.candump import written_frame
 from ...runtime.settings import Settings, SettingsError
-from .best_of_the_day import BestOfTheDay
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
+from .score import BestOfTheDay
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
@@ -161,11 +161,6 @@ class Desk:
             return self._own.lanes
         return () if self._foreign is None else (self._foreign,)
 
-    @property
-    def is_own(self) -> bool:
-        """Whether the programs on the bus are ours."""
-        return self._own is not None
-
     async def start(self, scenario: Scenario) -> None:
         """Start a scenario; raises what ``OwnLanes.start`` raises."""
         await self._in_thread(lambda: self._start(scenario), f"starting {scenario.title}")
@@ -197,7 +192,7 @@ class Desk:
             "lanes": [lane._asdict() for lane in facts],
             "bus": self._bus if self._own is None else self._own.bus,
             "may_control": self._may_control,
-            "is_own": self.is_own,
+            "is_own": self._own is not None,
             "choices": choices(),
             "scenario": self._scenario and self._scenario.model_dump(mode="json"),
         }

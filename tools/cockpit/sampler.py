@@ -28,6 +28,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost, Offset
 from .helped import HelpedCar
+from .score import Score
 from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)
@@ -87,8 +88,6 @@ _SHOWN_NS = 3 * NS_PER_S
 _SKIPPED = int(messages.limits(messages.ControllerStatus)["skipped_ticks"].maximum) + 1
 _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
-IN_LANE_M = 0.86
-"""Deviation of the centre of gravity at which a car of 1.78 m is on the edge of a lane of 3.5 m."""
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 
@@ -155,9 +154,7 @@ class Sampler:
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""
-        self._samples = self._samples_in_lane = 0
-        self._squares_m2 = 0.0
-        self._peak_m = 0.0
+        self._score = Score()
 
     def on_late_read(self, late_ns: int, now_ns: int) -> None:
         """Take note that a frame was read ``late_ns`` after it may have come."""
@@ -185,11 +182,7 @@ class Sampler:
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message)
         if isinstance(message, messages.LateralError):
-            error_m = message.lateral_error_m
-            self._samples += 1
-            self._samples_in_lane += not abs(self._watch.cg_deviation_m) > IN_LANE_M
-            self._squares_m2 += error_m * error_m
-            self._peak_m = max(self._peak_m, abs(error_m))
+            self._score.take(message.lateral_error_m, self._watch.cg_deviation_m)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest
@@ -218,6 +211,7 @@ class Sampler:
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         ghost, helped = self._ghosts_at(command, now_ns)
+        score = self.score()
         values = {
             "lateral_error_m": error and error.lateral_error_m,
             "cg_deviation_m": error and self._watch.cg_deviation_m,
@@ -239,8 +233,8 @@ class Sampler:
             "ghost_heading_rad": error and ghost and error.heading_error_rad + ghost.heading_rad,
             "helped_m": helped and helped.lateral_m,
             "helped_heading_rad": helped and helped.heading_rad,
-            "rms_m": self.score().get("rms_m"),
-            "peak_m": self._peak_m if self._samples else None,
+            "rms_m": score.get("rms_m"),
+            "peak_m": self._score.peak_m if score else None,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
 
@@ -255,10 +249,7 @@ class Sampler:
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""
-        if not self._samples:
-            return {}
-        rms_m = math.sqrt(self._squares_m2 / self._samples)
-        return {"rms_m": rms_m, "in_lane": self._samples_in_lane / self._samples}
+        return self._score.figures()
 
     def lights(self, now_ns: int) -> tuple[Light, ...]:
         """Return the lights as known at ``now_ns``."""

@@ -13,7 +13,7 @@ from ...dbc.messages import LatencyModel
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
-from ...runtime.settings import Settings, preset_names, with_values
+from ...runtime.settings import Settings, SettingsError, preset_names, with_values
 
 LANES_MAX = 4
 HAND = "hand"
@@ -93,6 +93,15 @@ def scenarios() -> Sequence[Scenario]:
     file = resources.files(__package__).joinpath("scenarios.toml")
     tables = tomllib.loads(file.read_text(encoding="utf-8"))["scenario"]
     return [scenario_of(table, file.name) for table in tables]
+
+
+def scenario_titled(title: str | None) -> Scenario:
+    """Return the preset of a title, the first one by default; raises SettingsError."""
+    by_title = {scenario.title: scenario for scenario in scenarios()}
+    title = title or next(iter(by_title))
+    if title not in by_title:
+        raise SettingsError(f"no scenario {title!r}; there are: {', '.join(by_title)}")
+    return by_title[title]
 
 
 def scenario_of(values: Mapping[str, Any], source: str = _PAGE) -> Scenario:
