@@ -16,8 +16,7 @@ from ...controller.node.node import ControllerNode
 from ...dbc.dialect.dialect import read_dialect
 from ...dbc.dialect.listening import OURS
 from ...dbc.dialect.overheard import Overheard
-from ...dbc.messages import LateralError, limits
-from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
+from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
 from ...plant_emulator.path.path import Path
@@ -83,7 +82,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
 
 def range_left(trace: Trace) -> tuple[bool, int]:
     """Return whether the error left the range of the wire, and how many samples there are to it."""
-    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
+    outside = np.abs(trace.lateral_error_m) > RANGE_M
     has_left = bool(outside.any())
     return has_left, int(np.argmax(outside)) + 1 if has_left else len(outside)
 

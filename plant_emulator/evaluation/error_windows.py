@@ -59,12 +59,7 @@ def window_figures(
     before, last, omega_rad_s, irregularity = oscillation(
         error_m, first, window, period_s, HALF_PERIODS_MIN
     )
-    wheel_amplitude_rad, wheel_before_rad, wheel_omega_rad_s, wheel_irregularity = (
-        nan,
-        nan,
-        nan,
-        nan,
-    )
+    wheel_amplitude_rad = wheel_before_rad = wheel_omega_rad_s = wheel_irregularity = nan
     half = fast_half(window, period_s)
     if len(wheel_rad) >= 2 * (window + half):
         fast_rad = fast_motion(wheel_rad, 2 * window, half)

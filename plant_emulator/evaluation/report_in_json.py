@@ -4,12 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ...dbc.messages import LateralError, limits
 from ...dbc.reception import Reception
 from ...runtime.node.statistics import durations_report
 from ..network.latency_line import LatencyLine
 from .run_record import RunningFigures
-from .run_verdict import RunEnd, VerdictRules, judge
+from .run_verdict import VerdictRules, driven_end, judge
 
 
 def motion_report(
@@ -28,9 +27,7 @@ def motion_report(
     samples = figures.samples
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
     peaks_m = figures.peaks_m
-    end = RunEnd.COMPLETE if samples else RunEnd.NO_START
-    if figures.lateral_error_peak_m > limits(LateralError)["lateral_error_m"].maximum:
-        end = RunEnd.LEFT_RANGE
+    end = driven_end(samples, figures.lateral_error_peak_m)
     judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
     is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
     return {

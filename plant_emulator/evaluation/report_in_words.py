@@ -4,15 +4,13 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from ...dbc.messages import LateralError, limits
 from ...runtime.program.report import causes_line, durations_line
-from .run_verdict import SHORTEST_RUN_S, Verdict
+from .run_verdict import RANGE_M, SHORTEST_RUN_S, Verdict
 
 Report = Mapping[str, Any]
 _INTERVENTIONS_SHOWN = 10
 _OVERRIDES_SHOWN = 1000
 """Characters."""
-_RANGE_M = limits(LateralError)["lateral_error_m"].maximum
 
 
 def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -155,7 +153,7 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.TOO_SHORT: lambda _node: (
             f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
         ),
-        Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{_RANGE_M:g} m",
+        Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{RANGE_M:g} m",
         Verdict.LEFT_CORRIDOR: lambda node: (
             f"the body left the corridor at {_in_corridor(node)} by"
             f" {_millimetres(node['corridor']['outside_m'])}"

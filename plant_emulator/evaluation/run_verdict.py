@@ -55,6 +55,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
@@ -75,6 +76,10 @@ where it dies away to a fifth within the window."""
 
 SHORTEST_RUN_S = 1.0
 """The windows of a shorter run, a quarter of it each, show no swing of a vehicle."""
+
+
+RANGE_M = limits(LateralError)["lateral_error_m"].maximum
+"""Of LATERAL_ERROR."""
 
 
 class Verdict(StrEnum):
@@ -112,6 +117,13 @@ RUN_ENDS = tuple(RunEnd)
 def end_of(end: RunEnd, duration_s: float) -> RunEnd:
     """Return how a run ended, given how it ended if it was long enough."""
     return RunEnd.TOO_SHORT if end is RunEnd.COMPLETE and duration_s < SHORTEST_RUN_S else end
+
+
+def driven_end(samples: int, peak_m: float) -> RunEnd:
+    """Return how a run ended by its samples and its largest lateral error, if long enough."""
+    if peak_m > RANGE_M:
+        return RunEnd.LEFT_RANGE
+    return RunEnd.COMPLETE if samples else RunEnd.NO_START
 
 
 class VerdictRules(Settings):
