@@ -6,6 +6,7 @@ does.
 """
 
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from functools import lru_cache, partial
@@ -105,6 +106,14 @@ class Processes:
         task = partial(compute_block, self._payload)
         with worker_pool(self.count) as pool:
             yield from _completed(pool, task, self.count, blocks, should_stop)
+
+
+def local_workers(scenarios: Scenarios, count: int | None) -> Threads | Processes:
+    """Return processes for runs over a bus, threads for others; by default one per processor."""
+    count = min(count or os.cpu_count() or 1, scenarios.study.runs)
+    if scenarios.study.bus is not None and count > 1:
+        return Processes(scenarios.study, count)
+    return Threads(scenarios, count)
 
 
 def _completed(

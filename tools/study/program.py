@@ -2,7 +2,6 @@
 
 import argparse
 import importlib
-import os
 import time
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -18,7 +17,7 @@ from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.run_study import run_missing
 from ...closed_loop.studies.scenario import Scenarios
 from ...closed_loop.studies.study import load_study
-from ...closed_loop.studies.workers import Processes, Threads, Workers
+from ...closed_loop.studies.workers import Workers, local_workers
 from ...runtime.exit_status import ExitStatus
 from ...runtime.program.stop_request import StopRequest
 from .repeated_runs import commands, replay, replay_lines
@@ -85,10 +84,7 @@ def _workers(
 ) -> AbstractContextManager[Workers]:
     if options.scheduler:
         return dask_workers(scenarios.study, options.scheduler, console.print)
-    count = min(options.workers or os.cpu_count() or 1, scenarios.study.runs)
-    if scenarios.study.bus is not None and count > 1:
-        return nullcontext(Processes(scenarios.study, count))
-    return nullcontext(Threads(scenarios, count))
+    return nullcontext(local_workers(scenarios, options.workers))
 
 
 def _compute(
@@ -147,7 +143,7 @@ def _report(console: Console, folder: Path) -> None:
     except ImportError as error:
         console.print(f"report: skipped: {error}")
         return
-    console.print(f"report: {page or folder}")
+    console.print(f"report: {page}")
 
 
 def _duration(seconds: float) -> str:
