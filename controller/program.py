@@ -64,11 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="do not run; analyse the loop, as steer-by-wire check does",
     )
     parser.add_argument(
-        "--exit-with-plant",
-        action="store_true",
+        "--exit-with-plant", action="store_true",
         help="end when the plant has been silent for 3 s and the command is back at zero;"
         " by default, wait for the plant to return",
-    )
+    )  # fmt: skip
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     add_dialect_argument(parser)
@@ -92,11 +91,9 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
 
 def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--vehicle",
-        type=Path,
-        metavar="VEHICLE.toml",
+        "--vehicle", type=Path, metavar="VEHICLE.toml",
         help="take [nominal_model] from [vehicle] of a file",
-    )
+    )  # fmt: skip
     laws = ", ".join(LAWS)
     law = parser.add_argument(
         "--law",

@@ -41,11 +41,9 @@ class Program(NamedTuple):
 def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--key-file``."""
     parser.add_argument(
-        "--key-file",
-        type=Path,
-        metavar="FILE",
+        "--key-file", type=Path, metavar="FILE",
         help="authenticate every frame, as CAN FD, with this key",
-    )
+    )  # fmt: skip
 
 
 def run_secured_node(

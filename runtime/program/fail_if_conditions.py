@@ -93,14 +93,11 @@ def add_fail_if_argument(
 ) -> None:
     """Add ``--fail-if``, repeatable, which lists the quantities."""
     parser.add_argument(
-        "--fail-if",
-        action="append",
-        default=[],
-        type=condition_of(quantities),
+        "--fail-if", action="append", default=[], type=condition_of(quantities),
         metavar="CONDITION",
         help=f"end with status 6 if it holds, such as 'rms_m > 0.02'; repeatable; of: "
         f"{', '.join(quantities)}",
-    )
+    )  # fmt: skip
 
 
 def condition_of(quantities: Mapping[str, Quantity]) -> Callable[[str], Condition]:

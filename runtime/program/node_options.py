@@ -38,11 +38,9 @@ def make_parser(
     add_settings_arguments(parser, preset_package, model)
     add_json_argument(parser, shows=False)
     parser.add_argument(
-        "--record",
-        type=_recording_file,
-        metavar="FILE",
+        "--record", type=_recording_file, metavar="FILE",
         help="write every frame: .log .asc .blf .csv .db .trc .mf4",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "-q", "--quiet", action="store_true", help="while running, print errors only"
     )
@@ -50,12 +48,9 @@ def make_parser(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
     )
     parser.add_argument(
-        "--clock",
-        type=clock,
-        default=ClockSettings(),
-        metavar="PPM[:PPM_S]",
+        "--clock", type=clock, default=ClockSettings(), metavar="PPM[:PPM_S]",
         help="error of the program's clock, and its drift per second",
-    )
+    )  # fmt: skip
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     group = parser.add_argument_group("a bus that fails")
@@ -63,18 +58,13 @@ def make_parser(
         "--reconnect", action="store_true", help="reopen a bus that was lost, and continue"
     )
     group.add_argument(
-        "--reconnect-limit",
-        type=seconds,
-        default=PATIENCE_S,
-        metavar="SECONDS",
+        "--reconnect-limit", type=seconds, default=PATIENCE_S, metavar="SECONDS",
         help="end if the bus is not back after this time (default: %(default)g)",
-    )
+    )  # fmt: skip
     group.add_argument(
-        "--no-fast-socketcan",
-        dest="fast_socketcan",
-        action="store_false",
+        "--no-fast-socketcan", dest="fast_socketcan", action="store_false",
         help="use python-can for SocketCAN too",
-    )
+    )  # fmt: skip
     return parser
 
 
@@ -97,23 +87,17 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the requests to the host, for the programs and the probe."""
     group = parser.add_argument_group("real time, as far as the host grants it")
     group.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
+        "--priority", type=priority, default=50, metavar="0..99",
         help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
-    )
+    )  # fmt: skip
     group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
     group.add_argument(
         "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
     )
     group.add_argument(
-        "--spin-us",
-        type=whole_number(0, _SPIN_US_MAX),
-        default=0,
-        metavar="US",
+        "--spin-us", type=whole_number(0, _SPIN_US_MAX), default=0, metavar="US",
         help=f"busy-wait this long before a deadline, 0 to {_SPIN_US_MAX}; occupies a processor",
-    )
+    )  # fmt: skip
 
 
 def load_program_settings(

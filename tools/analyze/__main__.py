@@ -15,7 +15,7 @@ import logging
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,6 @@ from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.dialect.listening import Listening
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
-from steer_by_wire.plant_emulator.evaluation import fail_if_quantities
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
@@ -41,38 +40,18 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.fail_if_conditions import (
-    Quantity,
-    add_fail_if_argument,
-    fail_status,
-    of_part,
-)
+from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
 from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html, verdict_of
-from steer_by_wire.tools.analyze.result import Result, print_results
+from steer_by_wire.tools.analyze.result import QUANTITIES, Result, print_results
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
 
 if TYPE_CHECKING:
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
 NAME = "steer-by-wire analyze"
-
-
-QUANTITIES: Mapping[str, Quantity] = {
-    **fail_if_quantities.QUANTITIES,
-    **of_part(
-        {
-            "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),
-            "missing": Quantity(lambda log: sum(m["missing"] for m in log["messages"].values())),
-            "refused": Quantity(lambda log: sum(log["refused"].values())),
-            "gaps": Quantity(lambda log: sum(m["gaps"] for m in log["messages"].values())),
-        },
-        "log",
-    ),
-}
-"""What ``--fail-if`` may name."""
 _SOURCE = "source.txt"
 """Names the files that the results in a folder are of."""
 
@@ -88,30 +67,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_out_argument(parser, "out/logs", "a folder for the results, with one for each FILE")
     parser.add_argument("--join", action="store_true", help="treat the files as parts of one log")
     parser.add_argument(
-        "--preview-m",
-        type=number(0.0, 100.0, "m"),
-        default=PREVIEW_M,
-        metavar="M",
+        "--preview-m", type=number(0.0, 100.0, "m"), default=PREVIEW_M, metavar="M",
         help="distance of the preview point ahead of the centre of gravity (default: %(default)g)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--channel", help="the channel to read, if the log has several (default: all)"
     )
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
     parser.add_argument(
-        "--smooth",
-        type=Path,
-        metavar="VEHICLE.toml",
+        "--smooth", type=Path, metavar="VEHICLE.toml",
         help="also write smoothed.csv: vehicle state, disturbance, delay and steering lag, with"
         " standard deviations, for [vehicle] of a file",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--verdict-set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
+        "--verdict-set", action="append", default=[], metavar="KEY=VALUE",
         help=f"set a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
-    )
+    )  # fmt: skip
     add_dialect_argument(parser, "read the messages of a car")
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)

@@ -1,8 +1,8 @@
-"""The figures of the analysed logs in the terminal: a column for each log."""
+"""The figures of the analysed logs: in the terminal, a column for each log, and for --fail-if."""
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +10,23 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ...plant_emulator.evaluation import fail_if_quantities
+from ...runtime.program.fail_if_conditions import Quantity, of_part
 from .report import milliseconds
+
+QUANTITIES: Mapping[str, Quantity] = {
+    **fail_if_quantities.QUANTITIES,
+    **of_part(
+        {
+            "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),
+            "missing": Quantity(lambda log: sum(m["missing"] for m in log["messages"].values())),
+            "refused": Quantity(lambda log: sum(log["refused"].values())),
+            "gaps": Quantity(lambda log: sum(m["gaps"] for m in log["messages"].values())),
+        },
+        "log",
+    ),
+}
+"""What ``--fail-if`` may name."""
 
 
 class Result(NamedTuple):

@@ -172,40 +172,32 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--group", metavar="NAME", help="let users of this group join too")
     parser.add_argument(
-        "--bitrate",
-        type=bit_rate,
-        metavar="BIT_S",
+        "--bitrate", type=bit_rate, metavar="BIT_S",
         help="bit rate of every channel (default: 500000)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--data-bitrate",
-        type=data_bit_rate,
-        metavar="BIT_S",
+        "--data-bitrate", type=data_bit_rate, metavar="BIT_S",
         help="bit rate of the data phase; allows CAN FD",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--allow-bus-off",
         action="store_true",
         help="let clients put each other into bus-off, as steer-by-wire faults inject does",
     )
     parser.add_argument(
-        "--fifo",
-        action="store_true",
+        "--fifo", action="store_true",
         help="send each client's frames in their order, as a SocketCAN interface does "
         "(default: a transmit buffer for each identifier)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--end-with-stdin",
         action="store_true",
         help="end when standard input is closed, as when the parent ends",
     )
     parser.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
+        "--priority", type=priority, default=50, metavar="0..99",
         help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
-    )
+    )  # fmt: skip
     add_json_argument(parser, shows=False)
     parser.add_argument(
         "--verbose", action="store_true", help="also print clients that join and leave in order"
@@ -213,12 +205,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add_traffic_arguments(parser)
     add_error_arguments(parser, "the client of this number")
     parser.add_argument(
-        "--seed",
-        type=whole_number(0, 2**63 - 1),
-        default=1,
-        metavar="N",
+        "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
         help="seed of rest bus and noise (default: %(default)s)",
-    )
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:
         parser.error("--group needs --address: the default one is in a directory of its user alone")

@@ -35,12 +35,9 @@ def _add_bit_rates(parser: argparse.ArgumentParser) -> None:
         "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
     )
     parser.add_argument(
-        "--data-bitrate",
-        type=data_bit_rate,
-        default=2_000_000,
-        metavar="BIT_S",
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
         help="bit rate of CAN FD's data phase (default: %(default)s)",
-    )
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -60,11 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10 --out out/demo")
     add_out_argument(parser, "out/demo")
     parser.add_argument(
-        "--bus",
-        choices=BUSES,
-        default="auto",
+        "--bus", choices=BUSES, default="auto",
         help="default: vcan0 if there is one, otherwise emulated",
-    )
+    )  # fmt: skip
     duration = number(DURATION_S_MIN, DURATION_S_MAX, "s")
     parser.add_argument("--duration", type=duration, metavar="SECONDS", help="default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")

@@ -35,18 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--measure", action="store_true", help="measure which rate it can keep")
     group = parser.add_argument_group("with --measure")
     group.add_argument(
-        "--duration",
-        type=seconds,
-        default=1.0,
-        metavar="SECONDS",
+        "--duration", type=seconds, default=1.0, metavar="SECONDS",
         help="duration of each measurement (default: %(default)g)",
-    )
+    )  # fmt: skip
     group.add_argument(
-        "--no-fast-socketcan",
-        dest="fast_socketcan",
-        action="store_false",
+        "--no-fast-socketcan", dest="fast_socketcan", action="store_false",
         help="use python-can for SocketCAN too",
-    )
+    )  # fmt: skip
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

@@ -20,7 +20,6 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
-from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.command_line import (
     add_out_argument,
     command_parser,
@@ -31,7 +30,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import refuse_another_run, write_json
-from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
 from steer_by_wire.tools.faults.campaign.campaign_runs import scenarios_of
@@ -63,31 +62,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     usage = "[SPEC.toml | inject] [options]"
     parser = command_parser(NAME, __doc__, examples, usage)
     parser.add_argument(
-        "spec",
-        nargs="?",
-        type=Path,
-        metavar="SPEC.toml",
+        "spec", nargs="?", type=Path, metavar="SPEC.toml",
         help="default: the built-in specification",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
+        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
         help="override one value of the specification; repeatable",
-    )
+    )  # fmt: skip
     add_out_argument(parser, "out/faults")
     parser.add_argument(
         "--live", action="store_true", help="also run real processes, with logs in DIR/live"
     )
     parser.add_argument(
-        "--workers",
-        type=whole_number(1, 64),
-        default=2,
-        metavar="N",
+        "--workers", type=whole_number(1, 64), default=2, metavar="N",
         help="runs at once, up to 64 (default: %(default)s)",
-    )
+    )  # fmt: skip
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -95,10 +84,6 @@ def _run(options: argparse.Namespace) -> int:
     built_in = read_preset("steer_by_wire.tools.faults", "default")
     default = built_in if options.spec is None else None
     spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
-    known = preset_names(PRESETS)
-    for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
-        if law not in known:
-            raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
     begin_s = time.perf_counter()
     results = _results(spec, options)
     findings = findings_of(results, spec.ftti_ms)

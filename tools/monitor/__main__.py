@@ -43,11 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
     parser.add_argument(
-        "--foxglove",
-        type=whole_number(0, 65_535),
-        metavar="PORT",
+        "--foxglove", type=whole_number(0, 65_535), metavar="PORT",
         help="serve the messages to Foxglove on this port of 127.0.0.1; 0: any free port",
-    )
+    )  # fmt: skip
     add_dialect_argument(parser, "read the messages of a car")
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

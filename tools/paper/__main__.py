@@ -101,12 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(NAME, __doc__, f"{NAME} --figure 7 --table 2 --out out/paper")
     for kind in ("figure", "table"):
         parser.add_argument(
-            f"--{kind}",
-            action="append",
-            default=[],
-            metavar="N",
+            f"--{kind}", action="append", default=[], metavar="N",
             help=f"repeatable: {', '.join(numbers_of(kind))}",
-        )
+        )  # fmt: skip
     parser.add_argument("--all", action="store_true", help="all of them (default)")
     add_out_argument(parser, "out/paper")
     return run_main(NAME, partial(_reproduce, parser.parse_args(arguments)))

@@ -91,11 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_side_arguments(parser, CONTROLLER_PRESET)
     parser.add_argument(
-        "--vehicle",
-        type=Path,
-        metavar="VEHICLE.toml",
+        "--vehicle", type=Path, metavar="VEHICLE.toml",
         help="take the vehicle of plant and controller from [vehicle] of a file",
-    )
+    )  # fmt: skip
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     law = parser.add_argument(
@@ -103,28 +101,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     offer(law, lambda: LAWS)
     parser.add_argument(
-        "--controller-command",
-        type=shlex.split,
-        metavar="WORDS",
+        "--controller-command", type=shlex.split, metavar="WORDS",
         help="run this program as the controller, in lockstep with virtual time",
-    )
+    )  # fmt: skip
     add_dialect_argument(parser)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
-        "--bitrate",
-        type=bit_rate,
-        metavar="BIT/S",
+        "--bitrate", type=bit_rate, metavar="BIT/S",
         help="bit rate of the bus in virtual time (default: 500000)",
-    )
+    )  # fmt: skip
     bus.add_argument(
         "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the bus"
     )
     bus.add_argument(
-        "-i",
-        "--interface",
-        choices=("virtual",),
+        "-i", "--interface", choices=("virtual",),
         help="in real time, on python-can's bus within the process",
-    )
+    )  # fmt: skip
     add_traffic_arguments(parser)
     add_error_arguments(parser, "plant or controller", has_clocks=True)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")

@@ -28,23 +28,15 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     ``default``  the controller's preset, for the help
     """
     preset = parser.add_argument(
-        "--preset",
-        type=_preset,
-        action="append",
-        default=[],
-        metavar="NAME",
+        "--preset", type=_preset, action="append", default=[], metavar="NAME",
         help=f"of plant or controller, one each (default: {default}): {', '.join(_names())}",
-    )
+    )  # fmt: skip
     offer(preset, _names)
     override = parser.add_argument(
-        "--set",
-        type=_override,
-        dest="overrides",
-        action="append",
-        default=[],
+        "--set", type=_override, dest="overrides", action="append", default=[],
         metavar="SIDE.KEY=VALUE",
         help="override one setting, such as plant.seed=3; repeatable",
-    )
+    )  # fmt: skip
     offer(
         override,
         lambda: [f"{s}.{key}=" for s, model in _MODELS.items() for key in setting_keys(model)],
