@@ -48,6 +48,8 @@ class HeldPath:
     """Takes the messages of a log in their order; ``rules`` are those of the verdict.
 
     Raises SettingsError where they judge a point that no log has.
+
+    ``has_started``  whether a command came
     """
 
     def __init__(self, rules: VerdictRules) -> None:
@@ -61,15 +63,10 @@ class HeldPath:
         self._measured_m: deque[float] = deque(maxlen=SAMPLES_MAX)
         self._recent: deque[tuple[float, float]] = deque()
         """Time and error of the followed point, of SMOOTHED_S; without times the newest only."""
-        self._has_started = False
+        self.has_started = False
         self._wheel_rad = 0.0
         self._limit = ""
         self._first_s = math.nan
-
-    @property
-    def has_started(self) -> bool:
-        """Whether a command came."""
-        return self._has_started
 
     @property
     def samples(self) -> int:
@@ -87,11 +84,11 @@ class HeldPath:
         ``at_s``  its time; NaN in a log without times, whose error never counts as settled
         """
         if isinstance(message, messages.SteeringCommand):
-            self._has_started = True
+            self.has_started = True
         elif isinstance(message, messages.SteeringStatus):
             self._wheel_rad = message.wheel_angle_rad
             self._limit = _LIMITS.get(message.status, "")
-        elif isinstance(message, messages.LateralError) and self._has_started:
+        elif isinstance(message, messages.LateralError) and self.has_started:
             error_m = message.lateral_error_m
             figures = self._figures
             if not figures.samples:

@@ -185,11 +185,6 @@ class Latencies:
         self._frame_ns: int | None = None  # the plant's newest frame
         self._silence_ns = 0  # longest silence of the plant since the last status
 
-    @property
-    def echoed(self) -> int:
-        """Commands that have acted, as the echoes show."""
-        return self.round_trip.report()["samples"]  # type: ignore[no-any-return]
-
     def on_command(self, command: SteeringCommand, time_ns: int) -> None:
         """Take a command on the bus."""
         self.commands += 1
@@ -216,7 +211,7 @@ class Latencies:
                 self.history["round_trip"].add(time_ns / NS_PER_S, round_trip_ns / NS_PER_S)
         number = self._unwrapped(counter, is_late, time_ns)
         if self._window and time_ns - self._window[0].arrival_ns >= WINDOW_NS:
-            self._close_window()
+            self.close_window()
         self._window.append(_Status(number, time_ns, self._silence_ns, round_trip_ns))
         self._silence_ns = 0
         return round_trip_ns
@@ -228,10 +223,6 @@ class Latencies:
         if self.commands:  # before the first command the plant reports 0
             self.reported_downlink.record(round(status.downlink_latency_s * NS_PER_S))
             self.history["reported_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
-
-    def finish(self) -> None:
-        """Evaluate what the last window holds."""
-        self._close_window()
 
     def _unwrapped(self, counter: int, is_late: bool, time_ns: int) -> int:
         """Return the number of a status; its counter is that number modulo 256."""
@@ -248,8 +239,8 @@ class Latencies:
         self._newest = (counter, number, time_ns)
         return number
 
-    def _close_window(self) -> None:
-        """Divide the round trips of a window into their directions."""
+    def close_window(self) -> None:
+        """Divide the round trips of a window into their directions; call it at the end too."""
         window, self._window = self._window, []
         reported_s, self._reported_s = self._reported_s, []
         if len(window) < 2:

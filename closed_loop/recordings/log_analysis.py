@@ -162,7 +162,7 @@ class LogAnalysis:
         ``not_judged``  why there is no verdict; empty if there is one
         ``names``       of the car's signals, by the quantity that each carries
         """
-        self.latencies.finish()
+        self.latencies.close_window()
         self._leave_mode(self._end_ns - (self._start_ns or 0))
         start_ns = self._start_ns
         obstacle = self._obstacle()
@@ -302,11 +302,11 @@ class LogAnalysis:
         }
 
     def _latency_figures(self) -> dict[str, Any]:
-        latencies = self.latencies
+        latencies, round_trip = self.latencies, self.latencies.round_trip.report()
         return {
             "commands": latencies.commands,
-            "commands_seen_to_act": latencies.echoed,
-            "round_trip": latencies.round_trip.report(),
+            "commands_seen_to_act": round_trip["samples"],
+            "round_trip": round_trip,
             "uplink": latencies.uplink.report(),
             "downlink": latencies.downlink.report(),
             "reported_uplink": latencies.reported_uplink.report(),

@@ -329,7 +329,7 @@ def read_json(file: Path) -> Any:
     try:
         return json.loads(file.read_bytes())
     except (ValueError, RecursionError) as error:  # ValueError covers UnicodeDecodeError
-        raise SettingsError(f"{file}: is not JSON: {_cause(error)}") from error
+        raise SettingsError(f"{file}: is not JSON: {cause_line(error)}") from error
 
 
 def check_columns(file: Path, types: Mapping[str, Any]) -> int:
@@ -340,7 +340,7 @@ def check_columns(file: Path, types: Mapping[str, Any]) -> int:
         metadata = parquet.read_metadata(file)
         schema = metadata.schema.to_arrow_schema()
     except (ArrowException, OSError) as error:
-        raise _damaged(file, _cause(error)) from error
+        raise _damaged(file, cause_line(error)) from error
     for name, kind in types.items():
         place = schema.get_field_index(name)  # -1 for a duplicate name, too
         if place < 0:
@@ -369,7 +369,7 @@ def read_columns(
             page_checksum_verification=True,
         )
     except (ArrowException, OSError) as error:
-        raise _damaged(file, _cause(error)) from error
+        raise _damaged(file, cause_line(error)) from error
     if filters is None and table.num_rows != rows:
         raise _damaged(file, f"has {table.num_rows} rows, not {rows}")
     for name in types:
@@ -386,7 +386,7 @@ def overrides_of(text: str, where: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{where}: overrides are not JSON: {_cause(error)}") from error
+        raise SettingsError(f"{where}: overrides are not JSON: {cause_line(error)}") from error
     if not isinstance(found, dict) or not isinstance(found.get("plant.seed"), int):
         raise SettingsError(f"{where}: overrides are no table with a plant.seed")
     return found
@@ -396,5 +396,6 @@ def _damaged(file: Path, what: str) -> SettingsError:
     return SettingsError(f"{file}: results cannot be read: {what}; {_WHAT_TO_DO}")
 
 
-def _cause(error: Exception) -> str:
+def cause_line(error: Exception) -> str:
+    """Return what an error says, in one line of some length."""
     return " ".join(str(error).split())[:_CAUSE_LENGTH_MAX]

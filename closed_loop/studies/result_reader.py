@@ -20,20 +20,13 @@ from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .compiled_figures import COUNTS
 from .factors import Design
-from .result_files import are_numbers, overrides_of, read_columns, read_json
+from .result_files import RESULTS, are_numbers, cause_line, overrides_of, read_columns, read_json
 from .scenario import Case, Pair, Scenarios
 from .study import Study
 from .study_file import ReportSettings, StudySettings
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
-_CAUSE_LENGTH_MAX = 160
-_NUMBERS = (
-    *("rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m"),
-    *("duration_s", "latency_mean_s"),
-    *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share"),
-    *("estimate_share", "estimate_error_s", "estimate_error_max_s", "echo_error_s"),
-)
 
 
 class FactorRecord(NamedTuple):
@@ -116,6 +109,9 @@ class Rows(NamedTuple):
         return np.asarray(self.verdict == HOLDS)
 
 
+_FIGURES = Rows._fields[Rows._fields.index("rms_m") : -1]
+
+
 def read_study(folder: Path) -> StudyRecord:
     """Return the record of the results in a folder; raises SettingsError."""
     file = folder / "study.json"
@@ -138,10 +134,8 @@ def read_study(folder: Path) -> StudyRecord:
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        cause = " ".join(str(error).split())[:_CAUSE_LENGTH_MAX]
-        raise SettingsError(
-            f"{file}: is not the record of a study of this version: {cause}"
-        ) from error
+        what = f"is not the record of a study of this version: {cause_line(error)}"
+        raise SettingsError(f"{file}: {what}") from error
     title, report = _presentation(folder)
     design, bus = Design((), 1, None), record.get("bus")
     scenarios = Scenarios(Study(str(file), settings, plant, controllers, design, bus=bus))
@@ -198,7 +192,7 @@ def read_rows(study: StudyRecord) -> Rows:
         case=run // len(study.names),
         controller=_places(study, table, "controller", study.names),
         verdict=_places(study, table, "verdict", [str(verdict) for verdict in VERDICTS]),
-        **{name: table[name] for name in _NUMBERS},
+        **{name: table[name] for name in _FIGURES},
         factors={name: table[name] for name in names},
     )
     if not len(rows.id):
@@ -228,7 +222,7 @@ def _types(study: StudyRecord) -> dict[str, Any]:
     import pyarrow as pa
 
     types = {"id": pa.int64(), "controller": pa.string(), "verdict": pa.string()}
-    types |= {name: pa.int64() if name in COUNTS else pa.float64() for name in _NUMBERS}
+    types |= {name: pa.int64() if name in COUNTS else pa.float64() for name in _FIGURES}
     for factor in study.factors:
         types[factor.name] = pa.float64() if are_numbers(factor.labels) else pa.string()
     return types
@@ -252,7 +246,7 @@ def _table(folder: Path, types: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 
 def _files(folder: Path) -> list[Path]:
-    results = folder / "results.parquet"
+    results = folder / RESULTS
     files = [results] if results.exists() else sorted((folder / "chunks").glob("*.parquet"))
     if not files:
         raise SettingsError(f"{folder}: holds no results yet")

@@ -137,7 +137,7 @@ class Scenarios:
         study = self.study
         given = study.plant, study.controllers[name], study.bus
         command = study.commands.get(name, ())
-        tables = _pair_tables(*given, command, study.dialect, case.overrides)
+        tables = pair_tables(*given, command, study.dialect, case.overrides)
         try:
             return Pair.model_validate_json(json.dumps(tables), strict=True, context=self._naming)
         except ValidationError as error:
@@ -229,21 +229,7 @@ class Scenarios:
         return mistake
 
 
-def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
-    """Return the settings of a stored run from what its folder holds alone.
-
-    ``identity``  study.json
-    ``row``       of the results
-    """
-    overrides, name = json.loads(row["overrides"]), row["controller"]
-    given = identity["plant"], identity["controllers"][name], identity.get("bus")
-    command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
-    tables = _pair_tables(*given, command, dialect, overrides)
-    text = json.dumps(tables)
-    return Pair.model_validate_json(text, strict=True, context=naming_in(dialect))
-
-
-def _pair_tables(
+def pair_tables(
     plant: Tables,
     controller: Tables,
     bus: Tables | None,
@@ -251,6 +237,7 @@ def _pair_tables(
     dialect: str,
     overrides: Tables,
 ) -> dict[str, Any]:
+    """Return the tables of a ``Pair``, the overrides laid over them."""
     given = {"plant": plant, "controller": controller, "bus": bus}
     tables = {
         name: _laid_over(table, overrides, f"{name}.")

@@ -70,14 +70,10 @@ def columns_of(name: str, listening: Listening = OURS) -> list[str]:
 
 def _formats(name: str) -> list[Callable[[float], str]]:
     return [
-        _whole if resolution >= 1.0 else f"{{:.{_digits(resolution)}f}}".format
+        f"{{:.{_digits(resolution)}f}}".format
         for resolution in resolutions(MESSAGE_TYPES[name]).values()
     ]
 
 
-def _whole(value: float) -> str:
-    return str(int(value))
-
-
 def _digits(resolution: float) -> int:
-    return next(digits for digits in range(1, 16) if round(resolution, digits) == resolution)
+    return next(digits for digits in range(16) if round(resolution, digits) == resolution)

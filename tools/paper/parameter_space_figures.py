@@ -122,7 +122,9 @@ def figure_8() -> Reproduction:
         " above the picture.",
         (Picture("figure_08", figure, region_columns([region])),),
         (
-            Comparison("published gains", "in the region", _inside(inside), inside),
+            Comparison(
+                "published gains", "in the region", "inside" if inside else "outside", inside
+            ),
             *_margin_comparisons(region),
         ),
         _verdict(inside),
@@ -149,10 +151,6 @@ def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
         )
         for margin in region.margins(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     )
-
-
-def _inside(inside: bool) -> str:
-    return "inside" if inside else "outside"
 
 
 def _verdict(agrees: bool) -> Verdict:

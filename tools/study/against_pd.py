@@ -11,17 +11,7 @@ import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import Rows, StudyRecord
-from ...runtime.array_types import FloatArray, IntArray
-
-EFFORT_HEADINGS = ("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]")
-
-
-class Effort(NamedTuple):
-    """Steering effort of runs: medians over them."""
-
-    steer_rms_rad: float
-    steer_rate_rms_rad_s: float
-    limited_share: float
+from ...runtime.array_types import FloatArray
 
 
 class Comparison(NamedTuple):
@@ -30,7 +20,7 @@ class Comparison(NamedTuple):
     ``only_it``, ``only_reference``  pairs of runs in which only the one or the other holds
     ``low``, ``median``, ``high``    of the ratios: 10th, 50th, 90th percentile
     ``better``                       share of the ratios below 1
-    ``effort``                       of all its runs, including those that do not hold
+    ``steer_*``, ``limited_share``   steering effort: medians of all its runs, held or not
     """
 
     controller: int
@@ -45,7 +35,9 @@ class Comparison(NamedTuple):
     rms_median_m: float
     rms_worst_held_m: float
     cg_rms_median_m: float
-    effort: Effort
+    steer_rms_rad: float
+    steer_rate_rms_rad_s: float
+    limited_share: float
 
 
 def comparisons(study: StudyRecord, rows: Rows) -> list[Comparison]:
@@ -79,14 +71,10 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
         rms_median_m=float(np.median(held_m)) if len(held_m) else math.nan,
         rms_worst_held_m=float(held_m.max()) if len(held_m) else math.nan,
         cg_rms_median_m=median(rows.cg_rms_m[it][rows.holds[it]]),
-        effort=effort(rows, it),
+        steer_rms_rad=median(rows.steer_rms_rad[it]),
+        steer_rate_rms_rad_s=median(rows.steer_rate_rms_rad_s[it]),
+        limited_share=median(rows.limited_share[it]),
     )
-
-
-def effort(rows: Rows, chosen: IntArray) -> Effort:
-    """Return the effort of some rows, given as indices."""
-    columns = (rows.steer_rms_rad, rows.steer_rate_rms_rad_s, rows.limited_share)
-    return Effort(*(median(column[chosen]) for column in columns))
 
 
 def median(values: FloatArray) -> float:
@@ -110,7 +98,9 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
             number(millimetres(one.rms_median_m)),
             number(millimetres(one.rms_worst_held_m)),
             number(millimetres(one.cg_rms_median_m)),
-            *effort_cells(one.effort),
+            number(three_digits(1e3 * one.steer_rms_rad)),
+            number(three_digits(1e3 * one.steer_rate_rms_rad_s)),
+            number(three_digits(100.0 * one.limited_share)),
         )
         for one in found
     ]
@@ -125,7 +115,9 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
         "RMS held, median [mm]",
         "RMS held, largest [mm]",
         "centre of gravity, median [mm]",
-        *EFFORT_HEADINGS,
+        "steer RMS [mrad]",
+        "steer rate RMS [mrad/s]",
+        "periods at a limit [%]",
     )
     return Section(
         f"Against {reference}",
@@ -138,15 +130,6 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
             "runs of a law, those that do not hold too.",
         ),
         tables=(Table(headings, rows),),
-    )
-
-
-def effort_cells(effort: Effort) -> tuple[Cell, Cell, Cell]:
-    """Return the steering effort of a law, under EFFORT_HEADINGS."""
-    return (
-        number(three_digits(1e3 * effort.steer_rms_rad)),
-        number(three_digits(1e3 * effort.steer_rate_rms_rad_s)),
-        number(three_digits(100.0 * effort.limited_share)),
     )
 
 

@@ -95,8 +95,8 @@ def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Row
     pd, dob = comparisons(study, rows)
     for one in (pd, dob):
         own = rows.controller == one.controller
-        assert one.effort.limited_share == float(np.median(rows.limited_share[own]))
-        assert one.effort.steer_rate_rms_rad_s > 0.0
+        assert one.limited_share == float(np.median(rows.limited_share[own]))
+        assert one.steer_rate_rms_rad_s > 0.0
 
 
 def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, rows: Rows) -> None:

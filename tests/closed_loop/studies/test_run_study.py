@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, Threads
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
@@ -38,6 +38,7 @@ from tests.support.runs.small_study import (
     never,
     open_store,
 )
+from tests.support.runs.stored_pair import pair_of_row
 
 RUNS = 3 * 2 * 2 * 2 * 2
 

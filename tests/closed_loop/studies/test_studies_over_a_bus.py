@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import read_study
 from steer_by_wire.closed_loop.studies.run_study import run_study
-from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
@@ -31,6 +31,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.run.__main__ import main as run
 from steer_by_wire.tools.study.__main__ import main as run_program
+from tests.support.runs.stored_pair import pair_of_row
 
 STUDY = """
 name = "noisy"

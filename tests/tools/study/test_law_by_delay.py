@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.studies.result_reader import (
     read_study,
 )
 from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.scenario import Scenarios, pair_of_row
+from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import make_study
 from steer_by_wire.closed_loop.studies.study_file import StudySettings
 from steer_by_wire.closed_loop.studies.study_file import read_study as read_file
@@ -34,6 +34,7 @@ from steer_by_wire.tools.study.law_by_delay import (
     portions,
 )
 from tests.support.runs.small_study import make_scenarios, never
+from tests.support.runs.stored_pair import pair_of_row
 
 SHIPPED = Path(__file__).parents[3] / "closed_loop" / "studies"
 

@@ -1,0 +1,22 @@
+"""The settings of a stored run, from nothing but what its folder holds."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from steer_by_wire.closed_loop.studies.base_settings import naming_in
+from steer_by_wire.closed_loop.studies.scenario import Pair, pair_tables
+
+
+def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
+    """Return the settings of a stored run from what its folder holds alone.
+
+    ``identity``  study.json
+    ``row``       of the results
+    """
+    overrides, name = json.loads(row["overrides"]), row["controller"]
+    given = identity["plant"], identity["controllers"][name], identity.get("bus")
+    command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
+    tables = pair_tables(*given, command, dialect, overrides)
+    text = json.dumps(tables)
+    return Pair.model_validate_json(text, strict=True, context=naming_in(dialect))
