@@ -280,7 +280,7 @@ def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figur
                 estimates.plot(controller.time_s, values, label=label, lw=1.0)
         estimates.set(ylabel="estimates [rad]")
         latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.5, label="downlink")
-        latency.plot(plant.time_s, 1e3 * plant.uplink_latency_s, ".", ms=2.5, label="uplink")
+        latency.plot(plant.time_s, 1e3 * plant.uplink_latency_s, "x", ms=2.5, label="uplink")
         latency.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
         for axes in (error, steer, estimates, latency):
             if axes.get_legend_handles_labels()[1]:

@@ -88,17 +88,17 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
         return None
     figure = Figure(figsize=(WIDTH_IN, 4.4))
     left, right = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
-    measured: dict[str, tuple[str, Durations]] = {
-        "round_trip": (PURPLE, latencies.round_trip),
-        "downlink": (BLUE, latencies.downlink),
-        "uplink": (GREEN, latencies.uplink),
+    measured: dict[str, tuple[str, str, Durations]] = {
+        "round_trip": (PURPLE, ".", latencies.round_trip),
+        "downlink": (BLUE, "x", latencies.downlink),
+        "uplink": (GREEN, "|", latencies.uplink),
     }
     fractions = np.linspace(0.0, 1.0, 201)
-    for name, (colour, durations) in measured.items():
+    for name, (colour, marker, durations) in measured.items():
         time_s, latency_s = latencies.history[name].points()
         median_ms = 1e3 * figures["latency"][name]["p50_s"]
         text = f"{_CURVES[name]}, median {median_ms:.1f} ms"
-        left.plot(time_s, 1e3 * latency_s, ".", ms=2.0, color=colour, label=text)
+        left.plot(time_s, 1e3 * latency_s, marker, ms=2.0, color=colour, label=text)
         right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
     time_s, reported_s = latencies.history["reported_downlink"].points()
     text = "commands, latency, reported"

@@ -82,7 +82,7 @@ CONTROLLER_PRESET = "practical_pd_ddob"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     example = f"{NAME} --set plant.latency.downlink.mean_s=0.08 --out out/run"
-    parser = command_parser(NAME, __doc__, example, "[PLANT_PROGRAM.toml] [options]")
+    parser = command_parser(NAME, __doc__, example, "[PLANT.toml] [options]")
     parser.add_argument(
         "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
     )
