@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..controller.node.node import ControllerNode
 from ..controller.settings import ControllerSettings
-from ..dbc.dialect.ends import PLANT, in_dialect
+from ..dbc.dialect.node_in_dialect import in_dialect
+from ..dbc.dialect.settings import PLANT
 from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
-from ..plant_emulator.faults.messages_on_bus import messages_on
+from ..plant_emulator.faults.messages_in_dialect import messages_on
 from ..plant_emulator.faults.stage import with_faults
 from ..plant_emulator.node.node import PlantNode
 from ..plant_emulator.settings import PlantSettings

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect import ends
+from ..dbc.dialect.node_in_dialect import in_dialect
 from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import CONTROLLER
@@ -120,7 +120,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
-        return ends.in_dialect(node, dialect, ends.CONTROLLER, start_ns)
+        return in_dialect(node, dialect, "controller", start_ns)
 
     concluded = partial(conclude, settings)
     return run_in_dialect(PROGRAM, options, settings, make_node, concluded, dialect)

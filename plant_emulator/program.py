@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect import ends
+from ..dbc.dialect.node_in_dialect import in_dialect
 from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
 from ..dbc.secoc.secured_frame import PLANT
@@ -22,7 +22,7 @@ from .check_option import check_text
 from .evaluation.fail_if_quantities import QUANTITIES
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
-from .faults.messages_on_bus import messages_on, naming
+from .faults.messages_in_dialect import messages_on, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
 from .path.drivability import undrivable
@@ -77,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = PlantNode(settings, start_ns, params, samples_max)
-        spoken = ends.in_dialect(node, dialect, ends.PLANT, start_ns)
+        spoken = in_dialect(node, dialect, "plant", start_ns)
         return with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
 
     conclude = partial(_conclude, options)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.ends import CONTROLLER, in_dialect
+from ...dbc.dialect.node_in_dialect import in_dialect
+from ...dbc.dialect.settings import CONTROLLER
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
 from ..process_group import ProcessError

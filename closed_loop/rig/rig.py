@@ -23,9 +23,9 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect import ends
+from ...dbc.dialect.node_in_dialect import in_dialect
 from ...dbc.dialect.option import dialect_of
-from ...plant_emulator.faults.messages_on_bus import naming
+from ...plant_emulator.faults.messages_in_dialect import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NS_PER_S, ReportingNode
@@ -142,7 +142,7 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
-        return ends.in_dialect(node, self._dialect, ends.CONTROLLER, start_ns)
+        return in_dialect(node, self._dialect, "controller", start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles

@@ -9,7 +9,7 @@ from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
 from ...dbc.dialect.option import dialect_of
-from ...plant_emulator.faults.messages_on_bus import naming
+from ...plant_emulator.faults.messages_in_dialect import naming
 from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings

@@ -17,10 +17,9 @@ from ...runtime.node.periodic import PeriodicTimer
 from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
-from .ends import CONTROLLER, PLANT
 from .quantities import values_of
 from .reader import CarReader
-from .settings import Quantity
+from .settings import CONTROLLER, PLANT, Quantity
 
 HOLD_NS = 250_000_000
 """How long a quantity is sent after the node has sent it last; then its messages stay away."""

@@ -12,9 +12,8 @@ from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
 from .car_message import LARGEST_FLOATS, CarMessage, Refused, bits_of, raw_constant, share_bits
 from .checksum import CrcRule
-from .ends import CONTROLLER, PLANT
 from .quantities import COMMANDS
-from .settings import MessageSettings, Quantity
+from .settings import CONTROLLER, PLANT, MessageSettings, Quantity
 
 
 def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:

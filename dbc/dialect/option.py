@@ -13,7 +13,6 @@ from ...runtime.program.run_node import run_node
 from ...runtime.settings import Settings, SettingsError
 from ..secoc.key_option import Program, run_secured_node
 from ..secoc.secured_frame import PLANT
-from . import ends
 from .listening import OURS, Listening
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def run_in_dialect(
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
     from .gateway import dialect_text
 
-    received = dialect.sent_by(ends.CONTROLLER if program.end is PLANT else ends.PLANT)
+    received = dialect.sent_by("controller" if program.end is PLANT else "plant")
     if any(one.flags & FD for one in dialect.messages):
         options.fd = True
     has_extended = any(one.flags & EXTENDED for one in received)

@@ -6,10 +6,10 @@ from ...runtime.frame import Frame
 from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
-from .ends import PLANT
 from .listening import Heard, Listed, MessageCounts, OurMessages
 from .quantities import SAID_BY
 from .reader import CarReader
+from .settings import PLANT
 
 
 class Overheard:

@@ -8,8 +8,7 @@ from typing import NamedTuple
 from cantools.database.can import Message, Signal
 
 from .car_message import signal_range
-from .ends import CONTROLLER, PLANT
-from .settings import Quantity
+from .settings import CONTROLLER, PLANT, Quantity
 
 CYCLE_MS = 20
 """Of a message whose cycle the database does not tell."""

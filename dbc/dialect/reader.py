@@ -7,8 +7,8 @@ from ...runtime.frame import Frame
 from .. import messages as ours
 from .car_message import CarMessage, Reading, Refused
 from .dialect import Dialect
-from .ends import CONTROLLER
 from .listening import MessageCounts
+from .settings import CONTROLLER
 from .translation import FromController, FromPlant
 
 

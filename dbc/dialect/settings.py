@@ -16,13 +16,15 @@ checksum = { signal = "CHECKSUM", rule = "crc", polynomial = 0x1D, final_xor = 0
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field
 
 from ...runtime.settings import Settings
 from .checksum import Rule
-from .ends import PLANT
+
+PLANT: Final = "plant"
+CONTROLLER: Final = "controller"
 
 
 class Quantity(StrEnum):

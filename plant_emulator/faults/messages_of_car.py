@@ -9,8 +9,8 @@ from types import MappingProxyType
 
 from ...dbc.dialect.car_message import Refused
 from ...dbc.dialect.dialect import Dialect
-from ...dbc.dialect.ends import CONTROLLER, PLANT
 from ...dbc.dialect.reader import CarReader
+from ...dbc.dialect.settings import CONTROLLER, PLANT
 from ...dbc.messages import CAN_IDS, MESSAGE_TYPES
 from ...runtime.frame import Frame
 from ...runtime.settings import SettingsError

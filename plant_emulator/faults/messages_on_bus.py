@@ -7,7 +7,7 @@ faulty sender would. A value beyond its signal's range is sent as the end of tha
 import math
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Protocol
 
 from ...dbc import messages
 from ...dbc.codec.layout import MessageLayout
@@ -17,7 +17,6 @@ from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
 from .settings import (
     MESSAGES_OF,
-    NAMES,
     OUR_NAMES,
     FaultDirection,
     FaultSettings,
@@ -25,9 +24,6 @@ from .settings import (
     fields_of,
     message_types_of,
 )
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.dialect import Dialect
 
 Change = Callable[[str, float], float]
 """``change(name, value)`` returns the new value of a field."""
@@ -164,17 +160,3 @@ def within(value: float, low: float, high: float) -> float:
 
 
 OURS = OurMessages()
-
-
-def messages_on(dialect: "Dialect | None") -> MessagesOnBus:
-    """Return the messages on a bus; without a dialect they are ours."""
-    if dialect is None:
-        return OURS
-    from .messages_of_car import MessagesOfCar  # needs cantools, which takes a while to import
-
-    return MessagesOfCar(dialect)
-
-
-def naming(dialect: "Dialect | None") -> Mapping[str, Any]:
-    """Return the context in which settings of a plant on this bus are validated."""
-    return {NAMES: messages_on(dialect).names}

@@ -23,9 +23,8 @@ from steer_by_wire.closed_loop.virtual_pair import (
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.car_message import Refused
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
-from steer_by_wire.dbc.dialect.ends import CONTROLLER, PLANT
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import Quantity
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from steer_by_wire.dbc.messages import Decoded, LateralError, decode
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...dbc.dialect.ends import CONTROLLER, in_dialect
+from ...dbc.dialect.node_in_dialect import in_dialect
 from ...dbc.dialect.option import add_dialect_argument, dialect_of
+from ...dbc.dialect.settings import CONTROLLER
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS

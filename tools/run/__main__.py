@@ -29,7 +29,7 @@ from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.dialect.dialect import Dialect
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, dialect_of
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
-from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
+from steer_by_wire.plant_emulator.faults.messages_in_dialect import naming
 from steer_by_wire.plant_emulator.path.drivability import undrivable
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS

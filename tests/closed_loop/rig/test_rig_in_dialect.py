@@ -9,8 +9,8 @@ from steer_by_wire.closed_loop.rig import Rig
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.dbc.dialect.ends import CONTROLLER
 from steer_by_wire.dbc.dialect.gateway import Gateway
+from steer_by_wire.dbc.dialect.settings import CONTROLLER
 from steer_by_wire.runtime.settings import SettingsError
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
-from steer_by_wire.dbc.dialect.ends import CONTROLLER, PLANT
 from steer_by_wire.dbc.dialect.gateway import Gateway
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
 from steer_by_wire.dbc.messages import SteeringStatusCode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError

@@ -25,10 +25,10 @@ from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.dbc.dialect.ends import CONTROLLER, PLANT, in_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
+from steer_by_wire.dbc.dialect.node_in_dialect import in_dialect
 from steer_by_wire.dbc.dialect.overheard import Overheard
-from steer_by_wire.dbc.dialect.settings import Quantity
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     ControllerFault,

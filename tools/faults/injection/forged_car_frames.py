@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from ....dbc.dialect.car_message import CarMessage, Refused
 from ....dbc.dialect.dialect import Dialect
-from ....dbc.dialect.ends import CONTROLLER, PLANT
-from ....dbc.dialect.settings import Quantity
+from ....dbc.dialect.settings import CONTROLLER, PLANT, Quantity
 from ....runtime.frame import Frame
 from .forged_frames import OurFrames
 

@@ -1,14 +1,11 @@
-"""The two ends of a bus, and a node at one of them; without a dialect nothing reads a database."""
+"""A node on a bus that may speak a car's messages; without a dialect nothing reads a database."""
 
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 from ...runtime.node import ReportingNode
 
 if TYPE_CHECKING:
     from .dialect import Dialect
-
-PLANT: Final = "plant"
-CONTROLLER: Final = "controller"
 
 
 def in_dialect(
