@@ -91,15 +91,6 @@ def test_a_node_runs_it_as_it_is() -> None:
     assert len(node.samples) > 100
 
 
-def test_with_hardly_any_integral_it_is_nearly_pd_and_with_more_it_is_not() -> None:
-    def error_m(law: str, *overrides: str) -> np.ndarray:
-        return run_batch(plant_settings(()), controller(law, *overrides)).lateral_error_m
-
-    weak = error_m(OWN, "own_law.integral_gain_rad_s_m=1e-9")
-    assert np.max(np.abs(weak - error_m("pd"))) < 1e-6
-    assert np.max(np.abs(error_m(OWN) - error_m("pd"))) > 1e-3
-
-
 def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
     node, statuses = run_nodes(controller(OWN))
     assert {status.law for status in statuses} == {LawNumber.CUSTOM}

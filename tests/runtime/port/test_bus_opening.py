@@ -14,7 +14,7 @@ from can.interfaces.virtual import VirtualBus
 from steer_by_wire.closed_loop.process_group import launched_broker
 from steer_by_wire.controller.program import main
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import interface_choice
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
@@ -83,15 +83,6 @@ def test_the_environment_comes_before_the_configuration_file(
     monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
     monkeypatch.setenv("CAN_INTERFACE", "virtual")
     assert opened().description == "Virtual bus channel nine (from the environment)"
-
-
-def test_the_configuration_file_is_read_when_nothing_else_is_given(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    configuration = tmp_path / "can.conf"
-    configuration.write_text("[default]\ninterface = virtual\n")
-    monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
-    assert "from the configuration file" in opened().description
 
 
 def test_without_a_can_network_interface_the_emulated_bus_is_opened(
@@ -175,15 +166,6 @@ def test_a_port_passes_frames_through_unchanged(broker_address: str, frame: Fram
         BusPort(one).send(frame)
         received = BusPort(other).recv(PATIENCE_S)
     assert received == Received(frame, None)
-
-
-def test_a_port_marks_error_frames() -> None:
-    with (
-        can.Bus(interface="virtual", channel="errors") as one,
-        can.Bus(interface="virtual", channel="errors") as other,
-    ):
-        one.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40))
-        assert BusPort(other).recv(PATIENCE_S) == Received(Frame(0x40, b"", ERROR), None)
 
 
 def test_a_port_receives_nothing_when_nothing_comes() -> None:

@@ -24,12 +24,6 @@ def test_numbers_that_json_does_not_have_become_null_however_deep(tmp_path: Path
     assert json.loads(file.read_text(), parse_constant=pytest.fail) == expected
 
 
-def test_floats_keep_their_last_digit(tmp_path: Path) -> None:
-    file = tmp_path / "report.json"
-    write_json(file, {"a": 0.1 + 0.2})
-    assert json.loads(file.read_text())["a"] == 0.1 + 0.2
-
-
 def test_a_folder_of_another_run_is_refused_and_one_of_this_run_is_not(tmp_path: Path) -> None:
     refuse_another_run(tmp_path / "new", {"plant.toml": "seed = 1\n"})
     (tmp_path / "plant.toml").write_text("seed = 1\n", encoding="utf-8")
