@@ -352,4 +352,4 @@ def _period_ns(numbers: NumberArray, arrivals_ns: NumberArray) -> float:
     overall_ns = float(arrivals_ns[-1] - arrivals_ns[0]) / max(float(numbers[-1] - numbers[0]), 1.0)
     if any(abs(period_ns / wanted_ns - 1.0) < 0.05 for period_ns in (measured_ns, overall_ns)):
         return wanted_ns
-    return round(measured_ns, -3)
+    return max(round(measured_ns, -3), 0.0) or wanted_ns  # by a clock that stands still, too

@@ -187,11 +187,15 @@ def main() -> int:
     for name, usual in (("--loops", 1000), ("--boxes", 30), ("--seed", 1)):
         parser.add_argument(name, type=int, default=usual)
     options = parser.parse_args()
-    loops = searched("loops", asked_of_loop, [40, 7, 0, options.seed], options.loops)
-    boxes = searched("boxes", asked_of_box, [40, 7, 1, options.seed], options.boxes)
-    lines = [*counted("loops", loops), *counted("boxes", boxes)]
-    sys.stdout.write("\n".join(lines) + "\n")
-    return int(any(one.is_wrong for one in (*loops, *boxes)))
+    is_wrong = False
+    for kind, (name, ask, wanted) in enumerate(
+        (("loops", asked_of_loop, options.loops), ("boxes", asked_of_box, options.boxes))
+    ):
+        answers = searched(name, ask, [40, 7, kind, options.seed], wanted)
+        sys.stdout.write("".join(f"{line}\n" for line in counted(name, answers)))
+        sys.stdout.flush()
+        is_wrong |= any(one.is_wrong for one in answers)
+    return int(is_wrong)
 
 
 if __name__ == "__main__":
