@@ -157,6 +157,11 @@ class Response(NamedTuple):
     bound_ns: int | None
     miss: float | None
 
+    @property
+    def is_in_time(self) -> bool | None:
+        """Whether the bound meets the deadline; None without a bound."""
+        return None if self.bound_ns is None else self.bound_ns <= self.message.bound.period_ns
+
 
 def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]:
     """Return the bounds of every message."""

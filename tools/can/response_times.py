@@ -128,10 +128,8 @@ def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> d
 
 
 def _verdict(response: Response) -> str:
-    if response.bound_ns is None:
-        return "no bound"
-    if response.bound_ns > response.message.bound.period_ns:
-        return "MISSED"
+    if not response.is_in_time:
+        return "no bound" if response.is_in_time is None else "MISSED"
     if response.miss is None:
         return "met"
     # Below that it is what rounding leaves of 1.

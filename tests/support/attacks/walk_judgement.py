@@ -14,9 +14,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
-from steer_by_wire.tools.faults.campaign.campaign_file import BUS, CONTROLLER, PLANT, NodeFaultKind
+from steer_by_wire.tools.faults.campaign.campaign_file import BUS, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
     case_of_fault,

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....dbc.messages import DATA_IDS, MESSAGE_TYPES
 from ....plant_emulator.faults.settings import (
     MESSAGES_OF,
@@ -35,7 +36,8 @@ class NodeFaultKind(StrEnum):
     """A further node sends the lowest identifier at full bus load."""
 
 
-CONTROLLER, PLANT, BUS = "controller", "plant", "bus"
+BUS = "bus"
+"""Beside the two ends, where a fault of the bus itself is."""
 SEED_MAX = 2**31
 
 

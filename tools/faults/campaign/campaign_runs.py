@@ -7,14 +7,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from ....controller.settings import ControllerSettings, controller_preset
+from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import FaultSettings
 from ....plant_emulator.settings import PlantSettings
 from ....runtime.settings import load_settings
 from . import detectability
 from .campaign_file import (
     BUS,
-    CONTROLLER,
-    PLANT,
     CampaignSettings,
     NodeFaultKind,
     PointSettings,

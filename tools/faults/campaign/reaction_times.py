@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....runtime.node import NEVER_NS, NS_PER_S
-from .campaign_file import CONTROLLER, PLANT
 from .campaign_runs import FaultCase
 from .detectability import Mechanism, causes_of
 from .node_watch import SAFE_CAUSES, Watch

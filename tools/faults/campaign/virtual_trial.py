@@ -5,9 +5,10 @@ from enum import StrEnum
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.evaluation.run_record import PlantSample
 from ....runtime.node import NS_PER_S
-from .campaign_file import BUS, CONTROLLER, PLANT, NodeFaultKind
+from .campaign_file import BUS, NodeFaultKind
 from .campaign_runs import GOLDEN, FaultCase, Scenario
 from .golden_comparison import is_as_golden
 from .reaction_times import times_of

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ....closed_loop.lockstep.node import LockstepNode, controller_node
+from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ....plant_emulator.faults.stage import FaultyNode
 from ....plant_emulator.node.node import PlantNode
@@ -15,7 +16,7 @@ from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ....runtime.node.virtual_time_loop import VirtualTimeExecutor
 from .babbled_bus import BABBLER_ID, BabbledBus
-from .campaign_file import CONTROLLER, PLANT, NodeFaultKind
+from .campaign_file import NodeFaultKind
 from .campaign_runs import FaultCase, Scenario, controller_settings_of, plant_settings_of
 from .detectability import Sight, causes_of, sight_of
 from .node_faults import NodeFault, with_node_faults
