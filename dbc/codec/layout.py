@@ -127,7 +127,8 @@ def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     elif issubclass(kind, IntEnum):
         if not min(kind) <= minimum <= maximum <= max(kind):
             raise ValueError(f"{signal.name}: {allowed} are more than {kind.__name__} has")
-        allowed = "one of " + ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
+        sent = [member for member in kind if minimum <= member <= maximum]
+        allowed = "one of " + ", ".join(f"{kind.__name__}.{member.name}" for member in sent)
     else:
         resolution = 1
         allowed += ", an integer"

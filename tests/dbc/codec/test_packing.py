@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.codec import packing
-from steer_by_wire.dbc.codec.layout import PackedSignal
+from steer_by_wire.dbc.codec.layout import PackedSignal, SignalLayout, packed_signal
 from steer_by_wire.dbc.codec.packing import packing_of
 from steer_by_wire.dbc.codec.protection import id_mark, mark_in, protect
 
@@ -52,6 +52,11 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
     made = packing_of(Number, 1, None, signals, ValueError, "bad crc", lambda *_: "refused")
     assert made.pack(Number(7), 200) == b"\x07"
     assert [made.unpack(made.pack(Number(raw), 0)) for raw in (0, 255)] == [((0,), 0), ((255,), 0)]
+
+
+def test_a_refusal_names_no_value_beyond_the_signal_s_range() -> None:
+    row = ("MODE", "mode", 44, 3, False, 1, 0, 0, "", None)
+    assert packed_signal(SignalLayout._make(row), Mode).text == "MODE: allowed is one of Mode.OFF"
 
 
 @given(st.binary(min_size=6, max_size=6), st.integers(0, 0xFFFF))
