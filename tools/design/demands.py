@@ -34,7 +34,14 @@ from .loop_figures import (
     stability_grid,
 )
 from .specification import Specification
-from .tracking import TrackingGrid, rms_m, track, tracking_grid, unsteered_errors
+from .tracking import (
+    TrackingGrid,
+    at_longest_delay,
+    rms_m,
+    track,
+    tracking_grid,
+    unsteered_errors,
+)
 from .vehicle_file import VehicleFile
 
 _SAMPLES_PER_TICK = 4
@@ -108,6 +115,7 @@ DEMANDS = (
     "steer rate",
 )
 """Their names."""
+_OF_THE_PD = frozenset({"PD settling", "PD damping", "PD bandwidth"})
 
 
 class Demand(NamedTuple):
@@ -215,13 +223,18 @@ NEARLY_MET = 0.5
 
 
 def judge_law(
-    study: Study, law: str, values: dict[str, float], runs_up_to: float = NEARLY_MET
+    study: Study,
+    law: str,
+    values: dict[str, float],
+    runs_up_to: float = NEARLY_MET,
+    ceiling: float = np.inf,
 ) -> Judgement:
     """Judge a law with these parameters, the cheap demands first.
 
     What means nothing for an unstable loop is left out then.
 
     ``runs_up_to``  violation of the other demands up to which the runs are judged too
+    ``ceiling``     objective above which any larger one does as well as the true one
     """
     settings = controller_settings(study.spec, study.vehicle, law, values)
     design, pd_design = designs(settings)
@@ -231,14 +244,20 @@ def judge_law(
     ]
     cells = sum(grid.plants.shape[1] * grid.plants.shape[2] for grid in study.stability.values())
     slow = sum(demand.value for demand in demands)
-    if "settling" in study.without:
-        slow += _diverging(study, design)
     if slow:
         return Judgement(np.inf, _UNSTABLE + slow / cells, tuple(demands))
-    demands += _region(study, pd_design)
+    if not study.without.issuperset(_OF_THE_PD):
+        demands += _region(study, pd_design)
     demands += _frequency(study, design)
     if sum(demand.excess for demand in demands) > runs_up_to:
         return _judged(study, np.inf, demands)
+    if study.spec.minimise == "rms" and ceiling < np.inf:
+        least_m = float(rms_m(at_longest_delay(study.tracking), design).max())
+        if least_m > ceiling:
+            return _judged(study, least_m, demands)
+    diverging = _diverging(study, design) if "settling" in study.without else 0
+    if diverging:
+        return Judgement(np.inf, _UNSTABLE + diverging / cells, tuple(demands))
     demands += _runs(study, design, law)
     named = {demand.name: demand.value for demand in demands}
     objective = {

@@ -37,6 +37,8 @@ _SPREAD_MIN = 0.3
 """Steps of the lattice; an evolution that varies less has ended."""
 _FIRST_SPREAD = 0.25
 """Standard deviation of the first generation, of the range that is searched."""
+_SPREAD_NEAR = 0.2
+"""The same near a known candidate, of that in the middle."""
 
 _COARSE_SHARE = 0.75
 """How much of a search is by the coarse study, at most."""
@@ -205,6 +207,16 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective
 
 
+def evolved_cost(judgement: Judgement, violation_weight: float) -> float:
+    """Return what the evolution minimises: the objective, raised by each nearly met demand.
+
+    Weighted enough, its minimum meets all demands, and it has no step at their edge.
+    """
+    if violation_weight and math.isfinite(judgement.objective):
+        return judgement.objective * (1.0 + violation_weight * judgement.violation)
+    return cost(judgement)
+
+
 def find(
     coarse: Study,
     fine: Study,
@@ -215,7 +227,7 @@ def find(
 ) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification.
 
-    ``known``  candidates from which the search goes on where they are better
+    ``known``  candidates of which each takes the place of a start in the middle
     ``kept``   costs of an earlier search for the same that was stopped
     """
 
@@ -236,12 +248,12 @@ def find(
     try:
         for start in range(starts):
             begun, before = start + 1, judged
-            for generation in _evolution(coarse, law, start, progress, kept):
+            near = known[start] if start < len(known) else None
+            for generation in _evolution(coarse, law, start, progress, kept, near=near):
                 reached, judged = generation.best, before + generation.judged
             descend(lattice.cost, _nearest(lattice, law, reached))
         for candidate in known:
-            if lattice.cost(candidate) < lattice.cost(lattice.best()[0]):
-                descend(lattice.cost, candidate)
+            lattice.cost(candidate)
         _judge_finely(lattice, finely)
         descend(finely.cost, finely.best()[0])
     except SearchStoppedError:
@@ -295,11 +307,20 @@ def find_any(
 
 
 def _evolution(
-    study: Study, law: str, start: int, progress: Progress, kept: KeptCosts, what: str = ""
+    study: Study,
+    law: str,
+    start: int,
+    progress: Progress,
+    kept: KeptCosts,
+    what: str = "",
+    near: Candidate | None = None,
 ) -> Iterator[Generation]:
-    """Yield the generations of an evolution between places of the lattice, until it settles."""
+    """Yield the generations of an evolution between places of the lattice, until it settles.
+
+    ``near``  where it begins, more narrowly; None for the middle of what is searched
+    """
     table = study.spec.search
-    limits = bounds_of(study, law)
+    weight, limits = table.violation_weight, bounds_of(study, law)
     low, high = limits
     random = np.random.default_rng([table.seed, start])
 
@@ -307,15 +328,18 @@ def _evolution(
         beyond = _beyond(limits, places)
         if beyond:
             return _OUTSIDE * (1.0 + beyond)
-        runs_up_to = 0.0 if ceiling < _INFEASIBLE else NEARLY_MET
-        return kept.cost(
-            (what, places.tolist()),
-            lambda: cost(judge_law(study, law, values_at(law, places), runs_up_to)),
-            ceiling,
-        )
+        runs_up_to = NEARLY_MET if weight or ceiling >= _INFEASIBLE else 0.0
+
+        def judged() -> float:
+            values = values_at(law, places)
+            return evolved_cost(judge_law(study, law, values, runs_up_to, ceiling), weight)
+
+        return kept.cost((what, places.tolist()), judged, ceiling)
 
     points = table.points_per_parameter * len(low)
     middle, spread = 0.5 * (low + high), _FIRST_SPREAD * (high - low)
+    if near is not None:
+        middle, spread = np.array(near.places, dtype=np.float64), _SPREAD_NEAR * spread
     for generation in evolve(cost_at, middle, spread, points, random):
         yield generation
         done = (start + generation.number / table.generations) / table.starts

@@ -34,7 +34,7 @@ from steer_by_wire.tools.design.law_parameters import (
     lattice_place,
     why_no_gains,
 )
-from steer_by_wire.tools.design.parameter_search import Progress, neighbours
+from steer_by_wire.tools.design.parameter_search import Progress, evolved_cost, neighbours
 from steer_by_wire.tools.design.program import linear_laws
 from steer_by_wire.tools.design.progress_lines import ProgressLines
 from steer_by_wire.tools.design.report import preset_text, reason_lines
@@ -127,6 +127,27 @@ def test_an_unstable_law_is_judged_by_how_many_of_its_loops_are() -> None:
     assert worse.violation > 100.0
     settings = controller_settings(study.spec, study.vehicle, wild.law, wild.values())
     assert required(settings.pd).proportional_gain_rad_m == 10.0
+
+
+def test_an_error_above_the_ceiling_is_not_below_it_and_one_below_is_exact() -> None:
+    study = make_study(shipped_spec(), shipped_vehicle(), fine=False)
+    values = {"k_p": 1.48, "k_d": 0.061, "derivative_filter": 27.0}
+    exact = judge_law(study, "pd", values).objective
+    assert judge_law(study, "pd", values, ceiling=1.001 * exact).objective == exact
+    for share in (0.999, 0.5):
+        assert judge_law(study, "pd", values, ceiling=share * exact).objective > share * exact
+
+
+@pytest.mark.parametrize(
+    ("violation", "weight", "expected"),
+    [(0.0, 0.0, 2.0), (0.0, 10.0, 2.0), (0.1, 10.0, 4.0), (0.1, 0.0, 1.1e6)],
+)
+def test_a_weighted_violation_raises_the_objective(
+    violation: float, weight: float, expected: float
+) -> None:
+    assert evolved_cost(Judgement(2.0, violation, ()), weight) == pytest.approx(expected)
+    beyond = Judgement(math.inf, 0.7, ())
+    assert evolved_cost(beyond, weight) == pytest.approx(1.7e6)
 
 
 # Stopping

@@ -10,12 +10,13 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from ....closed_loop.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
 from ....closed_loop.reports.terminal import plain_console, progress_bars
+from ..law_parameters import KEYS
 from ..vehicle_file import VehicleFile
 from ..worker import begin_worker, report_progress, shared_progress
 from .frontier import ALL, Row, compute, write_csv
 from .laws_of_the_paper import PUBLISHED
 from .picture import draw_frontier, draw_trials
-from .settings import FrontierSettings
+from .settings import STRUCTURES, FrontierSettings
 
 WORKERS = 2
 _POLL_S = 0.2
@@ -40,6 +41,14 @@ def run_job(job: Job) -> list[Row]:
     return compute(job.asked, job.vehicle, job.structure, job.folder, done)
 
 
+def _effort(job: Job) -> int:
+    """Return about how long a search takes: by parameters and filters."""
+    if job.structure not in STRUCTURES:
+        return 0
+    law, _, q_kinds = STRUCTURES[job.structure]
+    return len(KEYS[law]) * len(q_kinds)
+
+
 def run_frontier(asked: FrontierSettings, vehicle: VehicleFile, folder: Path) -> list[str]:
     """Compute, write frontier.csv and both pictures; returns the lines of the table.
 
@@ -49,7 +58,9 @@ def run_frontier(asked: FrontierSettings, vehicle: VehicleFile, folder: Path) ->
     progress = shared_progress(len(ALL))
     with worker_pool(WORKERS, begin_worker, progress) as pool:
         jobs = [Job(asked, vehicle, name, folder, place) for place, name in enumerate(ALL)]
-        futures = [pool.submit(run_job, job) for job in jobs]
+        dearest_first = sorted(jobs, key=_effort, reverse=True)
+        by_place = {job.place: pool.submit(run_job, job) for job in dearest_first}
+        futures = [by_place[job.place] for job in jobs]
         _watch(futures, progress)
         rows = [row for future in futures for row in future.result()]
     write_csv(rows, folder / "frontier.csv")
