@@ -13,14 +13,14 @@ from .laws_of_the_paper import FILTERED, PUBLISHED
 from .settings import FrontierSettings
 
 _LOOK: Mapping[str, tuple[str, str]] = {
-    "PD": (COLOURS[6], "-"),
-    "PD + map": (COLOURS[6], "--"),
-    "PD + CDOB": (COLOURS[0], "-"),
-    "PD + DOB": (COLOURS[4], "-"),
-    "PD + DDOB": (COLOURS[3], "-"),
-    "PID": (COLOURS[1], "-"),
-    "PID + heading": (COLOURS[1], "--"),
-    PREDICTOR: (COLOURS[2], ":"),
+    "PD": (COLOURS[6], "o-"),
+    "PD + map": (COLOURS[6], "o--"),
+    "PD + CDOB": (COLOURS[0], "s-"),
+    "PD + DOB": (COLOURS[4], "^-"),
+    "PD + DDOB": (COLOURS[3], "D-"),
+    "PID": (COLOURS[1], "v-"),
+    "PID + heading": (COLOURS[1], "v--"),
+    PREDICTOR: (COLOURS[2], "P:"),
 }
 _GREY = "0.5"
 _PER_MM = 1e3
@@ -125,7 +125,7 @@ def _lines(axes: Axes, rows: Sequence[Row], figure_of: FigureOf, *, is_named: bo
         held = [(x, y) for x, y in points if math.isfinite(y)]
         lost = [x for x, y in points if math.isinf(y)]
         axes.plot(
-            [x for x, _ in held], [y for _, y in held], style, marker="o", ms=4, color=colour,
+            [x for x, _ in held], [y for _, y in held], style, ms=4.5, color=colour,
             label=structure if is_named else None,
         )  # fmt: skip
         if lost:

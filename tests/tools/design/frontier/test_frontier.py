@@ -33,6 +33,7 @@ from steer_by_wire.tools.design.frontier.trials import NOT_TRIED, Trials, with_m
 from steer_by_wire.tools.design.law_parameters import Candidate, controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.suite.combinations import sampled
+from tests.support.suite.curves import alike_without_colour
 
 ROOT = Path(__file__).parents[4]
 QUICK = ("delays_ms=[250]", "trials.seeds=2", "course.duration_s=30")
@@ -251,6 +252,8 @@ def test_the_papers_own_laws_are_marks_that_no_line_joins(monkeypatch: pytest.Mo
     assert [1.3 * each.delay_ms for each in points] == pytest.approx([12.4, 50.0], abs=0.1)
     lost = points[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)
     rows = [Row(each, NOT_TRIED) for each in (*points, lost)]
-    (axes,) = draw_frontier(quick, rows).axes
+    figure = draw_frontier(quick, rows)
+    assert not alike_without_colour(figure)
+    (axes,) = figure.axes
     assert not any(np.size(line.get_xdata()) for line in axes.lines)
     assert [np.shape(marks.get_offsets()) for marks in axes.collections] == [(1, 2), (1, 2)]
