@@ -18,21 +18,15 @@ from ..runtime.frame import FD, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
 from .codec.sequence_and_second_sender import CHANGING, SequenceCheck, SequenceResult, SequenceRule
 from .messages import (
+    ACTIVE_CYCLE_TIMES_MS,
     CAN_IDS,
-    CYCLE_TIMES_MS,
     DATA_IDS,
     MESSAGE_TYPES,
     NUMBERED_WITH,
     Decoded,
-    DelayStatus,
-    GroundTruth,
-    LateralError,
     Message,
-    ModelStatus,
-    PathAhead,
     Rejection,
     SecondSender,
-    VehicleState,
     decode,
     rejection_of,
     unpacking,
@@ -41,12 +35,6 @@ from .secoc.secured_frame import Refused, is_secured
 
 Cause = Rejection | SequenceResult | Refused
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
-_COMES_WITH: Mapping[type[Message], type[Message]] = {
-    **NUMBERED_WITH,
-    PathAhead: VehicleState,
-    GroundTruth: LateralError,
-    ModelStatus: DelayStatus,
-}
 _ACCEPTED = SequenceResult.ACCEPTED
 _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
 _SECOND_SENDERS = tuple(SecondSender)
@@ -70,8 +58,8 @@ def second_sender_line(reception: "Reception") -> str:
 
 
 def cycle_ns(message_type: type[Message]) -> int:
-    """Return the period of a message while it is sent; an optional one takes its companion's."""
-    return CYCLE_TIMES_MS[_COMES_WITH.get(message_type, message_type)] * NS_PER_MS
+    """Return the period of a message while it is sent."""
+    return ACTIVE_CYCLE_TIMES_MS[message_type] * NS_PER_MS
 
 
 class Reception:

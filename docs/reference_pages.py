@@ -21,7 +21,7 @@ from sphinx.pycode import ModuleAnalyzer
 from steer_by_wire.command import GROUPS, NAME, start
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.codec.protection import header_bits
-from steer_by_wire.dbc.contract.dbc_file import load_database
+from steer_by_wire.dbc.contract.dbc_file import active_cycle_time_ms, load_database
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Settings
 from steer_by_wire.runtime.settings.mistakes import allowed
@@ -127,7 +127,10 @@ def messages_page() -> str:
 
 
 def _cycle(message: Message) -> str:
-    return f"{message.cycle_time} ms" if message.cycle_time else "none in the DBC"
+    if message.cycle_time:
+        return f"{message.cycle_time} ms"
+    active_ms = active_cycle_time_ms(message)
+    return f"{active_ms} ms while it is sent" if active_ms else "none in the DBC"
 
 
 def _message(message: Message) -> str:

@@ -68,6 +68,7 @@ class MessageCodec(Generic[MessageT]):
         self.length = message.length
         self.flags = FD | BITRATE_SWITCH if message.length > CLASSIC_LENGTH_MAX else 0
         self.cycle_time_ms = message.cycle_time_ms
+        self.active_cycle_time_ms = message.active_cycle_time_ms
         self.data_id = message.data_id
         signals = {signal.field: signal for signal in message.signals}
         kinds = get_type_hints(message_type)

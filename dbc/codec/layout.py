@@ -46,6 +46,7 @@ class MessageLayout(NamedTuple):
     ``sender``         the node that alone sends it, as named in the DBC
     ``length``         of its payload [bytes]
     ``cycle_time_ms``  0 if it is not sent cyclically
+    ``active_cycle_time_ms``  while it is sent, the shortest; 0 for one that a tool sends
     ``data_id``        of E2E profile 5; None if the message is not protected
     ``signals``        in the order of their bits, without CRC and counter of the protection
     """
@@ -55,6 +56,7 @@ class MessageLayout(NamedTuple):
     can_id: int
     length: int
     cycle_time_ms: int
+    active_cycle_time_ms: int
     data_id: int | None
     signals: tuple[SignalLayout, ...]
 

@@ -63,6 +63,7 @@ def _message_layout(message: Message) -> MessageLayout:
         can_id=message.frame_id,
         length=message.length,
         cycle_time_ms=message.cycle_time or 0,
+        active_cycle_time_ms=message.cycle_time or active_cycle_time_ms(message),
         data_id=data_id,
         signals=tuple(
             _signal_layout(message, signal)
@@ -70,6 +71,13 @@ def _message_layout(message: Message) -> MessageLayout:
             if signal.name not in header
         ),
     )
+
+
+def active_cycle_time_ms(message: Message) -> int:
+    """Return how often a message is sent that is not always sent [ms]; 0 where nothing says."""
+    attributes = message.dbc.attributes if message.dbc else {}
+    active = attributes.get("GenMsgCycleTimeActive")
+    return int(active.value) if active else 0
 
 
 def _signal_layout(message: Message, signal: Signal) -> SignalLayout:

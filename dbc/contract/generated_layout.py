@@ -12,14 +12,14 @@ def _signals(*rows: tuple[object, ...]) -> tuple[SignalLayout, ...]:
 
 LAYOUTS: tuple[MessageLayout, ...] = (
     MessageLayout("STEERING_COMMAND", sender="CONTROLLER",
-        can_id=0x100, length=8, cycle_time_ms=10, data_id=0x5100,
+        can_id=0x100, length=8, cycle_time_ms=10, active_cycle_time_ms=10, data_id=0x5100,
         signals=_signals(
         ("STEER", "steer_rad", 24, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
         ("COMMAND_COUNTER", "command_counter", 42, 16, False, 1, 0, 65535, "", None),
         ("STEERING_COMMAND_MODE", "mode", 58, 3, False, 1, 0, 3, "", None),
     )),
     MessageLayout("STEERING_PLAN", sender="CONTROLLER",
-        can_id=0x101, length=48, cycle_time_ms=0, data_id=0x5101,
+        can_id=0x101, length=48, cycle_time_ms=0, active_cycle_time_ms=10, data_id=0x5101,
         signals=_signals(
         ("PLAN_NUMBER", "plan_number", 24, 16, False, 1, 0, 65535, "", None),
         ("STEERING_PLAN_MODE", "mode", 40, 3, False, 1, 0, 3, "", None),
@@ -45,7 +45,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("STEER_17", "steer_17_rad", 361, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
     )),
     MessageLayout("LATERAL_ERROR", sender="PLANT",
-        can_id=0x110, length=8, cycle_time_ms=10, data_id=0x5110,
+        can_id=0x110, length=8, cycle_time_ms=10, active_cycle_time_ms=10, data_id=0x5110,
         signals=_signals(
         ("LATERAL_ERROR_LATERAL_ERROR", "lateral_error_m", 24, 25, True, 5e-06, -83.886075,
          83.886075, "m", -16777216),
@@ -53,14 +53,14 @@ LAYOUTS: tuple[MessageLayout, ...] = (
          -16384),
     )),
     MessageLayout("STEERING_STATUS", sender="PLANT",
-        can_id=0x120, length=8, cycle_time_ms=10, data_id=0x5120,
+        can_id=0x120, length=8, cycle_time_ms=10, active_cycle_time_ms=10, data_id=0x5120,
         signals=_signals(
         ("WHEEL_ANGLE", "wheel_angle_rad", 24, 18, True, 1e-05, -1.31071, 1.31071, "rad", None),
         ("APPLIED_COUNTER", "applied_counter", 42, 16, False, 1, 0, 65535, "", None),
         ("STATUS", "status", 58, 3, False, 1, 0, 6, "", None),
     )),
     MessageLayout("VEHICLE_STATE", sender="PLANT",
-        can_id=0x130, length=8, cycle_time_ms=20, data_id=0x5130,
+        can_id=0x130, length=8, cycle_time_ms=20, active_cycle_time_ms=20, data_id=0x5130,
         signals=_signals(
         ("SPEED", "speed_m_s", 24, 14, False, 0.005, 0, 81.915, "m/s", None),
         ("YAW_RATE", "yaw_rate_rad_s", 38, 13, True, 0.0005, -2.0475, 2.0475, "rad/s", None),
@@ -68,7 +68,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
          "1/m", None),
     )),
     MessageLayout("PATH_AHEAD", sender="PLANT",
-        can_id=0x140, length=48, cycle_time_ms=0, data_id=0x5140,
+        can_id=0x140, length=48, cycle_time_ms=0, active_cycle_time_ms=20, data_id=0x5140,
         signals=_signals(
         ("PATH_SAMPLE", "path_sample", 24, 8, False, 1, 0, 255, "", None),
         ("PATH_SPACING", "path_spacing_m", 32, 8, False, 0.05, 0.05, 12.75, "m", None),
@@ -100,7 +100,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("CURVATURE_25", "curvature_25_1_m", 365, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
     )),
     MessageLayout("CONTROLLER_STATUS", sender="CONTROLLER",
-        can_id=0x300, length=8, cycle_time_ms=100, data_id=0x5300,
+        can_id=0x300, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5300,
         signals=_signals(
         ("CONTROLLER_STATUS_MODE", "mode", 24, 3, False, 1, 0, 3, "", None),
         ("LAW", "law", 27, 5, False, 1, 0, 9, "", None),
@@ -110,7 +110,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("SKIPPED_TICKS", "skipped_ticks", 56, 8, False, 1, 0, 255, "", None),
     )),
     MessageLayout("CONTROLLER_SAFETY", sender="CONTROLLER",
-        can_id=0x304, length=8, cycle_time_ms=100, data_id=0x5304,
+        can_id=0x304, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5304,
         signals=_signals(
         ("CONTROLLER_SAFETY_REJECTED", "rejected", 24, 12, False, 1, 0, 4095, "", None),
         ("CONTROLLER_SAFETY_LOST", "lost", 36, 12, False, 1, 0, 4095, "", None),
@@ -123,7 +123,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("MOTION_REQUEST", "motion_request", 62, 2, False, 1, 0, 2, "", None),
     )),
     MessageLayout("DELAY_STATUS", sender="CONTROLLER",
-        can_id=0x308, length=8, cycle_time_ms=100, data_id=0x5308,
+        can_id=0x308, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5308,
         signals=_signals(
         ("ECHO_DELAY", "echo_delay_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("ESTIMATED_DELAY", "estimated_delay_s", 36, 12, False, 0.0005, 0, 2.0475, "s", None),
@@ -132,7 +132,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("CONFIDENCE", "confidence", 52, 7, False, 0.01, 0, 1, "", None),
     )),
     MessageLayout("MODEL_STATUS", sender="CONTROLLER",
-        can_id=0x30c, length=8, cycle_time_ms=0, data_id=0x530c,
+        can_id=0x30c, length=8, cycle_time_ms=0, active_cycle_time_ms=1000, data_id=0x530c,
         signals=_signals(
         ("STEERING_LAG", "steering_lag_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("VIRTUAL_MASS", "virtual_mass_kg", 36, 13, False, 10, 0, 81910, "kg", None),
@@ -140,7 +140,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("SHOWN_MASS_STATE", "shown_mass_state", 62, 2, False, 1, 0, 1, "", None),
     )),
     MessageLayout("PLANT_STATUS", sender="PLANT",
-        can_id=0x310, length=8, cycle_time_ms=100, data_id=0x5310,
+        can_id=0x310, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5310,
         signals=_signals(
         ("DOWNLINK_LATENCY", "downlink_latency_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("UPLINK_LATENCY", "uplink_latency_s", 36, 12, False, 0.0005, 0, 2.0475, "s", None),
@@ -150,12 +150,12 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("PLANT_STATUS_SECOND_SENDER", "second_sender", 62, 2, False, 1, 0, 3, "", None),
     )),
     MessageLayout("GROUND_TRUTH", sender="PLANT",
-        can_id=0x314, length=8, cycle_time_ms=0, data_id=0x5314,
+        can_id=0x314, length=8, cycle_time_ms=0, active_cycle_time_ms=10, data_id=0x5314,
         signals=_signals(
         ("CG_DEVIATION", "cg_deviation_m", 24, 25, True, 5e-06, -83.886075, 83.886075, "m", None),
     )),
     MessageLayout("LATENCY_CONFIG", sender="TOOL",
-        can_id=0x320, length=7, cycle_time_ms=0, data_id=None,
+        can_id=0x320, length=7, cycle_time_ms=0, active_cycle_time_ms=0, data_id=None,
         signals=_signals(
         ("DIRECTION", "direction", 0, 2, False, 1, 1, 3, "", None),
         ("MODEL", "model", 4, 4, False, 1, 0, 4, "", None),
@@ -164,7 +164,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("LOSS", "loss", 40, 14, False, 0.0001, 0, 1, "", None),
     )),
     MessageLayout("DISTURBANCE_CONFIG", sender="TOOL",
-        can_id=0x324, length=7, cycle_time_ms=0, data_id=None,
+        can_id=0x324, length=7, cycle_time_ms=0, active_cycle_time_ms=0, data_id=None,
         signals=_signals(
         ("SIDE_FORCE", "side_force_n", 0, 16, True, 1, -32767, 32767, "N", None),
         ("YAW_MOMENT", "yaw_moment_n_m", 16, 16, True, 1, -32767, 32767, "N m", None),

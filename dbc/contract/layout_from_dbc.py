@@ -39,7 +39,8 @@ def _message_text(layout: MessageLayout) -> str:
     return (
         f'    MessageLayout("{layout.name}", sender="{layout.sender}",\n'
         f"        can_id={layout.can_id:#05x}, length={layout.length},"
-        f" cycle_time_ms={layout.cycle_time_ms}, data_id={data_id},\n"
+        f" cycle_time_ms={layout.cycle_time_ms},"
+        f" active_cycle_time_ms={layout.active_cycle_time_ms}, data_id={data_id},\n"
         "        signals=_signals(\n" + "".join(map(_signal_text, layout.signals)) + "    )),\n"
     )
 
