@@ -16,7 +16,9 @@ DEBOUNCE_S: (w - w_box)²/var(w), the squared innovations that the best share in
 than the best of all, is chi-square of one degree of freedom for a vehicle at the box's end.
 
 K V² is small against L at walking speed: every vehicle of the box moves there as its wheelbase
-says, and none is refused. The fit is judged where the box's ends differ by WIDTH_MIN in yaw rate.
+says, and none is refused. The fit is judged where the box's ends differ by WIDTH_MIN in yaw rate,
+and while the deviation of w is at most DEVIATION_MAX. Where the wheel turns little, an offset or a
+side wind, which the controller steers against, moves w by more than its deviation says.
 """
 
 from math import exp, sqrt
@@ -31,9 +33,12 @@ from .plausibility import Motion, nominal_vehicle
 DEVIATIONS = 3.0
 MARGIN = 0.03
 """Of the width of the box: the yaw rate of a wheel that turns differs from a held one's."""
+DEVIATION_MAX = 0.1
+"""``tests.soak.ordinary_runs`` counts false alarms: 8 in 182 runs of the highway laws without this,
+at deviations from 0.16."""
 DEBOUNCE_S = 3.0
 WIDTH_MIN = 0.05
-_DEVIATION_KNOWN_MAX = 0.5
+_DEVIATION_KNOWN_MAX = 0.2
 _SMOOTHED_S = 0.3
 """Faster, the yaw rate follows the wheel less than a held one."""
 _NOISE_FORGETS_S = 20.0
@@ -122,7 +127,8 @@ class ModelFit:
         self._steps += 1
         weight = max(1.0 / self._steps, min(lasted_s / _NOISE_FORGETS_S, 1.0))
         self._left_rad2_s2 += weight * (left_rad_s * left_rad_s - self._left_rad2_s2)
-        if abs(width_rad_s) >= WIDTH_MIN * abs(least_rad_s):
+        is_wide = abs(width_rad_s) >= WIDTH_MIN * abs(least_rad_s)
+        if is_wide and self._x[2] <= DEVIATION_MAX * DEVIATION_MAX:
             self._judge(lasted_s)
 
     def report(self) -> dict[str, Any]:

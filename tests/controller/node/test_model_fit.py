@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire import simulate
+from tests.soak.ordinary_runs import alarm_in
 from tests.support.suite.combinations import combined
 
 STIFF = ("front_cornering_stiffness_n_rad", 190e3), ("rear_cornering_stiffness_n_rad", 500e3)
@@ -81,3 +82,9 @@ def test_at_walking_speed_the_mass_neither_shows_nor_matters() -> None:
         assert found["model"]["fits"]
         assert found["model"]["virtual_mass_kg"] is None
     assert heavy["measured_rms_m"] == pytest.approx(ordinary["measured_rms_m"], rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [7000072, 8000057])
+def test_an_offset_that_is_steered_against_is_no_wrong_vehicle(seed: int) -> None:
+    """Judged at any deviation, these two ordinary runs read *model does not fit*."""
+    assert alarm_in(seed) == ""

@@ -3,6 +3,7 @@
 #include "node_settings.h"
 
 static const double DEVIATIONS = 3.0, MARGIN = 0.03, DEBOUNCE_S = 3.0, WIDTH_MIN = 0.05;
+static const double DEVIATION_MAX = 0.1;
 static const double SMOOTHED_S = 0.3, NOISE_FORGETS_S = 20.0, NOISE_RAD2_S2_MIN = 5e-4 * 5e-4;
 static const double TIMING = 0.25, TRANSIENT = 0.03;
 static const double W_WALKS_PER_S = 1e-4, B_WALKS_PER_S = 2.5e-5;
@@ -124,6 +125,7 @@ void model_fit_step(struct model_fit *x, const struct motion *motion)
     x->steps += 1.0;
     const double weight = larger(1.0 / x->steps, smaller(lasted_s / NOISE_FORGETS_S, 1.0));
     x->left_rad2_s2 += weight * (left_rad_s * left_rad_s - x->left_rad2_s2);
-    if (magnitude(width_rad_s) >= WIDTH_MIN * magnitude(least_rad_s))
+    const bool is_wide = magnitude(width_rad_s) >= WIDTH_MIN * magnitude(least_rad_s);
+    if (is_wide && x->p_ww <= DEVIATION_MAX * DEVIATION_MAX)
         judge(x, lasted_s);
 }
