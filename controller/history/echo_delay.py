@@ -22,11 +22,16 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
+from ...dbc.messages import SteeringStatusCode
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 
 _OFFSET_STEP_NS_MAX = 1_000_000_000
 """An offset this far from the mean is not a latency: a sender has restarted."""
+_IGNORING_FROM = int(SteeringStatusCode.HOLDING)
+"""From this code on the steering has been without commands, and may still be. The echo then names
+the last command before the gap, whose age only shows how long the gap is, or one of the first after
+it."""
 
 
 class LinkSettings(Settings):
@@ -70,9 +75,14 @@ class DelayState(NamedTuple):
 NO_DELAY = DelayState(0, 0.0)
 
 
-def delay_step(p: LoopDelayParams, x: DelayState, sample: int, tick: int) -> DelayState:
-    """Process an echo: the command of ``tick`` was in effect at ``sample``; tick -1: none was."""
-    if tick < 0:
+def delay_step(
+    p: LoopDelayParams, x: DelayState, sample: int, tick: int, status: int
+) -> DelayState:
+    """Process an echo: the command of ``tick`` was in effect at ``sample``; tick -1: none was.
+
+    ``status``  the SteeringStatusCode, as a number
+    """
+    if tick < 0 or status >= _IGNORING_FROM:
         return x
     offset_ns = float(sample * p.sensor_period_ns - tick * p.period_ns)
     deviation_ns = offset_ns - x.offset_ns

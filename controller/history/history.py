@@ -32,10 +32,6 @@ _MASK = RING_SIZE - 1
 _NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
 _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 """From this code on the wheel's target is not the command named by the echo."""
-_IGNORING_FROM = int(SteeringStatusCode.HOLDING)
-"""From this code on the steering has been without commands, and may still be. The echo then names
-the last command before the gap, whose age only shows how long the gap is, or one of the first after
-it."""
 
 
 class HistoryParams(NamedTuple):
@@ -177,9 +173,7 @@ def echo_step(
     delay = x.delay
     if _is_late(p, x, now_ns):  # network or plant may have changed since
         delay = NO_DELAY
-    if status < _IGNORING_FROM:
-        delay = delay_step(p.loop_delay, delay, sample, tick)
-    return Echoes(sample, now_ns, delay)
+    return Echoes(sample, now_ns, delay_step(p.loop_delay, delay, sample, tick, status))
 
 
 def command_step(

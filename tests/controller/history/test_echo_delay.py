@@ -16,6 +16,7 @@ from steer_by_wire.controller.history.echo_delay import (
 )
 from steer_by_wire.controller.history.history import RING_SIZE, BusHistory
 from steer_by_wire.controller.law_interface import LoopDelay
+from steer_by_wire.dbc.messages import SteeringStatusCode
 from tests.support.nodes.fed_history import (
     LIMITS,
     MS,
@@ -28,13 +29,15 @@ from tests.support.nodes.fed_history import (
     error,
 )
 
+APPLYING = int(SteeringStatusCode.APPLYING)
+
 # The mean of the offsets
 
 
 def delays(pairs: list[tuple[int, int]], params: LoopDelayParams = PARAMS) -> DelayState:
     x = NO_DELAY
     for sample, tick in pairs:
-        x = delay_step(params, x, sample, tick)
+        x = delay_step(params, x, sample, tick, APPLYING)
     return x
 
 
@@ -56,9 +59,10 @@ def test_the_mean_follows_a_network_that_changes() -> None:
     assert x.offset_ns / PERIOD_NS == pytest.approx(expected)
 
 
-def test_an_echo_without_a_command_changes_nothing() -> None:
+def test_an_echo_without_a_command_or_after_a_gap_in_them_changes_nothing() -> None:
     x = delays([(8, 0), (9, 1)])
-    assert delay_step(PARAMS, x, 10, -1) == x
+    assert delay_step(PARAMS, x, 10, 1, int(SteeringStatusCode.HOLDING)) == x
+    assert delay_step(PARAMS, x, 10, -1, APPLYING) == x
 
 
 def test_before_any_command_is_echoed_it_acts_after_the_newest_echo_at_the_earliest() -> None:
@@ -68,7 +72,7 @@ def test_before_any_command_is_echoed_it_acts_after_the_newest_echo_at_the_earli
 @pytest.mark.parametrize("jump", [-150, 150])
 def test_an_offset_that_jumps_by_more_than_a_second_is_a_restart(jump: int) -> None:
     x = delays([(tick + 8, tick) for tick in range(100)])
-    x = delay_step(PARAMS, x, 108 + jump, 100)
+    x = delay_step(PARAMS, x, 108 + jump, 100, APPLYING)
     assert x == DelayState(1, float((8 + jump) * PERIOD_NS))
 
 
