@@ -43,6 +43,8 @@ YAW_WASHOUT_RAD_S = 0.15
 YAW_LOWPASS_RAD_S = 8.0
 ERROR_WASHOUT_RAD_S = 0.8
 ERROR_LOWPASS_RAD_S = 15.0
+_SPEED_CHANGE = 0.05
+"""Relative change of the speed at which the filters are designed anew."""
 
 
 class DelayFilters(NamedTuple):
@@ -64,6 +66,11 @@ FilterStates = tuple[
     Cascade3State, Cascade2State, Cascade3State, SectionState, SectionState, SectionState
 ]
 """States of the filters, in their order."""
+
+
+def is_another_speed(speed_m_s: float, designed_m_s: float) -> bool:
+    """Whether filters that were designed at one speed have to be designed anew at another."""
+    return abs(speed_m_s - designed_m_s) > _SPEED_CHANGE * designed_m_s
 
 
 def design_filters(vehicle: NominalVehicle, period_s: float) -> DelayFilters | None:

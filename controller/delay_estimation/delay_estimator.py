@@ -45,6 +45,7 @@ from .comparison_filters import (
     design_filters,
     filters_at_rest,
     filters_run,
+    is_another_speed,
 )
 from .lag_fit import LEAD, LagFit, LagGrid
 
@@ -53,8 +54,6 @@ PAIR_S = 0.02
 _PAIRS_PER_BLOCK = 5
 """Pairs filtered at once, which is faster; few enough that no tick takes long."""
 _SPEED_M_S_MIN = 0.3
-_SPEED_CHANGE = 0.05
-"""Relative change of the speed at which the filters are designed anew."""
 _SETTLING_S = 2.0
 """From a new design until pairs count again."""
 _ERROR_SETTLING_S = 12.0 / ERROR_WASHOUT_RAD_S
@@ -221,8 +220,7 @@ class DelayEstimator:
         """Filter the pairs of a block, and pass them on to both fits."""
         pairs, newest = self._pairs_of(periods), periods[-1]
         speed_m_s = newest[3].speed_m_s
-        change_m_s = abs(speed_m_s - self._speed_m_s)
-        if speed_m_s >= _SPEED_M_S_MIN and change_m_s > _SPEED_CHANGE * self._speed_m_s:
+        if speed_m_s >= _SPEED_M_S_MIN and is_another_speed(speed_m_s, self._speed_m_s):
             self._design(speed_m_s, pairs[0])
         filters, states = self._filters, self._states
         if filters is None or states is None:
