@@ -11,6 +11,7 @@ from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule, VehicleBelief
 from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
 from ..prediction.gains_over_speed import design_schedule, together
+from ..prediction.vehicle_kalman_filter import settling_samples
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
 from .plugin_law import Guard
@@ -25,9 +26,6 @@ from .set_point import (
 
 if TYPE_CHECKING:
     from .settings import LawSettings
-
-FILTER_SETTLES_S = 1.0
-"""Time after which the Kalman filter knows yaw rate and side slip from any initial state."""
 
 _Table = TypeVar("_Table")
 
@@ -193,7 +191,7 @@ def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesig
             min(max(speed_m_s, lowest_m_s), highest_m_s),
             vehicle.preview_distance_m,
             FADE_RAD_S * period_s,
-            round(FILTER_SETTLES_S / settings.link.sensor_period_s),
+            settling_samples(settings.link.sensor_period_s),
         )
         return KalmanParams(law.params if params_at is None else params_at(speed_m_s), derivative)
 

@@ -45,9 +45,10 @@ from ..prediction.vehicle_kalman_filter import (
     VehicleGains,
     estimate_to,
     estimator_at_rest,
+    settling_samples,
     start_estimate,
 )
-from .law_from_settings import FILTER_SETTLES_S, filter_opening, vehicle_of
+from .law_from_settings import filter_opening, vehicle_of
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 from .set_point import ahead_of_cg_m
 
@@ -220,7 +221,6 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
     horizon_samples_max = table.horizon_s_max / sensor_period_s
-    settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
 
     def at(speed_m_s: float) -> PredictorParams:
         each = gains_at(speed_m_s)
@@ -232,7 +232,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
             fallback,
             fade_step_rad,
             horizon_samples_max,
-            settling_samples,
+            settling_samples(sensor_period_s),
             steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2),
         )
 

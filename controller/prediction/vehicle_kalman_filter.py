@@ -32,12 +32,17 @@ from ..law_interface import History, LoopDelay
 
 STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
-
-
+_SETTLES_S = 1.0
+"""Time after which the filter knows yaw rate and side slip from any initial state."""
 GAP_DOUBLINGS = 6
 GAP_MAX = 2**GAP_DOUBLINGS
 """Samples from one measurement to the next for which there is a gain: as long as a controller
 without measurements holds its command. The error decays at every gap up to 77."""
+
+
+def settling_samples(sensor_period_s: float) -> int:
+    """Return for how many samples a law does not use the filter after its start."""
+    return round(_SETTLES_S / sensor_period_s)
 
 
 class Correction(NamedTuple):
