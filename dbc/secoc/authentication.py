@@ -43,6 +43,7 @@ from cantools.database.can.formats.arxml.message_specifics import AutosarMessage
 from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
+from ...runtime.node import NS_PER_US
 from ..contract.dbc_file import load_database
 from ..messages import CAN_IDS, frame_of
 from .challenges import Challenges
@@ -92,6 +93,11 @@ def _secoc_definitions() -> Mapping[int, Definition]:
 
 SECOC_DEFINITIONS = _secoc_definitions()
 """By identifier."""
+
+
+def first_counter_at(wall_clock_ns: int) -> int:
+    """Return the counter for a start at this time, see rule 3: the wall clock in microseconds."""
+    return wall_clock_ns // NS_PER_US
 
 
 class Authentication:

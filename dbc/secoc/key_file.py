@@ -17,9 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...runtime.command_line import installation
-from ...runtime.node import NS_PER_US
 from ...runtime.settings import SettingsError
-from .authentication import Authentication, ComputeMac
+from .authentication import Authentication, ComputeMac, first_counter_at
 from .secured_frame import CHALLENGE_LENGTH, End
 
 KEY_LENGTH = 16
@@ -34,12 +33,11 @@ def open_authentication(path: Path, end: End) -> Authentication:
     """Start one end with the key in ``path``; raises SettingsError.
 
     Its challenge comes from the operating system's random generator: it is the only number here
-    that must not come from a seed. Its counter starts at the wall clock in microseconds, see
-    ``dbc.secoc.authentication``.
+    that must not come from a seed.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
-    return Authentication(end, compute_mac, challenge, time.time_ns() // NS_PER_US)
+    return Authentication(end, compute_mac, challenge, first_counter_at(time.time_ns()))
 
 
 def read_key(path: Path) -> ComputeMac:
