@@ -65,6 +65,11 @@ def _burst(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return ()
 
 
+def outlasts_its_fault(x: FaultMemory) -> bool:
+    """Whether an effect goes on after the fault's end: a burst that has begun does."""
+    return x.burst > 0
+
+
 def _duplicate(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
     return (frame, frame) if x.happens(p.magnitude) else (frame,)
 

@@ -16,7 +16,7 @@ from typing import Any
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from ..network.random_streams import Stream, uniforms
-from .effects import EFFECTS, FaultMemory, overtake
+from .effects import EFFECTS, FaultMemory, outlasts_its_fault, overtake
 from .messages_on_bus import OURS, MessagesOnBus
 from .settings import FaultDirection, FaultKind, FaultSettings
 
@@ -65,8 +65,7 @@ class FaultStage:
             memory.recorded.append((now_ns, frame))
             self._forget(now_ns)
         out: Sequence[Frame] = (frame,)
-        # A burst may last beyond the fault's end.
-        if self._onset_ns <= since_ns < self._end_ns or memory.burst > 0:
+        if self._onset_ns <= since_ns < self._end_ns or outlasts_its_fault(memory):
             memory.now_ns, memory.since_onset_s = now_ns, (since_ns - self._onset_ns) / NS_PER_S
             out = self._effect(self.settings, memory, frame)
             if tuple(out) != (frame,):
