@@ -4,14 +4,13 @@ A demand that is not met raises AssertionError: a line for each figure, the bus,
 folder with log, trace and settings.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ...dbc.contract.enumerations import Mode
-from ...dbc.messages import Decoded, LateralError, Rejection, SteeringCommand, SteeringPlan, decode
+from ...dbc.messages import LateralError, Rejection, SteeringCommand, SteeringPlan, decode
 from ...plant_emulator.evaluation.report_in_words import verdict_text
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
@@ -22,55 +21,9 @@ from ..pair_result import PairFiles, Trace, rms
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 from .command_rate_and_flood import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in
-
-_LATE = 1.8
-"""Periods after which a measurement counts as late: more than the jitter of a bus explains."""
-COUNTERS = 256
+from .reaction_to_fault import Detection, first_reaction
 
 __tracebackhide__ = True  # pytest shows the line of the test whose demand was not met
-
-
-class Detection(NamedTuple):
-    """Both times in the log [ns]; None for what did not happen."""
-
-    onset_ns: int | None
-    reaction_ns: int | None
-
-
-def first_reaction(
-    received: Iterable[tuple[int, Decoded | Rejection]], period_ns: int
-) -> Detection:
-    """Return the first faulty measurement and the first command after it that reacts.
-
-    ``received``   LATERAL_ERROR, commands and plans, and what cannot be read, each with its time
-    ``period_ns``  of the measurements [ns]
-    """
-    onset_ns = reaction_ns = None
-    measured_ns = command_ns = None
-    counter = -1
-    time_ns = 0
-    for time_ns, one in received:
-        message = None if isinstance(one, Rejection) else one.message
-        is_late = measured_ns is not None and time_ns - measured_ns > _LATE * period_ns
-        if onset_ns is None and is_late and measured_ns is not None:
-            onset_ns = measured_ns + period_ns
-        if isinstance(message, SteeringCommand | SteeringPlan):
-            command_ns = time_ns
-            if onset_ns is not None and message.mode != Mode.ACTIVE:
-                return Detection(onset_ns, time_ns)
-            continue
-        if onset_ns is not None:
-            continue
-        if not isinstance(message, LateralError) or isinstance(one, Rejection):
-            onset_ns = time_ns
-        else:
-            expected = (counter + 1) % COUNTERS
-            if counter >= 0 and one.counter != expected:
-                onset_ns = time_ns
-            counter, measured_ns = one.counter, time_ns
-    if onset_ns is not None and command_ns is not None and time_ns - command_ns > 5 * period_ns:
-        reaction_ns = command_ns + period_ns
-    return Detection(onset_ns, reaction_ns)
 
 
 class Outcome(NamedTuple):
