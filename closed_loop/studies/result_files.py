@@ -30,7 +30,7 @@ from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
 from ...runtime.output_file import write_text, write_whole
-from ...runtime.program.report import refuse_another_run
+from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS, COUNTS, verdicts
 from .compiled_runs import Computed

@@ -14,7 +14,7 @@ from ..node.real_time_loop import LoopFigures
 from ..node.statistics import durations_report
 from ..output_file import write_text
 from ..port.connection import ConnectionFigures
-from ..settings import Settings, SettingsError
+from ..settings import Settings
 from .priority_and_memory_lock import HostAnswer
 
 
@@ -68,23 +68,6 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     Raises OSError.
     """
     write_text(path, json_text(content))
-
-
-def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:
-    """Refuse an ``--out`` that is a file, or has another run; raises SettingsError.
-
-    ``wanted``  the files that say what the results are of, by name: the text of each, None where
-                this run has no such file
-    """
-    if folder.exists() and not folder.is_dir():
-        raise SettingsError(f"--out {folder} is a file: give the name of a folder")
-    for name, text in wanted.items():
-        file = folder / name
-        if file.exists() and (text is None or file.read_bytes() != text.encode()):
-            raise SettingsError(
-                f"--out {folder} has another run, whose {name} differs: give another folder, or"
-                " remove that one"
-            )
 
 
 def show_or_write(

@@ -41,7 +41,8 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
-from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
+from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
 from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html, verdict_of

@@ -32,7 +32,8 @@ from steer_by_wire.runtime.program.bus_options import (
     bus_settings,
 )
 from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
-from steer_by_wire.runtime.program.report import refuse_another_run, write_json
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
     QUANTITIES,

@@ -18,7 +18,8 @@ from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.command_line import ending_signals, say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.output_file import write_text
-from ...runtime.program.report import refuse_another_run, write_json
+from ...runtime.program.output_folder import refuse_another_run
+from ...runtime.program.report import write_json
 from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand

@@ -29,7 +29,8 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.report import refuse_another_run, write_json
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
+from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.faults.campaign.acceptance import findings_of
 from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings

@@ -13,7 +13,7 @@ from steer_by_wire.runtime.command_line import add_out_argument, command_parser,
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
-from steer_by_wire.runtime.program.report import refuse_another_run
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
 
 from .law_source import law_source, title_of
 from .node_source import node_source

@@ -24,7 +24,7 @@ from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_cons
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.report import refuse_another_run
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import Reproduction, Written, write_reproduction

@@ -53,7 +53,8 @@ from steer_by_wire.runtime.program.bus_options import (
     bus_settings,
 )
 from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
-from steer_by_wire.runtime.program.report import refuse_another_run, show_or_write, write_json
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
+from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.result import (

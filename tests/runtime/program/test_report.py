@@ -9,8 +9,7 @@ import pytest
 
 from steer_by_wire.runtime.node.real_time_loop import LoopFigures
 from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
-from steer_by_wire.runtime.program.report import loop_report, refuse_another_run, write_json
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.program.report import loop_report, write_json
 
 SUMMARY = DurationSummary(
     samples=2, mean_ns=1_500_000.0, p50_ns=1_000_000, p99_ns=2_000_000, max_ns=2_000_000
@@ -22,17 +21,6 @@ def test_numbers_that_json_does_not_have_become_null_however_deep(tmp_path: Path
     write_json(file, {"a": math.nan, "b": [1.5, (math.inf, -math.inf)], "c": {"d": math.nan}})
     expected = {"a": None, "b": [1.5, [None, None]], "c": {"d": None}}
     assert json.loads(file.read_text(), parse_constant=pytest.fail) == expected
-
-
-def test_a_folder_of_another_run_is_refused_and_one_of_this_run_is_not(tmp_path: Path) -> None:
-    refuse_another_run(tmp_path / "new", {"plant.toml": "seed = 1\n"})
-    (tmp_path / "plant.toml").write_text("seed = 1\n", encoding="utf-8")
-    refuse_another_run(tmp_path, {"plant.toml": "seed = 1\n", "controller.toml": None})
-    for text in ("seed = 2\n", None):
-        with pytest.raises(SettingsError, match=r"another run, whose plant\.toml differs: give an"):
-            refuse_another_run(tmp_path, {"plant.toml": text})
-    with pytest.raises(SettingsError, match=r"plant\.toml is a file: give the name of a folder"):
-        refuse_another_run(tmp_path / "plant.toml", {})
 
 
 def test_what_cannot_be_written_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
