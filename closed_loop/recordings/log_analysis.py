@@ -5,7 +5,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -17,14 +16,13 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Durations, History, Latencies
-from .log_file import CLOCK_STARTED_NS, LogError, open_log
+from .log_file import LogError, open_log
+from .time_axis import TimeAxis
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
-CLOCK_SET_NS = 24 * 3600 * NS_PER_S
-"""A longer time without any frame is a clock that was set, from 1970 to the date for instance."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
@@ -109,10 +107,8 @@ class LogAnalysis:
         self._by_message: dict[str, list[tuple[str, str]]] = {}
         for label, (name, field) in HISTORIES.items():
             self._by_message.setdefault(name, []).append((label, field))
-        self._start_ns: int | None = None
-        self._end_ns = 0
+        self._axis = TimeAxis()
         self._frames = 0
-        self._backwards = self._clock_set = 0
         self._newest_ns: dict[str, int] = {}
         self._gaps: list[Gap] = []
         self._gap_counts = Counter[str]()
@@ -132,7 +128,7 @@ class LogAnalysis:
         Those that a node would reject are not among them. The time is NaN in a log without times.
         """
         self._frames += 1
-        since_ns = self._since_start(time_ns)
+        since_ns = self._axis.since_start_ns(time_ns)
         received, of_car = self.listener.take(frame, since_ns or 0)
         at_s = math.nan
         if since_ns is not None:
@@ -163,18 +159,18 @@ class LogAnalysis:
         ``names``       of the car's signals, by the quantity that each carries
         """
         self.latencies.close_window()
-        self._leave_mode(self._end_ns - (self._start_ns or 0))
-        start_ns = self._start_ns
+        axis = self._axis
+        self._leave_mode(axis.duration_ns or 0)
         obstacle = self._obstacle()
         held_path = self._held_path_figures()
         return {
             "frames": self._frames,
             "not_judged": obstacle,
-            "has_times": start_ns is not None,
-            "start": _date(start_ns),
-            "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
-            "times_backwards": self._backwards,
-            "clock_set": self._clock_set,
+            "has_times": axis.duration_ns is not None,
+            "start": axis.start_date,
+            "duration_s": None if axis.duration_ns is None else axis.duration_ns / NS_PER_S,
+            "times_backwards": axis.backwards,
+            "clock_set": axis.clock_set,
             "messages": {name: self._message_figures(name) for name in self.listed},
             "names": dict(self.listener.listening.signals),
             "refused": dict(self.listener.refused),
@@ -199,8 +195,8 @@ class LogAnalysis:
             refused, foreign = sum(self.listener.refused.values()), self.listener.foreign_frames
             what = "is a message of plant or controller"
             return f"none of {self._frames} frames {what} ({foreign} foreign, {refused} refused)"
-        if self._backwards > BACKWARDS_SHARE_MAX * self._frames:
-            times = f"time runs backwards at {self._backwards} of {self._frames} frames"
+        if self._axis.backwards > BACKWARDS_SHARE_MAX * self._frames:
+            times = f"time runs backwards at {self._axis.backwards} of {self._frames} frames"
             return f"{times}: the log is not in the order of the bus"
         if self._held_path.has_started and not self._held_path.can_be_judged:
             return (
@@ -208,19 +204,6 @@ class LogAnalysis:
                 " for the windows of a verdict"
             )
         return ""
-
-    def _since_start(self, time_ns: int | None) -> int | None:
-        if time_ns is None:
-            return None
-        if self._start_ns is None:
-            self._start_ns = self._end_ns = time_ns
-        if time_ns < self._end_ns:
-            self._backwards += 1
-        if time_ns - self._end_ns > CLOCK_SET_NS:
-            self._start_ns += time_ns - self._end_ns
-            self._clock_set += 1
-        self._end_ns = max(self._end_ns, time_ns)
-        return time_ns - self._start_ns
 
     def _time(self, received: ReceivedMessage, since_ns: int) -> None:
         """Count a message on the bus for latencies, cycles and gaps."""
@@ -314,12 +297,6 @@ class LogAnalysis:
             "samples_skipped": latencies.samples_skipped,
             "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
         }
-
-
-def _date(time_ns: int | None) -> str | None:
-    if time_ns is None or time_ns < CLOCK_STARTED_NS:
-        return None
-    return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="microseconds")
 
 
 PROGRESS_FRAMES = 5_000

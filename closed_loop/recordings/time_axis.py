@@ -1,0 +1,49 @@
+"""When the frames of a log came, by a clock that may have been set while it was recorded."""
+
+from datetime import UTC, datetime
+
+from ...runtime.node import NS_PER_S
+from .log_file import CLOCK_STARTED_NS
+
+CLOCK_SET_NS = 24 * 3600 * NS_PER_S
+"""A longer time without any frame is a clock that was set, from 1970 to the date for instance."""
+
+
+class TimeAxis:
+    """The times of a log since its first frame, without what a clock that was set has leapt.
+
+    ``clock_set``  how often it was set forward
+    ``backwards``  frames so far whose time is before that of an earlier one
+    """
+
+    def __init__(self) -> None:
+        self._start_ns: int | None = None
+        self._end_ns = 0
+        self.backwards = self.clock_set = 0
+
+    def since_start_ns(self, time_ns: int | None) -> int | None:
+        """Return the time of the next frame since the start [ns]; None for one without time."""
+        if time_ns is None:
+            return None
+        if self._start_ns is None:
+            self._start_ns = self._end_ns = time_ns
+        if time_ns < self._end_ns:
+            self.backwards += 1
+        if time_ns - self._end_ns > CLOCK_SET_NS:
+            self._start_ns += time_ns - self._end_ns
+            self.clock_set += 1
+        self._end_ns = max(self._end_ns, time_ns)
+        return time_ns - self._start_ns
+
+    @property
+    def duration_ns(self) -> int | None:
+        """From the first to the last frame [ns]; None in a log without times."""
+        return None if self._start_ns is None else self._end_ns - self._start_ns
+
+    @property
+    def start_date(self) -> str | None:
+        """The date of the start; None where times are not dates."""
+        if self._start_ns is None or self._start_ns < CLOCK_STARTED_NS:
+            return None
+        start = datetime.fromtimestamp(self._start_ns / NS_PER_S, UTC)
+        return start.isoformat(timespec="microseconds")
