@@ -17,7 +17,7 @@ from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
-from ...plant_emulator.path.drivability import GRAVITY_M_S2, lateral_acceleration_m_s2
+from ...plant_emulator.path.drivability import lateral_acceleration_m_s2
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
@@ -114,17 +114,7 @@ def course_line(spec: Specification, vehicle: VehicleFile) -> str:
     speed_m_s = max(corner.speed_m_s for corner in vehicle.box.vertices())
     course, paths = spec.course, (build_path(path) for path in spec.course.paths)
     asked_m_s2 = max(lateral_acceleration_m_s2(path, speed_m_s) for path in paths)
-    share = asked_m_s2 / (course.friction * GRAVITY_M_S2)
-    line = (
-        f"the course asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at {speed_m_s:.4g}"
-        f" m/s, {share:.2f} of what friction {course.friction:g} gives"
-    )
-    if share > course.friction_share_max:
-        raise SettingsError(
-            f"{line}; at most {course.friction_share_max:g} is allowed: choose a gentler path or a"
-            " lower speed"
-        )
-    return line
+    return course.line(asked_m_s2, speed_m_s)
 
 
 def constant(delay_ns: int) -> LatencySettings:
