@@ -244,20 +244,19 @@ def judge_law(
     ]
     cells = sum(grid.plants.shape[1] * grid.plants.shape[2] for grid in study.stability.values())
     slow = sum(demand.value for demand in demands)
+    if "settling" in study.without:
+        slow += _diverging(study, design)
     if slow:
         return Judgement(np.inf, _UNSTABLE + slow / cells, tuple(demands))
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
     demands += _frequency(study, design)
-    if sum(demand.excess for demand in demands) > runs_up_to:
+    if sum(demand.excess for demand in _made(study, demands)) > runs_up_to:
         return _judged(study, np.inf, demands)
     if study.spec.minimise == "rms" and ceiling < np.inf:
         least_m = float(rms_m(at_longest_delay(study.tracking), design).max())
         if least_m > ceiling:
             return _judged(study, least_m, demands)
-    diverging = _diverging(study, design) if "settling" in study.without else 0
-    if diverging:
-        return Judgement(np.inf, _UNSTABLE + diverging / cells, tuple(demands))
     demands += _runs(study, design, law)
     named = {demand.name: demand.value for demand in demands}
     objective = {

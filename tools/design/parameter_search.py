@@ -38,7 +38,7 @@ _SPREAD_MIN = 0.3
 _FIRST_SPREAD = 0.25
 """Standard deviation of the first generation, of the range that is searched."""
 _SPREAD_NEAR = 0.2
-"""The same near a known candidate, of that in the middle."""
+"""Share of that, for an evolution that begins near a known candidate."""
 
 _COARSE_SHARE = 0.75
 """How much of a search is by the coarse study, at most."""
@@ -249,7 +249,11 @@ def find(
         for start in range(starts):
             begun, before = start + 1, judged
             near = known[start] if start < len(known) else None
-            for generation in _evolution(coarse, law, start, progress, kept, near=near):
+            weight = coarse.spec.search.violation_weight
+            evolution = _evolution(
+                coarse, law, start, progress, kept, near=near, violation_weight=weight
+            )
+            for generation in evolution:
                 reached, judged = generation.best, before + generation.judged
             descend(lattice.cost, _nearest(lattice, law, reached))
         for candidate in known:
@@ -314,13 +318,15 @@ def _evolution(
     kept: KeptCosts,
     what: str = "",
     near: Candidate | None = None,
+    violation_weight: float = 0.0,
 ) -> Iterator[Generation]:
     """Yield the generations of an evolution between places of the lattice, until it settles.
 
     ``near``  where it begins, more narrowly; None for the middle of what is searched
+    ``violation_weight``  as in ``evolved_cost``
     """
     table = study.spec.search
-    weight, limits = table.violation_weight, bounds_of(study, law)
+    limits = bounds_of(study, law)
     low, high = limits
     random = np.random.default_rng([table.seed, start])
 
@@ -328,11 +334,12 @@ def _evolution(
         beyond = _beyond(limits, places)
         if beyond:
             return _OUTSIDE * (1.0 + beyond)
-        runs_up_to = NEARLY_MET if weight or ceiling >= _INFEASIBLE else 0.0
+        runs_up_to = NEARLY_MET if violation_weight or ceiling >= _INFEASIBLE else 0.0
 
         def judged() -> float:
             values = values_at(law, places)
-            return evolved_cost(judge_law(study, law, values, runs_up_to, ceiling), weight)
+            judgement = judge_law(study, law, values, runs_up_to, ceiling)
+            return evolved_cost(judgement, violation_weight)
 
         return kept.cost((what, places.tolist()), judged, ceiling)
 

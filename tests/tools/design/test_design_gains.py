@@ -5,6 +5,7 @@ import math
 import os
 import re
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
-from steer_by_wire.tools.design import predictor_design
+from steer_by_wire.tools.design import parameter_search, predictor_design
 from steer_by_wire.tools.design.demands import (
     Demand,
     Judgement,
@@ -27,6 +28,7 @@ from steer_by_wire.tools.design.demands import (
     judge_law,
     make_study,
 )
+from steer_by_wire.tools.design.evolution import Generation
 from steer_by_wire.tools.design.law_design import Design, Reason, design, failed, split_boxes
 from steer_by_wire.tools.design.law_parameters import (
     Candidate,
@@ -34,7 +36,13 @@ from steer_by_wire.tools.design.law_parameters import (
     lattice_place,
     why_no_gains,
 )
-from steer_by_wire.tools.design.parameter_search import Progress, evolved_cost, neighbours
+from steer_by_wire.tools.design.parameter_search import (
+    Progress,
+    evolved_cost,
+    find,
+    find_any,
+    neighbours,
+)
 from steer_by_wire.tools.design.program import linear_laws
 from steer_by_wire.tools.design.progress_lines import ProgressLines
 from steer_by_wire.tools.design.report import preset_text, reason_lines
@@ -148,6 +156,52 @@ def test_a_weighted_violation_raises_the_objective(
     assert evolved_cost(Judgement(2.0, violation, ()), weight) == pytest.approx(expected)
     beyond = Judgement(math.inf, 0.7, ())
     assert evolved_cost(beyond, weight) == pytest.approx(1.7e6)
+
+
+def test_a_demand_left_out_keeps_no_law_from_its_runs(tmp_path: Path) -> None:
+    spec, values = small_spec(tmp_path), {"k_p": 0.2, "k_d": 0.01, "derivative_filter": 20.0}
+
+    def judged(*left_out: str) -> Judgement:
+        study = make_study(spec, shipped_vehicle(), fine=False, without=frozenset(left_out))
+        return judge_law(study, "pd", values, runs_up_to=0.0)
+
+    missed = [each.name for each in judged("settling").demands if each.excess]
+    assert 0 < len(missed) < 3
+    assert math.isinf(judged("settling").objective)
+    assert math.isfinite(judged("settling", *missed).objective)
+
+
+def test_what_meets_no_demand_is_not_possible_however_little_a_violation_weighs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    study = make_study(
+        small_spec(tmp_path, "search.violation_weight=10"), shipped_vehicle(), fine=False
+    )
+    violated = Judgement(0.01, 0.3, ())
+    monkeypatch.setattr(parameter_search, "judge_law", lambda *_: violated)
+    assert not find_any(study, "pd", nobody)
+
+
+def test_a_known_design_takes_the_place_of_the_first_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun: list[tuple[float, float]] = []
+
+    def evolve(_cost: object, middle: Any, spread: Any, *_: object) -> Iterator[Generation]:
+        begun.append((float(middle[0]), float(spread[0])))
+        if len(begun) == 2:
+            raise SearchStoppedError
+        yield Generation(1, 0, middle, math.inf, 0.0)
+
+    monkeypatch.setattr(parameter_search, "evolve", evolve)
+    monkeypatch.setattr(parameter_search, "descend", lambda *_: None)
+    study = make_study(small_spec(tmp_path, "search.starts=2"), shipped_vehicle(), fine=False)
+    known = Candidate("pd", tuple(map(lattice_place, (1.48, 0.061, 27.0))))
+    found = find(study, study, "pd", nobody, [known])
+    (near, narrow), (middle, wide) = begun
+    assert near == known.places[0] != middle
+    assert narrow == pytest.approx(0.2 * wide)
+    assert not found.ended
 
 
 # Stopping

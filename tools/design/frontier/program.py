@@ -42,7 +42,7 @@ def run_job(job: Job) -> list[Row]:
 
 
 def _effort(job: Job) -> int:
-    """Return about how long a search takes: by parameters and filters."""
+    """Return a rough measure of the time that a search takes."""
     if job.structure not in STRUCTURES:
         return 0
     law, _, q_kinds = STRUCTURES[job.structure]
