@@ -76,6 +76,20 @@ def commands(job: dict[str, Any]) -> str:
     return "\n".join(step["run"] for step in job["steps"] if "run" in step)
 
 
+def test_the_workflow_runs_the_suite_on_every_python_and_system(jobs: dict[str, Any]) -> None:
+    assert jobs["linux"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
+    assert "make test" in commands(jobs["linux"])
+    systems = jobs["elsewhere"]["strategy"]["matrix"]["system"]
+    assert {system.partition("-")[0] for system in systems} == {"macos", "windows"}
+    assert "python -m pytest" in commands(jobs["elsewhere"])
+
+
+def test_what_a_push_only_samples_is_run_whole_every_week() -> None:
+    workflow = content_of(WORKFLOWS / "explore.yml")
+    assert workflow[True]["schedule"]  # YAML 1.1 reads the key "on" as true
+    assert "--hypothesis-profile=explore" in commands(workflow["jobs"]["explore"])
+
+
 def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, Any]) -> None:
     text = commands(jobs["linux"])
     assert "modprobe vcan echo=1" in text
