@@ -202,10 +202,12 @@ def test_another_sensing_period_than_the_dbcs_is_found(period_ns: int) -> None:
     np.testing.assert_allclose(uplink.latency_ns, 5e6 * (number % 7 == 0), atol=1.0)
 
 
-def test_a_clock_that_stands_still_shows_no_sensing_period() -> None:
+@pytest.mark.parametrize("step_ns", [0.0, -10e6])
+def test_a_clock_that_stands_still_or_runs_back_shows_no_sensing_period(step_ns: float) -> None:
     number = np.arange(50)
-    uplink = relative_uplink(number, np.zeros(number.size), np.zeros(number.size))
+    uplink = relative_uplink(number, step_ns * number, np.zeros(number.size))
     assert uplink.skipped == 0
+    np.testing.assert_allclose(uplink.latency_ns, (10e6 - step_ns) * (49 - number))
 
 
 # Several logs
