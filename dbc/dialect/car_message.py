@@ -2,7 +2,9 @@
 
 import math
 import sys
+from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
 from enum import StrEnum
 from functools import cached_property
 from itertools import combinations
@@ -242,6 +244,7 @@ def _without_overlap(message: Message, kept: Collection[str | None]) -> Message:
     left = [one for one in message.signals if one.name not in shared or one.name in kept]
     if len(left) == len(message.signals):
         return message
+    left = [_with_ids(one, message) if one.is_multiplexer else one for one in left]
     return Message(
         message.frame_id,
         message.name,
@@ -251,6 +254,19 @@ def _without_overlap(message: Message, kept: Collection[str | None]) -> Message:
         is_fd=message.is_fd,
         strict=False,
     )
+
+
+def _with_ids(multiplexer: Signal, message: Message) -> Signal:
+    """Return a multiplexer that takes its values in a message also where they select nothing.
+
+    cantools takes the values that select a signal, and those with a name.
+    """
+    selected = [one for one in message.signals if one.multiplexer_signal == multiplexer.name]
+    ids = {number for one in selected for number in one.multiplexer_ids or ()}
+    named = copy(multiplexer)
+    named.choices = OrderedDict((number, str(number)) for number in ids)
+    named.choices.update(multiplexer.choices or {})
+    return named
 
 
 def _short(value: Any) -> str:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.dialect.car_message import CarMessage, Refused
+from steer_by_wire.dbc.dialect.car_message import CarMessage, Reading, Refused
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.settings import MessageSettings, Quantity
 from steer_by_wire.runtime.settings import SettingsError
@@ -62,6 +62,28 @@ def test_a_multiplexer_is_no_room_outside_a_range() -> None:
     assert MESSAGE.has_room_outside
     assert not ONLY_MULTIPLEXER_HAS_ROOM.has_room_outside
     assert ONLY_MULTIPLEXER_HAS_ROOM.outside(bytes([0, 10, 0])) is None
+
+
+def test_a_multiplexer_keeps_the_values_whose_signals_are_left_out() -> None:
+    database: Any = cantools.database.load_string(
+        """
+BU_: PLANT
+BO_ 600 MUXED: 8 PLANT
+ SG_ KIND M : 0|8@1+ (1,0) [0|0] "" PLANT
+ SG_ SPEED m0 : 8|8@1+ (1,0) [0|0] "m/s" PLANT
+ SG_ TEMP m1 : 16|8@1+ (1,0) [0|0] "" PLANT
+ SG_ RAW : 16|16@1+ (1,0) [0|0] "" PLANT
+""",
+        strict=False,
+    )
+    settings = MessageSettings.model_validate(
+        {"cycle_ms": 10, "signals": {"SPEED": {"carries": "speed_m_s"}}}
+    )
+    muxed = CarMessage(database.get_message_by_name("MUXED"), settings, {})
+    assert muxed.read(b"\x00\x05" + bytes(6)) == Reading({Quantity.SPEED: 5.0}, 0)
+    assert muxed.read(b"\x01" + bytes(7)) == Reading({}, 0)
+    assert muxed.text(b"\x01" + bytes(7)) == "KIND 1"
+    assert muxed.read(b"\x02" + bytes(7)) is Refused.UNKNOWN_MULTIPLEXER
 
 
 CAR = """
