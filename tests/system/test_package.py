@@ -247,6 +247,8 @@ def test_the_lock_pins_everything_and_names_no_registry() -> None:
     lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
     pins = [line for line in lines if not line.startswith("    --hash=sha256:")]
     assert pins
-    assert all(after.startswith("    --hash") for pin, after in pairwise(lines) if pin in pins)
+    assert all(
+        after.startswith("    --hash") for pin, after in pairwise([*lines, ""]) if pin in pins
+    )
     assert all(re.match(r"[a-z0-9-]+==[\w.]+ (; .*)?\\$", pin) for pin in pins)
     assert not any("://" in line or line.startswith("-") for line in lines)
