@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.dbc.dialect.settings import PLANT
 from steer_by_wire.dbc.messages import PlantStatus, encode
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
@@ -13,7 +14,7 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrapper
-from steer_by_wire.tools.faults.campaign.campaign_file import PLANT, NodeFaultKind
+from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.node_watch import Bounds, Watch
 from tests.support.frames.authenticated_ends import COMMAND, plant
