@@ -7,6 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from ....controller.settings import PRESETS
 from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....dbc.messages import DATA_IDS, MESSAGE_TYPES
 from ....plant_emulator.faults.settings import (
@@ -18,7 +19,8 @@ from ....plant_emulator.faults.settings import (
     quantities_of,
 )
 from ....plant_emulator.path.settings import PathSettings
-from ....runtime.settings import Settings
+from ....runtime.settings import Settings, preset_names
+from ....runtime.settings.mistakes import hint
 
 
 class NodeFaultKind(StrEnum):
@@ -47,6 +49,17 @@ def _printable(text: str) -> str:
     return text
 
 
+def _known(law: str) -> str:
+    names = preset_names(PRESETS)
+    if law not in names:
+        raise ValueError(f"there is no preset of this name ({hint(law, names)})")
+    return law
+
+
+Law = Annotated[str, AfterValidator(_known)]
+"""A preset of the controller."""
+
+
 class PointSettings(Settings):
     """One `[[points]]`: an operating point."""
 
@@ -61,7 +74,7 @@ class PointSettings(Settings):
     """Standard deviation of the noise of the lateral error."""
     path: PathSettings | None = None
     """As the plant's `[path]`; None: its ellipse, which bends as walking speed allows."""
-    laws: tuple[str, ...] = Field((), max_length=20)
+    laws: tuple[Law, ...] = Field((), max_length=20)
     """Presets of the controller in place of the campaign's, as those for road speed."""
 
 
@@ -142,7 +155,7 @@ class CampaignSettings(Settings):
     golden_seeds: Annotated[int, Field(ge=1, le=1000)] = 4
     """Fault-free runs at each operating point with each law."""
     bitrate_bit_s: Annotated[int, Field(ge=125_000, le=1_000_000)] = 500_000
-    laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
+    laws: tuple[Law, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
     command: tuple[str, ...] = Field((), max_length=100)
     """Words of a program that is the controller, in lockstep; it keeps to what ``laws`` say."""

@@ -66,7 +66,19 @@ def case(text: str) -> str:
         ('node_cases=[{kind="clock_jump",nodes=["controller"],magnitudes=[1e-10]}]', "1e-10"),
         ('node_cases=[{kind="killed",nodes=["plant"],magnitudes=[]}]', "magnitudes"),
         ('laws=["practical_pd","practical_pd"]', "laws must differ"),
-        ('points=[{name="a",laws=["x","x"]}]', "laws of a must differ: 'x' is there 2 times"),
+        (
+            'points=[{name="a",laws=["paper_pd","paper_pd"]}]',
+            "laws of a must differ: 'paper_pd' is there 2 times",
+        ),
+        (
+            'laws=["practical_pd","practical_pdd"]',
+            'command line: laws[1] = "practical_pdd": there is no preset of this name (did you mean'
+            " practical_pd?)",
+        ),
+        (
+            'points=[{name="a",laws=["nope"]}]',
+            'command line: points[0].laws[0] = "nope": there is no preset of this name (known: ',
+        ),
         ('points=[{name="a\\tb"}]', "must be printable"),
         ('points=[{name="a",path={kind="spiral"}}]', "points"),
     ],
