@@ -36,7 +36,7 @@ from benchmarks.bus.runs import (
     write_frames,
 )
 from benchmarks.measurement import Line, Measured
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.command_line import seconds, whole_number
 from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle

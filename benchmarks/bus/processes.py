@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.closed_loop.process_group import ProcessError
+from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.runtime.exit_status import BusError
 
 SOURCES = Path(__file__).parent
@@ -127,7 +127,7 @@ def python(module: str, *options: str) -> list[str]:
         sys.executable,
         "-P",
         "-m",
-        "steer_by_wire.closed_loop.ends_with_parent",
+        "steer_by_wire.closed_loop.processes.ends_with_parent",
         module,
         *options,
     ]

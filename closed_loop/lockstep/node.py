@@ -10,7 +10,7 @@ from ...dbc.dialect.node_in_dialect import in_dialect
 from ...dbc.dialect.settings import CONTROLLER
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
-from ..process_group import ProcessError
+from ..processes.process_group import ProcessError
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import IO, Self, cast
 
 from ...runtime.exit_status import printable
-from ..process_group import ProcessError
+from ..processes.process_group import ProcessError
 from .record import RECORD_BYTES, Record, RecordError, check_mark, pack, unpack
 
 ANSWER_TIMEOUT_S = 30.0

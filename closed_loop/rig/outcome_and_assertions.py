@@ -16,8 +16,8 @@ from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ..foreign_program import GRACE_S
 from ..pair_result import PairFiles, Trace, rms
+from ..processes.foreign_program import GRACE_S
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
 from .command_rate_and_flood import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in

@@ -34,20 +34,20 @@ from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..agreed_point import judged_like
-from ..foreign_program import STATUS_KILLED
 from ..live_bus import BUSES, Bus, open_channels
 from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
 from ..pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
-from ..process_group import ProcessError, Processes
+from ..processes.foreign_program import STATUS_KILLED
+from ..processes.process_group import ProcessError, Processes
 from ..simulate import NO_OVERRIDES, settings_of
 from ..virtual_bus import QUIET_BUS
 from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
-_COMMAND = "steer_by_wire.closed_loop.foreign_program"
+_COMMAND = "steer_by_wire.closed_loop.processes.foreign_program"
 _POLL_S = 0.05
 __tracebackhide__ = True  # pytest shows the line of the test that made the mistake
 

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..parallel_work import worker_pool
+from ..processes.parallel_work import worker_pool
 from .compiled_runs import Computed, Computer
 from .factors import make_design
 from .scenario import Scenarios

@@ -47,7 +47,7 @@ from benchmarks.bus.runs import (
 )
 from benchmarks.bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
 from benchmarks.measurement import Line
-from steer_by_wire.closed_loop.process_group import ProcessError
+from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode

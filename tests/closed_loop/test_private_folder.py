@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.private_folder import KEPT_S, private_folder
+from steer_by_wire.closed_loop.processes.private_folder import KEPT_S, private_folder
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such locks")
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop import process_group
-from steer_by_wire.closed_loop.process_group import Lifeline
+from steer_by_wire.closed_loop.processes import process_group
+from steer_by_wire.closed_loop.processes.process_group import Lifeline
 from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.programs.running_program import PATIENCE_S, wait_until
 
@@ -36,8 +36,8 @@ PARENT = """
 import subprocess, sys, time
 from contextlib import closing
 from pathlib import Path
-from steer_by_wire.closed_loop import process_group
-from steer_by_wire.closed_loop.process_group import Lifeline, launched_broker
+from steer_by_wire.closed_loop.processes import process_group
+from steer_by_wire.closed_loop.processes.process_group import Lifeline, launched_broker
 from steer_by_wire.runtime.command_line import run_main
 
 def main():

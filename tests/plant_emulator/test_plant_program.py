@@ -13,7 +13,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire import Run, SettingsError, run_study, simulate
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings

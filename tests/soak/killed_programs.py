@@ -27,8 +27,8 @@ from tempfile import TemporaryDirectory
 from steer_by_wire.closed_loop.live_bus import Bus
 from steer_by_wire.closed_loop.live_pair import PROGRAMS, LivePair
 from steer_by_wire.closed_loop.pair_result import PairFiles
-from steer_by_wire.closed_loop.private_folder import private_folder
-from steer_by_wire.closed_loop.process_group import ProcessError, Processes, children_of
+from steer_by_wire.closed_loop.processes.private_folder import private_folder
+from steer_by_wire.closed_loop.processes.process_group import ProcessError, Processes, children_of
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
-from steer_by_wire.closed_loop.process_group import ProcessError
+from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.settings.toml_text import dump_toml

@@ -8,7 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.program import main as controller_main
 from steer_by_wire.dbc.messages import (
     CAN_IDS,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator.__main__ import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.programs.running_program import running

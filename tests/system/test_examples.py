@@ -19,7 +19,7 @@ import steer_by_wire
 from steer_by_wire import simulate
 from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
 from steer_by_wire.closed_loop.lockstep.record import FRAMES, Arrival, Record
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.dbc.messages import Decoded, LateralError, decode, encode
 from steer_by_wire.plant_emulator.node.node import PlantNode

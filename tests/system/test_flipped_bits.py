@@ -16,7 +16,7 @@ from steer_by_wire.tools.design.frontier import frontier
 from steer_by_wire.tools.design.frontier.frontier import Row
 from steer_by_wire.tools.design.frontier.sweep import Point
 from steer_by_wire.tools.design.frontier.trials import Trials
-from steer_by_wire.tools.design.stop_and_resume import KeptCosts
+from steer_by_wire.tools.design.search.stop_and_resume import KeptCosts
 from steer_by_wire.tools.faults.campaign.execution import keep_only, read_stored
 from tests.fuzz.campaign_targets import whole_result
 

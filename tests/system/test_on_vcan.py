@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.process_group import Processes
+from steer_by_wire.closed_loop.processes.process_group import Processes
 from steer_by_wire.dbc.contract.message_records import PathAhead, SteeringPlan
 from steer_by_wire.dbc.messages import (
     CAN_IDS,

@@ -142,7 +142,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHILD = """
-from steer_by_wire.closed_loop import process_group
+from steer_by_wire.closed_loop.processes import process_group
 with process_group.launched_broker() as address:
     print(process_group.__file__)
 """
@@ -211,7 +211,7 @@ def test_what_is_installed_is_what_starts_and_what_it_starts(
         check=True,
     )
     assert result.stdout.strip() == str(
-        installed / "steer_by_wire" / "closed_loop" / "process_group.py"
+        installed / "steer_by_wire" / "closed_loop" / "processes" / "process_group.py"
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.command import main
 from steer_by_wire.controller.analysis import jitter
 from steer_by_wire.tools.dialect import __main__ as dialect_program

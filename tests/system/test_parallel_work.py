@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.parallel_work import WorkerEndedError, worker_pool
+from steer_by_wire.closed_loop.processes.parallel_work import WorkerEndedError, worker_pool
 from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 PARENT = """
 import os, sys, time
-from steer_by_wire.closed_loop.parallel_work import worker_pool
+from steer_by_wire.closed_loop.processes.parallel_work import worker_pool
 
 if __name__ == "__main__":
     with worker_pool(2) as pool:

@@ -14,7 +14,7 @@ from ...closed_loop.live_bus import open_channels
 from ...closed_loop.live_pair import LivePair
 from ...closed_loop.live_pair import Program as StartedProgram
 from ...closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
-from ...closed_loop.private_folder import private_folder
+from ...closed_loop.processes.private_folder import private_folder
 from ...closed_loop.virtual_bus import QUIET_BUS
 from ...dbc.dialect.option import listening_in
 from ...plant_emulator.path.path import Path, pose

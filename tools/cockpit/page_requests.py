@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from ...closed_loop.private_folder import private_folder
+from ...closed_loop.processes.private_folder import private_folder
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
 from ...runtime.frame import FD, Frame

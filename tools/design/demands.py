@@ -23,7 +23,6 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .law_parameters import Candidate, controller_settings, designs
 from .loop_figures import (
     FrequencyGrid,
     StabilityGrid,
@@ -33,6 +32,7 @@ from .loop_figures import (
     slow_poles,
     stability_grid,
 )
+from .search.law_parameters import Candidate, controller_settings, designs
 from .specification import Specification
 from .tracking import (
     TrackingGrid,

@@ -12,10 +12,10 @@ from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs
-from .law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
-from .parameter_search import Found, Progress, find, find_any
+from .search.law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
+from .search.parameter_search import Found, Progress, find, find_any
+from .search.stop_and_resume import KeptCosts, SearchStoppedError
 from .specification import Specification
-from .stop_and_resume import KeptCosts, SearchStoppedError
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
 from .virtual_check import drive, drives, jittered

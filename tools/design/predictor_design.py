@@ -35,11 +35,11 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand
-from .evolution import evolve
-from .law_parameters import validity
-from .parameter_search import Progress
+from .search.evolution import evolve
+from .search.law_parameters import validity
+from .search.parameter_search import Progress
+from .search.stop_and_resume import KeptCosts, SearchStoppedError
 from .specification import ConditionsTable, PredictorTable, Specification
-from .stop_and_resume import KeptCosts, SearchStoppedError
 from .vehicle_file import VehicleFile
 from .virtual_check import Drive, constant, jittered, plant_settings
 

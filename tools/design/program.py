@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ...closed_loop.parallel_work import worker_pool
+from ...closed_loop.processes.parallel_work import worker_pool
 from ...closed_loop.reports.terminal import plain_console, progress_bars
 from ...controller.laws.predictor import FALLBACK
 from ...controller.settings import ControllerSettings, controller_preset
@@ -26,7 +26,6 @@ from .demands import Demand
 from .frontier.program import run_frontier
 from .frontier.settings import FrontierSettings
 from .law_design import Design, NoDesignError
-from .law_parameters import KEYS, any_settings
 from .predictor_design import design_predictor, predictor_demands
 from .progress_lines import ProgressLines
 from .report import (
@@ -40,8 +39,9 @@ from .report import (
     unmet_text,
     written_lines,
 )
+from .search.law_parameters import KEYS, any_settings
+from .search.stop_and_resume import CtrlC, SearchStoppedError, kept_costs, stopped_after
 from .specification import PredictorTable, Specification
-from .stop_and_resume import CtrlC, SearchStoppedError, kept_costs, stopped_after
 from .vehicle_file import VehicleFile
 from .virtual_check import (
     course_line,

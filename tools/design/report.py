@@ -28,9 +28,9 @@ from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand, Judgement
 from .law_design import NUMBER_UNITS, Design, Reason, failed, failure
-from .law_parameters import SETTINGS_KEYS, pd_region
 from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from .predictor_design import PredictorDesign
+from .search.law_parameters import SETTINGS_KEYS, pd_region
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 

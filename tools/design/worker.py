@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from ...closed_loop.reports.plot_style import plot_style
 from .law_design import Design, NoDesignError, design
-from .law_parameters import controller_settings
 from .report import LawFiles, draw_design, preset_name, preset_text, unmet_text
+from .search.law_parameters import controller_settings
+from .search.stop_and_resume import SearchStoppedError, kept_costs, stopped_after
 from .specification import Specification
-from .stop_and_resume import SearchStoppedError, kept_costs, stopped_after
 from .vehicle_file import VehicleFile
 
 SharedProgress = Any

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
-from ...closed_loop.process_group import launched_broker
+from ...closed_loop.processes.process_group import launched_broker
 from ...runtime.exit_status import BusError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.parallel_work import worker_pool
+from steer_by_wire.closed_loop.processes.parallel_work import worker_pool
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
@@ -46,7 +46,9 @@ class Entry(NamedTuple):
 
 
 def _figure(number: int, module: str) -> Entry:
-    return Entry(f"figure_{number:02d}", "figure", str(number), module, f"figure_{number}")
+    return Entry(
+        f"figure_{number:02d}", "figure", str(number), f"figures.{module}", f"figure_{number}"
+    )
 
 
 ENTRIES = (

@@ -27,7 +27,7 @@ from steer_by_wire.closed_loop.lockstep.record import (
     pack,
     unpack,
 )
-from steer_by_wire.closed_loop.process_group import ProcessError
+from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.live_pair import Program
-from steer_by_wire.closed_loop.process_group import ProcessError
+from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.closed_loop.rig.reaction_to_fault import Detection, first_reaction
 from steer_by_wire.controller.node.node import ControllerNode
@@ -120,7 +120,8 @@ def test_a_program_that_speaks_the_contract_holds_the_path(tmp_path: Path) -> No
 
 
 def test_what_starts_a_command_adds_nothing_to_what_it_prints() -> None:
-    starter = [sys.executable, "-W", "error", "-m", "steer_by_wire.closed_loop.foreign_program"]
+    module = "steer_by_wire.closed_loop.processes.foreign_program"
+    starter = [sys.executable, "-W", "error", "-m", module]
     done = subprocess.run([*starter, "echo", "ready"], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "ready\n", "")
 

@@ -14,7 +14,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.bus_model.bus_model import BusLoad
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BUS_OFF, RESTARTED, error_causes
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line

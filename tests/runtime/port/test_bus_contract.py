@@ -14,7 +14,7 @@ from typing import Any
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.port.socketcan import SocketCanPort

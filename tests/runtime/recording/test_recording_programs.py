@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator import program as plant_program
 from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus

@@ -36,8 +36,8 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from steer_by_wire.tools.design.demands import make_study
-from steer_by_wire.tools.design.evolution import evolve
-from steer_by_wire.tools.design.parameter_search import find
+from steer_by_wire.tools.design.search.evolution import evolve
+from steer_by_wire.tools.design.search.parameter_search import find
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 

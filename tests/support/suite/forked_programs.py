@@ -43,7 +43,7 @@ PRELOADED = (
     "cantools.subparsers.plot",
     "steer_by_wire.controller.program",
     "steer_by_wire.plant_emulator.program",
-    "steer_by_wire.closed_loop.ends_with_parent",
+    "steer_by_wire.closed_loop.processes.ends_with_parent",
     "steer_by_wire.runtime.emulated_bus.interface",
     "steer_by_wire.runtime.recording.recorder_process",
     "steer_by_wire.tools.bus.program",

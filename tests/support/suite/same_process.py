@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop import parallel_work
+from steer_by_wire.closed_loop.processes import parallel_work
 
 
 class _SameProcess(Executor):

@@ -18,7 +18,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
@@ -175,7 +175,7 @@ def test_a_bus_that_fails_says_where_and_why_and_leaves_its_report(
 
 def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
     code = (
-        "from steer_by_wire.closed_loop.process_group import launched_broker\n"
+        "from steer_by_wire.closed_loop.processes.process_group import launched_broker\n"
         "with launched_broker() as address:\n"
         "    print(address, flush=True)\n"
         "    input()\n"

@@ -7,7 +7,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     Direction,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.tools.design.evolution import evolve
-from steer_by_wire.tools.design.law_parameters import lattice_place, lattice_value
+from steer_by_wire.tools.design.search.evolution import evolve
+from steer_by_wire.tools.design.search.law_parameters import lattice_place, lattice_value
 
 
 def test_the_lattice_rises_in_steps_of_at_most_two_and_a_half_percent() -> None:

@@ -20,7 +20,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
-from steer_by_wire.tools.design import parameter_search, predictor_design
+from steer_by_wire.tools.design import predictor_design
 from steer_by_wire.tools.design.demands import (
     Demand,
     Judgement,
@@ -28,26 +28,31 @@ from steer_by_wire.tools.design.demands import (
     judge_law,
     make_study,
 )
-from steer_by_wire.tools.design.evolution import Generation
 from steer_by_wire.tools.design.law_design import Design, Reason, design, failed, split_boxes
-from steer_by_wire.tools.design.law_parameters import (
+from steer_by_wire.tools.design.program import linear_laws
+from steer_by_wire.tools.design.progress_lines import ProgressLines
+from steer_by_wire.tools.design.report import preset_text, reason_lines
+from steer_by_wire.tools.design.search import parameter_search
+from steer_by_wire.tools.design.search.evolution import Generation
+from steer_by_wire.tools.design.search.law_parameters import (
     Candidate,
     controller_settings,
     lattice_place,
     why_no_gains,
 )
-from steer_by_wire.tools.design.parameter_search import (
+from steer_by_wire.tools.design.search.parameter_search import (
     Progress,
     evolved_cost,
     find,
     find_any,
     neighbours,
 )
-from steer_by_wire.tools.design.program import linear_laws
-from steer_by_wire.tools.design.progress_lines import ProgressLines
-from steer_by_wire.tools.design.report import preset_text, reason_lines
+from steer_by_wire.tools.design.search.stop_and_resume import (
+    SearchStoppedError,
+    kept_costs,
+    stopped_after,
+)
 from steer_by_wire.tools.design.specification import Specification
-from steer_by_wire.tools.design.stop_and_resume import SearchStoppedError, kept_costs, stopped_after
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.loops.shipped_design import (
     PAPER_VEHICLE,

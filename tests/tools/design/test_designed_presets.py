@@ -14,10 +14,15 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.demands import Study, judge_candidate, make_study
 from steer_by_wire.tools.design.law_design import describe
-from steer_by_wire.tools.design.law_parameters import KEYS, SETTINGS_KEYS, Candidate, lattice_place
-from steer_by_wire.tools.design.parameter_search import Found, confirm
 from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
+from steer_by_wire.tools.design.search.law_parameters import (
+    KEYS,
+    SETTINGS_KEYS,
+    Candidate,
+    lattice_place,
+)
+from steer_by_wire.tools.design.search.parameter_search import Found, confirm
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (

@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.process_group import launched_broker
+from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from tests.support.programs.running_program import PATIENCE_S
 
 

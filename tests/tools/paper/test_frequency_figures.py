@@ -8,23 +8,23 @@ import pytest
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.controller.filters.continuous_filters import q_order_2
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
-from steer_by_wire.tools.paper import uncertainty_figure
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
-from steer_by_wire.tools.paper.frequency_figures import (
+from steer_by_wire.tools.paper.figures import uncertainty_figure
+from steer_by_wire.tools.paper.figures.frequency_figures import (
     SPREAD_AT_RAD_S,
     corner_spreads,
     figure_10,
     figure_11,
     help_ends_rad_s,
 )
-from steer_by_wire.tools.paper.network_figure import (
+from steer_by_wire.tools.paper.figures.network_figure import (
     DELAY_S,
     figure_12,
     first_intersection_rad_s,
     network_verdict,
 )
+from steer_by_wire.tools.paper.figures.uncertainty_figure import exact_cutoffs, figure_9
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
-from steer_by_wire.tools.paper.uncertainty_figure import exact_cutoffs, figure_9
 from tests.support.suite.curves import alike_without_colour
 
 

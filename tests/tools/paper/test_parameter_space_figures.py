@@ -3,7 +3,7 @@
 import numpy as np
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
-from steer_by_wire.tools.paper.parameter_space_figures import figure_7, figure_8
+from steer_by_wire.tools.paper.figures.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from tests.support.suite.curves import alike_without_colour
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ....controller.settings import ControllerSettings, controller_preset
 from ....runtime.output_file import open_text, write_text
 from ....runtime.sealed_record import sealed, unsealed
-from ..law_parameters import controller_settings
+from ..search.law_parameters import controller_settings
 from ..vehicle_file import VehicleFile
 from .laws_of_the_paper import PUBLISHED, published_points
 from .settings import STRUCTURES, FrontierSettings

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-from ....closed_loop.parallel_work import worker_pool
+from ....closed_loop.processes.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
 from ....closed_loop.reports.terminal import plain_console, progress_bars
-from ..law_parameters import KEYS
+from ..search.law_parameters import KEYS
 from ..vehicle_file import VehicleFile
 from ..worker import begin_worker, report_progress, shared_progress
 from .frontier import ALL, Row, compute, write_csv

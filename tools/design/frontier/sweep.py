@@ -16,9 +16,9 @@ from ....controller.laws.law_from_settings import LawDesign, design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..demands import Study, judge_law, make_study
-from ..law_parameters import Candidate, controller_settings
 from ..loop_figures import behind_lag
-from ..parameter_search import find
+from ..search.law_parameters import Candidate, controller_settings
+from ..search.parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification, controller_law
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings

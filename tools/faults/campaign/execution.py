@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from ....closed_loop.parallel_work import worker_pool
+from ....closed_loop.processes.parallel_work import worker_pool
 from ....plant_emulator.path.settings import WaypointSettings
 from ....runtime.output_file import write_text
 from ....runtime.sealed_record import sealed, unsealed

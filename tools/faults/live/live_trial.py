@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.private_folder import private_folder
+from ....closed_loop.processes.private_folder import private_folder
 from ....dbc.messages import CAN_IDS, SteeringCommand
 from ....plant_emulator.settings import PlantSettings
 from .cases import DURATION_S, ONSET_S, PLANT_ONSET_S, LiveCase

@@ -11,8 +11,8 @@ from ....closed_loop.bus_recorder import BusRecorder
 from ....closed_loop.live_bus import Bus
 from ....closed_loop.live_pair import LivePair
 from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
-from ....closed_loop.private_folder import private_folder
-from ....closed_loop.process_group import Processes
+from ....closed_loop.processes.private_folder import private_folder
+from ....closed_loop.processes.process_group import Processes
 from ....controller.settings import controller_preset
 from ....plant_emulator.settings import PlantSettings
 

@@ -30,7 +30,7 @@ from steer_by_wire.tools.design.frontier.sweep import (
     sweep,
 )
 from steer_by_wire.tools.design.frontier.trials import NOT_TRIED, Trials, with_map, worst_rms_m
-from steer_by_wire.tools.design.law_parameters import Candidate, controller_settings
+from steer_by_wire.tools.design.search.law_parameters import Candidate, controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.suite.combinations import sampled
 from tests.support.suite.curves import alike_without_colour

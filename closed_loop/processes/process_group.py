@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Self
 
-from ..runtime.exit_status import BusError, printable
+from ...runtime.exit_status import BusError, printable
 from .private_folder import private_folder
 
 START_TIMEOUT_S = 60.0
@@ -25,6 +25,7 @@ BROKER_AFTER_S = 1.0
 """How long a launched broker outlives a killed parent, so that its clients end first."""
 _POLL_S = 0.02
 _LISTENING, _READY = "listening at", "ready"
+_ENDS_WITH_PARENT = "steer_by_wire.closed_loop.processes.ends_with_parent"
 
 
 class ProcessError(BusError):
@@ -53,7 +54,7 @@ class Lifeline:
         ``after_s``  how long after this process the child ends
         ``remove``   folder that the child then removes
         """
-        program = [sys.executable, "-P", "-m", "steer_by_wire.closed_loop.ends_with_parent"]
+        program = [sys.executable, "-P", "-m", _ENDS_WITH_PARENT]
         options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
         return subprocess.Popen(  # noqa: S603 the command is our own
             [*program, *options, module, *arguments],

@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.prediction.matrices import product
-from ...runtime.array_types import FloatArray
+from ....controller.prediction.matrices import product
+from ....runtime.array_types import FloatArray
 
 _SWEEPS_MAX = 50
 _ROTATED_MIN = 1e-16

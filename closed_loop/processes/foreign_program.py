@@ -1,6 +1,6 @@
 """Runs another program and returns its exit status.
 
-python -m steer_by_wire.closed_loop.foreign_program WORDS...
+python -m steer_by_wire.closed_loop.processes.foreign_program WORDS...
 
 The program is in a process group of its own, so that nothing of it stays when it has to end: asked
 by SIGINT or SIGTERM, this sends SIGTERM to the whole group, as a service manager does, and SIGKILL

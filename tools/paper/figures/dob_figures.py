@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ...closed_loop.pair_result import rms
-from ...closed_loop.reports.plot_style import COLOURS
-from ...runtime.array_types import FloatArray
-from . import published
-from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
-from .simulation import History, thinned
-from .table_2 import CORRECTED, PRINTED, TOLERANCE_M, ellipse_run
+from ....closed_loop.pair_result import rms
+from ....closed_loop.reports.plot_style import COLOURS
+from ....runtime.array_types import FloatArray
+from .. import published
+from ..result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
+from ..simulation import History, thinned
+from ..table_2 import CORRECTED, PRINTED, TOLERANCE_M, ellipse_run
 
 _STEP_S = 0.05
 

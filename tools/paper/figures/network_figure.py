@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.reports.plot_style import COLOURS
-from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.filters.nominal_model import paper_eq19
-from ...controller.laws.law_from_settings import design_law
-from ...controller.settings import ControllerSettings
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_S
-from .continuous_loop import cdob_parts, closed_loop_roots, continuous_law
-from .corners import published_law
-from .result import Comparison, Picture, Reproduction, Verdict
-from .small_gain import cdob_nominal_loop, cdob_small_gain, delay_uncertainty
+from ....closed_loop.reports.plot_style import COLOURS
+from ....controller.analysis.sampled_loop import SampledLoop
+from ....controller.filters.nominal_model import paper_eq19
+from ....controller.laws.law_from_settings import design_law
+from ....controller.settings import ControllerSettings
+from ....runtime.array_types import FloatArray
+from ....runtime.node import NS_PER_S
+from ..continuous_loop import cdob_parts, closed_loop_roots, continuous_law
+from ..corners import published_law
+from ..result import Comparison, Picture, Reproduction, Verdict
+from ..small_gain import cdob_nominal_loop, cdob_small_gain, delay_uncertainty
 
 DELAY_S = 0.08
 """T of section IV."""

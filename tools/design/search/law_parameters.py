@@ -14,25 +14,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.parameter_space.d_stability import DStability, d_stability
-from ...closed_loop.parameter_space.gain_boundaries import Window
-from ...closed_loop.parameter_space.gain_regions import GainRegion, sampled_region
-from ...controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from ...controller.filters.settings import (
+from ....closed_loop.parameter_space.d_stability import DStability, d_stability
+from ....closed_loop.parameter_space.gain_boundaries import Window
+from ....closed_loop.parameter_space.gain_regions import GainRegion, sampled_region
+from ....controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
+from ....controller.filters.settings import (
     CdobSettings,
     DobSettings,
     PdSettings,
     VehicleModelSettings,
 )
-from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.law_from_settings import LawDesign, design_law
-from ...controller.laws.pid import PidSettings
-from ...controller.limits.designed_ranges import ValiditySettings
-from ...controller.settings import ControllerSettings
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS
-from .specification import Specification, controller_law
-from .vehicle_file import VehicleFile
+from ....controller.history.echo_delay import LinkSettings
+from ....controller.laws.law_from_settings import LawDesign, design_law
+from ....controller.laws.pid import PidSettings
+from ....controller.limits.designed_ranges import ValiditySettings
+from ....controller.settings import ControllerSettings
+from ....runtime.array_types import FloatArray
+from ....runtime.node import NS_PER_MS
+from ..specification import Specification, controller_law
+from ..vehicle_file import VehicleFile
 
 _MANTISSAS = (
     *(1.0 + 0.02 * index for index in range(50)),

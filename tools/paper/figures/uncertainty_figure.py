@@ -8,15 +8,15 @@ The paper has T = 0. The exact answer is the count of roots of (21), delay inclu
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.root_count import on_axis
-from ...closed_loop.parameter_space.uncertainty import paper_box
-from ...controller.filters.continuous_filters import q_order_2, q_type_2
-from ...controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
-from ...controller.filters.transfer_function import TransferFunction
-from .continuous_loop import closed_loop_roots, dob_alone
-from .corners import CORNERS, corner_labels, corner_plants
-from .result import Comparison, Picture, Reproduction, Verdict, unpublished
-from .small_gain import (
+from ....closed_loop.parameter_space.root_count import on_axis
+from ....closed_loop.parameter_space.uncertainty import paper_box
+from ....controller.filters.continuous_filters import q_order_2, q_type_2
+from ....controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
+from ....controller.filters.transfer_function import TransferFunction
+from ..continuous_loop import closed_loop_roots, dob_alone
+from ..corners import CORNERS, corner_labels, corner_plants
+from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ..small_gain import (
     Interval,
     QFamily,
     accepted_cutoffs,

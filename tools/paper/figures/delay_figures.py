@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.pair_result import rms
-from ...closed_loop.reports.plot_style import COLOURS
-from ...runtime.array_types import FloatArray
-from . import published
-from .delay_runs import (
+from ....closed_loop.pair_result import rms
+from ....closed_loop.reports.plot_style import COLOURS
+from ....runtime.array_types import FloatArray
+from .. import published
+from ..delay_runs import (
     CDOB,
     CDOB_AND_DDOB,
     DDOB,
@@ -27,9 +27,9 @@ from .delay_runs import (
     error_text,
     steer_text,
 )
-from .reference_reading import CAPTION, ERROR, STEER, STEER_RATE, WHY, alike, picture, smaller
-from .result import CLAIM, Comparison, Picture, Reproduction, verdict_of
-from .simulation import History, thinned
+from ..reference_reading import CAPTION, ERROR, STEER, STEER_RATE, WHY, alike, picture, smaller
+from ..result import CLAIM, Comparison, Picture, Reproduction, verdict_of
+from ..simulation import History, thinned
 
 LINEAR_M = 0.1
 """Up to here the scale of the error is linear; beyond, it is logarithmic."""

@@ -11,19 +11,19 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.d_stability import judge, paper_d_stability
-from ...closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
-from ...closed_loop.parameter_space.gain_loops import ContinuousGainLoop
-from ...closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
-from ...closed_loop.parameter_space.region_pictures import (
+from ....closed_loop.parameter_space.d_stability import judge, paper_d_stability
+from ....closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
+from ....closed_loop.parameter_space.gain_loops import ContinuousGainLoop
+from ....closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
+from ....closed_loop.parameter_space.region_pictures import (
     GAIN_LABELS,
     draw_curves,
     draw_gamma,
     fill_region,
 )
-from ...controller.filters.nominal_model import paper_eq19
-from ...runtime.array_types import ComplexArray, FloatArray
-from .result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ....controller.filters.nominal_model import paper_eq19
+from ....runtime.array_types import ComplexArray, FloatArray
+from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 # ruff: noqa: RUF001  # σ is the paper's symbol
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from threading import Thread
 from typing import Any
 
-from ..runtime.exit_status import UserError
+from ...runtime.exit_status import UserError
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Limits numerical libraries to one thread: workers would wait for each other's threads."""

@@ -14,12 +14,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.root_count import on_axis
-from ...controller.filters.nominal_model import paper_eq19
-from ...runtime.array_types import FloatArray
-from .continuous_loop import continuous_law, dob_alone, dob_q, reference_response
-from .corners import CORNERS, corner_labels, corner_plants, published_law
-from .result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ....closed_loop.parameter_space.root_count import on_axis
+from ....controller.filters.nominal_model import paper_eq19
+from ....runtime.array_types import FloatArray
+from ..continuous_loop import continuous_law, dob_alone, dob_q, reference_response
+from ..corners import CORNERS, corner_labels, corner_plants, published_law
+from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""

@@ -1,6 +1,6 @@
 """Programs that end when their parent does, however that ends, even by ``kill -9``.
 
-    python -P -m steer_by_wire.closed_loop.ends_with_parent [OPTIONS] MODULE ...
+    python -P -m steer_by_wire.closed_loop.processes.ends_with_parent [OPTIONS] MODULE ...
 
 runs ``python -m MODULE ...`` in this process and watches standard input, a pipe whose other end
 only the parent holds. When the pipe closes, the module's program gets SIGTERM. Our programs then
@@ -33,7 +33,7 @@ _TERMINATED = 128 + signal.SIGTERM
 def main() -> None:
     """Run the module that the command line names."""
     parser = argparse.ArgumentParser(
-        prog="python -m steer_by_wire.closed_loop.ends_with_parent", allow_abbrev=False
+        prog="python -m steer_by_wire.closed_loop.processes.ends_with_parent", allow_abbrev=False
     )
     parser.add_argument("--after", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--remove", type=Path, metavar="FOLDER")

@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...controller.analysis.sampled_loop import SampledLoop
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS
-from .demands import NEARLY_MET, Judgement, Study, judge_candidate, judge_law, may_be_better
+from ....controller.analysis.sampled_loop import SampledLoop
+from ....runtime.array_types import FloatArray
+from ....runtime.node import NS_PER_MS
+from ..demands import NEARLY_MET, Judgement, Study, judge_candidate, judge_law, may_be_better
+from ..loop_figures import behind_lag
 from .evolution import Generation, evolve
 from .law_parameters import Candidate, bounds, controller_settings, designs, values_at
-from .loop_figures import behind_lag
 from .stop_and_resume import KeptCosts, SearchStoppedError
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS

@@ -17,9 +17,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ...runtime.command_line import DISTRIBUTION, say
-from .specification import Specification
-from .vehicle_file import VehicleFile
+from ....runtime.command_line import DISTRIBUTION, say
+from ..specification import Specification
+from ..vehicle_file import VehicleFile
 
 
 class SearchStoppedError(Exception):
