@@ -11,13 +11,12 @@ from typing import Any
 from ...runtime.settings.toml_text import dump_toml
 from ..settings import ControllerSettings
 from .check_figures import check_figures
-from .check_verdict import found_in, in_words
+from .check_verdict import found_in, in_ms, in_words
 from .sampled_loop import SLOWEST_DECAY_1_S
 
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
 _PER_MS = 1e3
-_RESOLUTION = 100.0
 """Delays are shown in hundredths of a millisecond."""
 _RANGES_PER_LINE = 3
 _WIDTH = 98
@@ -173,7 +172,7 @@ def _delays(delays: Figures) -> Iterator[str]:
     limit_ms = round(_PER_MS * delays["searched_s"])
     yield f"  delay margin  {_margin(delays)}"
     ranges = [
-        f"{_ms(first, math.ceil)} to {_ms(last, math.floor)} ms"
+        f"{in_ms(first, math.ceil)} to {in_ms(last, math.floor)} ms"
         for first, last in delays["intervals_s"]
     ]
     yield from _wrapped("  stable at     ", ranges or ["no delay"])
@@ -187,7 +186,7 @@ def _margin(delays: Figures) -> str:
         case 0:
             return "none"
         case margin_s:
-            return f"{_ms(margin_s, math.floor)} ms"
+            return f"{in_ms(margin_s, math.floor)} ms"
 
 
 def _jitter(means: Sequence[Figures]) -> Iterator[str]:
@@ -202,11 +201,6 @@ def _jitter(means: Sequence[Figures]) -> Iterator[str]:
         ]
         yield from _wrapped(heading, ranges or ["no standard deviation"])
     yield "                (mean-square stability, searched from 0 to the mean)"
-
-
-def _ms(time_s: float, rounded: Any) -> str:
-    """Return a time in hundredths of a millisecond, which a nanosecond more does not change."""
-    return f"{rounded(round(_PER_MS * _RESOLUTION * time_s, 4)) / _RESOLUTION:.2f}"
 
 
 def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:

@@ -1,13 +1,15 @@
 """The verdict of ``--check`` and what ``--fail-if`` may name of it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ...runtime.program.fail_if_conditions import Quantity
+
+_RESOLUTION = 100.0
 
 
 class CheckVerdict(StrEnum):
@@ -73,7 +75,7 @@ def _lost(where: str, margin_s: float, declared_s: float) -> Found:
     """Return the verdict on a loop whose stability is lost at some delay."""
     if margin_s == 0.0:
         return Found(CheckVerdict.NOT_STABLE, margin_s, f"{where}, even without delay")
-    margin = f"{1e3 * margin_s:.2f} ms"
+    margin = f"{in_ms(margin_s, math.floor)} ms"
     if margin_s < declared_s:
         reason = f"{where}, above {margin}, {_declares(declared_s)}"
         return Found(CheckVerdict.NOT_STABLE, margin_s, reason)
@@ -87,3 +89,8 @@ def _declares(declared_s: float) -> str:
 def in_words(vehicle: Mapping[str, float]) -> str:
     """Return the parameters of a corner."""
     return ", ".join(f"{key} = {value:.4g}" for key, value in vehicle.items())
+
+
+def in_ms(time_s: float, rounded: Callable[[float], int]) -> str:
+    """Return a time in hundredths of a millisecond, which a nanosecond more does not change."""
+    return f"{rounded(round(1e3 * _RESOLUTION * time_s, 4)) / _RESOLUTION:.2f}"

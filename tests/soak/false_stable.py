@@ -27,6 +27,7 @@ from steer_by_wire import check
 from steer_by_wire.controller.analysis.check_figures import Loop, loop_around, stable_delays_of
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
+from steer_by_wire.controller.analysis.stable_delays import RESOLUTION_NS
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
@@ -133,6 +134,7 @@ def asked_of_loop(rng: np.random.Generator) -> Iterator[Answer]:
     ends = sorted({end for each in stable for end in each} - {0, limit_ns})
     beside = [end * (1.0 + side * rng.uniform(0.005, 0.04)) for end in ends for side in (-1, 1)]
     drawn = {round(each) for each in (*beside, rng.uniform(0.0, limit_ns)) if each < limit_ns}
+    drawn -= {each for each in drawn for end in ends if abs(each - end) < RESOLUTION_NS}
     for delay_ns in sorted(drawn):
         is_stable = any(first <= delay_ns <= last for first, last in stable)
         words = json.dumps([s, driven, delay_ns, lag_s, uplink_ns])
