@@ -224,7 +224,8 @@ def _watch(
                 for future in waiting:
                     future.cancel()
             done = [1.0 if f.done() else shared[2 * n] for n, f in enumerate(futures)]
-            lines.update(dict(zip(laws, done, strict=True)))
+            every = zip(laws, done, futures, strict=True)
+            lines.update({law: share for law, share, future in every if future in waiting})
             for index, task in enumerate(tasks):
                 best = shared[2 * index + 1]
                 shown = f"best {best:.4g}" if 0.0 < best < 1e3 else ""

@@ -30,7 +30,6 @@ from steer_by_wire.tools.design.demands import (
 )
 from steer_by_wire.tools.design.law_design import Design, Reason, design, failed, split_boxes
 from steer_by_wire.tools.design.program import linear_laws
-from steer_by_wire.tools.design.progress_lines import ProgressLines
 from steer_by_wire.tools.design.report import preset_text, reason_lines
 from steer_by_wire.tools.design.search import parameter_search
 from steer_by_wire.tools.design.search.evolution import Generation
@@ -232,8 +231,16 @@ def test_a_stopped_search_keeps_its_best_and_goes_on_to_the_same_end(
     assert stopped.found.judgement.objective > designed.found.judgement.objective
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines)[:-3])  # as a killed process leaves it
-    again = design(spec, vehicle, "pd", nobody, kept_costs(file, spec, vehicle, "pd"))
+    shares: list[float] = []
+    again = design(
+        spec,
+        vehicle,
+        "pd",
+        lambda done, _best: shares.append(done),
+        kept_costs(file, spec, vehicle, "pd"),
+    )
     assert again.found == designed.found
+    assert shares[-1] == 1.0 > shares[-2]
     assert file.read_text().splitlines()[: len(lines) - 1] == lines[:-1]
 
 
@@ -296,29 +303,6 @@ def test_a_value_just_above_its_limit_is_shown_with_the_digits_that_differ() -> 
         "peak sensitivity 3.2004 above 3.2",
         "noise gain 5 above 4 rad/m",
     ]
-
-
-def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    now_s = 0.0
-    lines = ProgressLines("design", is_shown=True, clock_s=lambda: now_s)
-    for now_s in range(30):
-        lines.update({"pd": now_s / 30, "pd_dob": 0.0})
-    assert capsys.readouterr().err.splitlines() == [
-        "design: 10 s: pd 33 % (about 20 s left), pd_dob 0 % of the search",
-        "design: 20 s: pd 67 % (about 10 s left), pd_dob 0 % of the search",
-    ]
-    now_s = 0.0
-    lines = ProgressLines("design", is_shown=True, minutes=0.5, clock_s=lambda: now_s)
-    for now_s in (0.0, 10.0):
-        lines.update({"pd": now_s / 1000})
-    assert "pd 1 % (about 20 s left)" in capsys.readouterr().err  # and not 990 s
-    now_s = 42.0
-    lines.update({"pd": 0.02})
-    assert "pd 2 % (confirming its best)" in capsys.readouterr().err  # after the search's end
-    ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
-    assert not capsys.readouterr().err
 
 
 # The program

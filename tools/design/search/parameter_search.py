@@ -9,6 +9,7 @@ fine one. The result is the best point of the lattice whose stability the eigenv
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -267,6 +268,8 @@ def find(
         _judge_finely(lattice, finely)
     judged += len(lattice.known)
     best = finely.best()[0]
+    with suppress(SearchStoppedError):
+        progress(1.0, finely.known[best])
     if finely.known[best] < _INFEASIBLE and not confirm(fine, best).stable:
         for neighbour in neighbours(best):
             finely.cost(neighbour)
