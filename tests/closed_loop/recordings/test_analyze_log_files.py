@@ -7,15 +7,19 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
+from steer_by_wire.closed_loop.reports.plot_style import png_of
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
 from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
+from steer_by_wire.tools.analyze import pictures
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.runs.logged_run import Run, entries_of, write_log, written
 from tests.support.runs.logged_run import constant as constant
 from tests.support.runs.logged_run import varying as varying
+from tests.support.suite.curves import alike_without_colour
 from tests.support.suite.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
@@ -87,8 +91,18 @@ def test_a_missing_library_is_one_clear_line_that_names_the_extra(
     assert installation("mcap") in capsys.readouterr().err
 
 
-def test_the_report_needs_nothing_but_itself(varying: Run, tmp_path: Path) -> None:
+def test_the_report_needs_nothing_but_itself(
+    varying: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alike: list[str] = []
+
+    def rendered(figure: Figure) -> bytes:
+        alike.extend(alike_without_colour(figure, every_curve=True))
+        return png_of(figure)
+
+    monkeypatch.setattr(pictures, "png_of", rendered)
     written(tmp_path / "out", varying.log)
+    assert not alike
     page = (tmp_path / "out" / "run" / "report.html").read_text()
     assert page.count('<img alt="') == 3
     sources = re.findall(r"""src=["'](.{0,22})""", page)
