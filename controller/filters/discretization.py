@@ -103,7 +103,7 @@ def hold_equivalent_type_2(omega_rad_s: float, period_s: float) -> Cascade2:
     b0 = after_one
     b1 = after_two - after_one - 3.0 * pole * after_one
     b2 = gap**3 - b0 - b1
-    return ((b0, b1, b2, -2.0 * pole, pole**2), (1.0, 0.0, 0.0, -pole, 0.0))
+    return (b0, b1, b2, -2.0 * pole, pole**2), (1.0, 0.0, 0.0, -pole, 0.0)
 
 
 def _tustin_factor(factor: Factor, order: int, period_s: float) -> tuple[float, float, float]:

@@ -101,7 +101,7 @@ def mass_to(
         while choice > 0 and w + margin < ends[choice - 1]:
             choice -= 1
     return MassState(
-        *(sample, beta_1, r_1, beta_2, r_2, yaw_rate_rad_s), *(w, b, p_ww, p_wb, p_bb, choice)
+        sample, beta_1, r_1, beta_2, r_2, yaw_rate_rad_s, w, b, p_ww, p_wb, p_bb, choice
     )
 
 

@@ -238,9 +238,8 @@ def driven(name: str, folder: Path, *, is_watched: bool = False) -> tuple[Mappin
     gateway = Gateway(edge, dialect_of(name, folder), PLANT, 0)
     follower = Follower(CARS[name], folder if is_watched else None)
     seconds = iter(range(round(MOTION_S) + 2))
-    run_virtual_nodes(
-        *(gateway, follower, QuietBus(500_000), None), lambda: next(seconds, None) is None
-    )
+    bus = QuietBus(500_000)
+    run_virtual_nodes(gateway, follower, bus, None, lambda: next(seconds, None) is None)
     assert plant.finished
     return gateway.report(), follower
 

@@ -162,7 +162,7 @@ def steer_noise_rad(task: Task, settings: ControllerSettings, without: Sequence[
 
 def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequence[int]) -> float:
     """Return the largest peak sensitivity over all vehicles; infinite where one is not stable."""
-    design, loop_delay = (design_law(linear(settings)), settings.loop_delay)
+    design, loop_delay = design_law(linear(settings)), settings.loop_delay
     responses: Responses = {}  # the law's own, at each speed
     loops = [
         PeriodicLoop(design, loop_delay, LoopModel(vehicle), responses=responses)

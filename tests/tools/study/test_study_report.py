@@ -56,7 +56,7 @@ seed = 7
 replicates = 2
 """
 RUNS = 2 * 2 * 4 * 2 * 2
-PICTURES = (*("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held"), "worst_runs")
+PICTURES = ("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held", "worst_runs")
 PNG = b"\x89PNG"
 
 

@@ -207,7 +207,8 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(sweep_of_delays, name, function)
     found = sweep(asked("delays_ms=[160, 250]"), vehicle(), "PD + DOB", lambda _: None)
     assert [(each.delay_ms, each.q_kind) for each in found] == [
-        *((250.0, "order_2"), (160.0, "type_2"))
+        (250.0, "order_2"),
+        (160.0, "type_2"),
     ]
     assert begun == [("type_2", []), ("order_2", []), ("type_2", [250]), ("order_2", [251])]
 
@@ -231,9 +232,7 @@ def test_the_table_has_a_line_for_each_structure_and_delay(tmp_path: Path) -> No
     write_csv([Row(point("PD + map"), trials)], tmp_path / "frontier.csv")
     with (tmp_path / "frontier.csv").open() as file:
         (line,) = csv.DictReader(file)
-    assert (line["structure"], line["delay_ms"], line["jitter_lost"]) == (
-        *("PD + map", "250", "3"),
-    )
+    assert (line["structure"], line["delay_ms"], line["jitter_lost"]) == ("PD + map", "250", "3")
     assert line["values"] == "k_p=1.48 k_d=0.054 derivative_filter=34"
 
 
