@@ -24,7 +24,8 @@ _LINES = {
         product(RootKind, zip(Bound, LINES.by_key()["color"], strict=False)), LINES, strict=False
     )
 }
-"""Of the boundaries in the order in which they are seldom missing; none is of R at infinity."""
+"""A style for 8 of the 9 pairs; the one left out, of R at infinity, is never drawn: the boundary at
+infinity is of sigma only."""
 
 
 def draw_gamma(axes: Axes, spec: DStability) -> None:

@@ -109,7 +109,12 @@ class Rows(NamedTuple):
         return np.asarray(self.verdict == HOLDS)
 
 
-_FIGURES = Rows._fields[Rows._fields.index("rms_m") : -1]
+_FIGURES = (
+    "rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m", "duration_s",
+    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "estimate_share",
+    "estimate_error_s", "estimate_error_max_s", "echo_error_s",
+)  # fmt: skip
+"""The columns that are read as they are."""
 
 
 def read_study(folder: Path) -> StudyRecord:

@@ -120,7 +120,7 @@ def end_of(end: RunEnd, duration_s: float) -> RunEnd:
 
 
 def driven_end(samples: int, peak_m: float) -> RunEnd:
-    """Return how a run ended by its samples and its largest lateral error, if long enough."""
+    """Return how a run ended by its samples and its peak; ``end_of`` adds if it was too short."""
     if peak_m > RANGE_M:
         return RunEnd.LEFT_RANGE
     return RunEnd.COMPLETE if samples else RunEnd.NO_START

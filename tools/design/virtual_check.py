@@ -31,6 +31,9 @@ from .vehicle_file import VehicleFile
 if TYPE_CHECKING:
     from .law_design import Design
 
+_CHUNK = 8
+"""Runs that a worker process takes at once."""
+
 
 class Drive(NamedTuple):
     """One run: a law, a vehicle of the box, a path, and the latency of the commands.
@@ -52,6 +55,22 @@ class Driven(NamedTuple):
 
     rms_m: float
     steer_rad: float
+
+
+class Verification(NamedTuple):
+    """The results of all runs.
+
+    ``rms_m``      the largest RMS, and the delay at which it was
+    ``steer_rad``  the largest steer
+    ``deviation``  the largest difference to the linear analysis, of the RMS it gives
+    """
+
+    runs: int
+    rms_m: float
+    delay_ns: int
+    steer_rad: float
+    deviation: float
+    held: bool
 
 
 def drive(asked: Drive) -> Driven:
@@ -144,25 +163,6 @@ def drives(
         Drive(settings, corner, path, spec.course.duration_s, latency)
         for path, corner, latency in cells
     ]
-
-
-_CHUNK = 8
-
-
-class Verification(NamedTuple):
-    """The results of all runs.
-
-    ``rms_m``      the largest RMS, and the delay at which it was
-    ``steer_rad``  the largest steer
-    ``deviation``  the largest difference to the linear analysis, of the RMS it gives
-    """
-
-    runs: int
-    rms_m: float
-    delay_ns: int
-    steer_rad: float
-    deviation: float
-    held: bool
 
 
 def verify(
