@@ -317,7 +317,8 @@ def replayed(script: Path) -> Log:
         call("canplayer", "-I", str(script))
         process.send_signal(signal.SIGINT)
         assert "ended by SIGINT" in process.communicate(timeout=PATIENCE_S)[0]
-        assert process.returncode == 0
+        # Where the machine stalls, no command takes effect; then the commands differ too.
+        assert process.returncode in {0, 6}
         wait_until(
             lambda: (
                 log.read_text(encoding="ascii").count(" 110#") == script.read_text().count(" 110#")
