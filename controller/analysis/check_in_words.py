@@ -17,7 +17,6 @@ from .sampled_loop import SLOWEST_DECAY_1_S
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
 _PER_MS = 1e3
-"""Delays are shown in hundredths of a millisecond."""
 _RANGES_PER_LINE = 3
 _WIDTH = 98
 

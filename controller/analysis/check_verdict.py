@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 from ...runtime.program.fail_if_conditions import Quantity
 
+_PER_MS = 1e3
 _RESOLUTION = 100.0
+"""Delays are shown in hundredths of a millisecond."""
 
 
 class CheckVerdict(StrEnum):
@@ -93,4 +95,4 @@ def in_words(vehicle: Mapping[str, float]) -> str:
 
 def in_ms(time_s: float, rounded: Callable[[float], int]) -> str:
     """Return a time in hundredths of a millisecond, which a nanosecond more does not change."""
-    return f"{rounded(round(1e3 * _RESOLUTION * time_s, 4)) / _RESOLUTION:.2f}"
+    return f"{rounded(round(_PER_MS * _RESOLUTION * time_s, 4)) / _RESOLUTION:.2f}"

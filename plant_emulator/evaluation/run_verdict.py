@@ -76,10 +76,8 @@ where it dies away to a fifth within the window."""
 
 SHORTEST_RUN_S = 1.0
 """The windows of a shorter run, a quarter of it each, show no swing of a vehicle."""
-
-
 RANGE_M = limits(LateralError)["lateral_error_m"].maximum
-"""Of LATERAL_ERROR."""
+"""Largest error that LATERAL_ERROR can carry."""
 
 
 class Verdict(StrEnum):
