@@ -17,7 +17,7 @@ from crccheck.crc import Crc  # type: ignore[import-untyped]
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from ...runtime.settings import Settings
-from ...runtime.settings.plugin import PLACE, asked, cause
+from ...runtime.settings.plugin import PLACE, call_part, cause
 
 
 class SumRule(Settings):
@@ -98,7 +98,7 @@ class E2eRule(Settings):
         own = [index for index, one in enumerate(mask) if one]
         what = f"{self.rule} with its CRC at byte {own[0]}"
         protect = partial(self._protect, offset=own[0], increment_counter=False)
-        asked(what, protect, protected, self.data_id)
+        call_part(what, protect, protected, self.data_id)
         return int.from_bytes(bytes(protected[index] for index in own), "little")
 
 
@@ -130,7 +130,7 @@ class PluginRule(Settings):
     def compute(self, can_id: int, data: bytes, mask: bytes) -> int:
         """Return the checksum."""
         what = f"checksum rule {self.rule}"
-        return asked(what, lambda: int(self._function(can_id, data))) % (1 << _bits(mask))
+        return call_part(what, lambda: int(self._function(can_id, data))) % (1 << _bits(mask))
 
 
 def _bits(mask: bytes) -> int:

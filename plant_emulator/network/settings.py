@@ -19,7 +19,7 @@ from ...runtime.settings.plugin import (
     TABLE_SCHEMA,
     PartError,
     PluginTable,
-    asked,
+    call_part,
     find_part,
     plugin_table,
 )
@@ -51,7 +51,7 @@ def plugin_quantile(place: str, own: Settings | None) -> Callable[[float, float,
     model, what = find_latency_model(place), f"latency model {place}"
 
     def quantile(u: float, mean_s: float, spread_s: float) -> float:
-        latency_s = asked(what, model.quantile, u, mean_s, spread_s, own)
+        latency_s = call_part(what, model.quantile, u, mean_s, spread_s, own)
         if not (isinstance(latency_s, float | int) and 0.0 <= latency_s <= LATENCY_S_MAX):
             raise PartError(
                 f"{what} gives {latency_s!r} s at u = {u:g}, mean_s = {mean_s:g}, spread_s ="

@@ -13,7 +13,7 @@ from ...runtime.settings.plugin import (
     TABLE_SCHEMA,
     PartError,
     PluginTable,
-    asked,
+    call_part,
     find_part,
     plugin_place,
     plugin_table,
@@ -35,7 +35,7 @@ find_path_model = partial(find_part, kind=PathModel, noun="path model")
 def plugin_path(place: str, own: Settings | None) -> Path:
     """Return the path of a path model; raises PartError."""
     what = f"path model {place}"
-    path = asked(what, find_path_model(place).build, own)
+    path = call_part(what, find_path_model(place).build, own)
     if not isinstance(path, Path):
         raise PartError(
             f"{what} gives a {type(path).__name__}: it has to be what path_through or"

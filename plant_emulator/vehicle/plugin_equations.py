@@ -5,7 +5,7 @@ events the vehicle's own state advances by the fourth-order Runge-Kutta method i
 1 ms. With (1) as the plug-in, a test finds an error below 1e-9 m.
 """
 
-from ...runtime.settings.plugin import asked
+from ...runtime.settings.plugin import call_part
 from .exact_propagation import DELTA
 from .motion_events import MotionState, advance_motion, event_ns_of, interval_of, with_vehicle
 from .motion_parameters import MotionParams, vehicle_params
@@ -67,7 +67,9 @@ class PluginEquations:
         return with_vehicle(after, *_along(start, mean, 2.0 * half_s))
 
     def _rates(self, vehicle: VehicleParams, x: VehicleState, u: VehicleInput) -> VehicleState:
-        return asked(self._what, lambda: VehicleState(*self._model.rates(vehicle, x, u, self._own)))
+        return call_part(
+            self._what, lambda: VehicleState(*self._model.rates(vehicle, x, u, self._own))
+        )
 
 
 def _along(start: VehicleState, rates: VehicleState, time_s: float) -> VehicleState:

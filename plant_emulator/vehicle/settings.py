@@ -17,7 +17,7 @@ from ...runtime.settings.plugin import (
     TABLE_SCHEMA,
     PartError,
     PluginTable,
-    asked,
+    call_part,
     find_part,
     plugin_place,
     plugin_table,
@@ -159,7 +159,9 @@ class DisturbanceSettings(Settings):
         if self.model is None:
             return self.steps
         what = f"disturbance model {self.model}"
-        steps = asked(what, lambda: tuple(find_disturbance_model(self.model or "").steps(self.own)))
+        steps = call_part(
+            what, lambda: tuple(find_disturbance_model(self.model or "").steps(self.own))
+        )
         try:
             return DisturbanceSettings(steps=steps).steps
         except ValidationError as error:

@@ -60,9 +60,9 @@ class LoopFigures(NamedTuple):
     """Statistics of a run.
 
     ``lateness``         how long after its deadline each tick ran
-    ``unwaited``         wake-ups at whose end the next deadline had passed already. Deadlines that
-                         are close together cause this in a healthy node too; the node itself
-                         counts missed periods
+    ``overdue``          wake-ups that ended after the next deadline. Deadlines that are close
+                         together cause this in a healthy node too; the node itself counts missed
+                         periods
     ``wake_ups``         turns of the loop
     ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
     ``frames_refused``   frames of the node for which the bus had no room; they are lost
@@ -71,7 +71,7 @@ class LoopFigures(NamedTuple):
     """
 
     lateness: DurationSummary
-    unwaited: int
+    overdue: int
     wake_ups: int
     full_wake_ups: int
     frames_received: int
@@ -103,7 +103,7 @@ class RealTimeExecutor:
         self._spin_ns = spin_ns
         self._observe = observe
         self._lateness = DurationStatistics()
-        self._unwaited = self._wake_ups = self._full_wake_ups = 0
+        self._overdue = self._wake_ups = self._full_wake_ups = 0
         self._frames_received = self._frames_sent = self._frames_refused = 0
         self._duration_ns = self._busy_ns = 0
 
@@ -112,7 +112,7 @@ class RealTimeExecutor:
         """Figures of the run so far."""
         return LoopFigures(
             self._lateness.summary(),
-            self._unwaited,
+            self._overdue,
             self._wake_ups,
             self._full_wake_ups,
             self._frames_received,
@@ -140,7 +140,7 @@ class RealTimeExecutor:
             # Read again, because the next wait starts here and not at now_ns.
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
-                self._unwaited += 1
+                self._overdue += 1
             else:
                 self._observe(before_ns)
             self._busy_ns += before_ns - woken_ns

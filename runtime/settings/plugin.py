@@ -140,7 +140,7 @@ def plugin_table(find: Callable[[str], Part]) -> PlainValidator:
     return PlainValidator(validate)
 
 
-def asked(what: str, function: Callable[..., R], *arguments: object) -> R:
+def call_part(what: str, function: Callable[..., R], *arguments: object) -> R:
     """Return the result of a part's function; its exceptions become a PartError.
 
     ``what``  the part, such as "latency model package.module:ATTRIBUTE"

@@ -135,7 +135,7 @@ def test_ticks_are_on_the_grid_and_the_node_ends_the_run() -> None:
     assert machine.sent == [COMMAND] * 4
     assert figures.lateness.samples == 4
     assert figures.lateness.max_ns == 0
-    assert (figures.frames_received, figures.frames_sent, figures.unwaited) == (0, 4, 0)
+    assert (figures.frames_received, figures.frames_sent, figures.overdue) == (0, 4, 0)
 
 
 def test_oversleeping_is_lateness_and_does_not_add_up() -> None:
@@ -143,7 +143,7 @@ def test_oversleeping_is_lateness_and_does_not_add_up() -> None:
     figures = run(node, Machine(oversleep_ns=3 * MS))
     assert node.tick_times_ns == [0, 13 * MS, 23 * MS, 33 * MS]
     assert figures.lateness.max_ns == 3 * MS
-    assert figures.unwaited == 0
+    assert figures.overdue == 0
 
 
 def test_frames_that_wait_are_handed_over_before_the_tick_with_the_same_reading() -> None:
@@ -235,7 +235,7 @@ def test_work_beyond_the_next_deadline_leaves_no_wait_and_keeps_phase() -> None:
     node = Recorder(ticks=4, work=work)
     figures = run(node, machine)
     assert node.tick_times_ns == [0, 10 * MS, 24 * MS, 30 * MS]
-    assert figures.unwaited == 1
+    assert figures.overdue == 1
     assert figures.lateness.max_ns == 4 * MS
 
 

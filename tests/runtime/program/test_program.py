@@ -45,7 +45,7 @@ def test_a_run_leaves_a_report_of_settings_loop_host_and_node(
     assert report["settings"] == {"gain": 1.0, "words": ""}
     assert report["loop"]["lateness"]["samples"] == 3
     assert report["loop"]["frames_sent"] == 3
-    assert {"unwaited", "wake_ups", "duration_s", "busy_fraction"} < set(report["loop"])
+    assert {"overdue", "wake_ups", "duration_s", "busy_fraction"} < set(report["loop"])
     assert {answer["name"] for answer in report["host"]["answers"]} == {
         "timer slack",
         "garbage collector",

@@ -93,7 +93,7 @@ def test_a_loop_is_reported_with_the_share_of_time_it_worked(
 ) -> None:
     figures = LoopFigures(
         lateness=SUMMARY,
-        unwaited=1,
+        overdue=1,
         wake_ups=2,
         full_wake_ups=0,
         frames_received=3,
@@ -105,4 +105,4 @@ def test_a_loop_is_reported_with_the_share_of_time_it_worked(
     report = loop_report(figures)
     assert report["busy_fraction"] == fraction
     assert report["duration_s"] == duration_ns / 1e9
-    assert report["unwaited"] == 1
+    assert report["overdue"] == 1

@@ -31,8 +31,8 @@ class Action(NamedTuple):
     what: str
 
 
-class Deed(Protocol):
-    """A fault that is not a frame, such as a stopped process or a CAN controller in bus-off."""
+class ComponentFault(Protocol):
+    """A fault of a process or a CAN controller: stopped, or in bus-off."""
 
     fault: LiveFault
 
@@ -66,12 +66,12 @@ class Injection:
         self,
         port: ClosablePort | None,
         sources: Sequence[FrameSource],
-        deeds: Sequence[Deed],
+        component_faults: Sequence[ComponentFault],
         start_ns: int,
         report: Callable[[Action], None] = lambda _action: None,
     ) -> None:
         self._port = port
-        self._deeds = deeds
+        self._component_faults = component_faults
         self._start_ns = start_ns
         self._report = report
         self._waiting = list(sources)
@@ -86,10 +86,10 @@ class Injection:
         try:
             yield
         finally:
-            for deed in self._deeds:
-                done = deed.close()
+            for component in self._component_faults:
+                done = component.close()
                 if done:
-                    self._note(deed.fault.kind, f"{done} to {deed.where}")
+                    self._note(component.fault.kind, f"{done} to {component.where}")
             for source in self._active:
                 self._end(source, "cut short")
 
@@ -105,10 +105,10 @@ class Injection:
 
     def _turn(self, now_ns: int) -> bool:
         """Do what is due; returns whether the bus had no room."""
-        for deed in self._deeds:
-            done = deed.act(now_ns)
+        for component in self._component_faults:
+            done = component.act(now_ns)
             if done:
-                self._note(deed.fault.kind, f"{done} to {deed.where}")
+                self._note(component.fault.kind, f"{done} to {component.where}")
         for source in [one for one in self._waiting if one.onset_ns <= now_ns]:
             self._waiting.remove(source)
             self._active.append(source)
@@ -132,7 +132,7 @@ class Injection:
     def _next_ns(self, now_ns: int, was_refused: bool) -> int:
         times = [one.onset_ns for one in self._waiting]
         times += [min(one.next_due_ns, one.end_ns) for one in self._active]
-        times += [one.next_due_ns for one in self._deeds if one.next_due_ns is not None]
+        times += [one.next_due_ns for one in self._component_faults if one.next_due_ns is not None]
         earliest_ns = now_ns + (TURN_NS if was_refused else 0)
         return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
 
@@ -150,7 +150,7 @@ class Injection:
                     self._send(source, answer)
 
     def _is_over(self) -> bool:
-        is_done = all(deed.next_due_ns is None for deed in self._deeds)
+        is_done = all(component.next_due_ns is None for component in self._component_faults)
         return is_done and not self._waiting and not self._active
 
     def _end(self, source: FrameSource, how: str) -> None:

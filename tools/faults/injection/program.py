@@ -42,7 +42,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.injection.bus_off_fault import BusOffFault
 from steer_by_wire.tools.faults.injection.fault_frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
-from steer_by_wire.tools.faults.injection.injection import Action, Deed, Injection
+from steer_by_wire.tools.faults.injection.injection import Action, ComponentFault, Injection
 from steer_by_wire.tools.faults.injection.live_faults import (
     FRAME_KINDS,
     PID_MAX,
@@ -108,16 +108,16 @@ def _run(options: argparse.Namespace) -> int:
             for seed, fault in enumerate(faults, options.seed * FAULTS_MAX)
             if fault.kind in FRAME_KINDS
         ]
-        deeds: list[Deed] = []
-        injection = Injection(port, sources, deeds, start_ns, _print_action)
+        component_faults: list[ComponentFault] = []
+        injection = Injection(port, sources, component_faults, start_ns, _print_action)
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
                 if fault.kind is LiveKind.BUS_OFF:
-                    deeds.append(BusOffFault(fault, start_ns, port))
+                    component_faults.append(BusOffFault(fault, start_ns, port))
                 elif fault.kind in PROCESS_KINDS:
                     process = ProcessFault(fault, start_ns)
-                    deeds.append(process)
+                    component_faults.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
             say(NAME, f"ready on {where}, seed {options.seed}")
             is_over = injection.run(stop)
