@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..controller.node.node import ControllerNode
 from ..controller.settings import ControllerSettings
 from ..dbc.dialect.node_in_dialect import in_dialect
-from ..dbc.dialect.settings import PLANT
 from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ..plant_emulator.faults.messages_in_dialect import messages_on
 from ..plant_emulator.faults.stage import with_faults
@@ -17,6 +16,7 @@ from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_model.settings import BusSettings
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS, Node, ReportingNode
+from ..runtime.node.end import End
 from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ..runtime.program.garbage_collection import no_collections
 from ..runtime.recording.candump import CandumpLog
@@ -62,7 +62,7 @@ def make_virtual_plant(
 ) -> tuple[PlantNode, ReportingNode]:
     """Make the plant, and its node on the bus: in a dialect, behind the faults of its settings."""
     plant = PlantNode(settings, 0, samples_max=samples_max)
-    spoken = in_dialect(plant, dialect, PLANT, 0)
+    spoken = in_dialect(plant, dialect, End.PLANT, 0)
     return plant, with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
 
 

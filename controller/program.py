@@ -13,9 +13,9 @@ from pathlib import Path
 from ..dbc.dialect.node_in_dialect import in_dialect
 from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
-from ..dbc.secoc.secured_frame import CONTROLLER
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ..runtime.node import ReportingNode
+from ..runtime.node.end import End
 from ..runtime.program.fail_if_conditions import (
     LOOP_QUANTITIES,
     Ending,
@@ -43,7 +43,7 @@ from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text, "verdict == no effect")
-PROGRAM = Program(NAME, CONTROLLER, (*RECEIVED, *SENT), ENDING)
+PROGRAM = Program(NAME, End.CONTROLLER, (*RECEIVED, *SENT), ENDING)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
@@ -120,7 +120,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
-        return in_dialect(node, dialect, "controller", start_ns)
+        return in_dialect(node, dialect, End.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)
     return run_in_dialect(PROGRAM, options, settings, make_node, concluded, dialect)

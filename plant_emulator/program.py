@@ -12,10 +12,10 @@ from pathlib import Path
 from ..dbc.dialect.node_in_dialect import in_dialect
 from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
 from ..dbc.secoc.key_option import Program, add_key_file_argument
-from ..dbc.secoc.secured_frame import PLANT
 from ..runtime.command_line import output_file, run_main, say
 from ..runtime.exit_status import ExitStatus
 from ..runtime.node import ReportingNode
+from ..runtime.node.end import End
 from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
 from .check_option import check_text
@@ -32,7 +32,7 @@ from .vehicle.motion_parameters import motion_params
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
-PROGRAM = Program(NAME, PLANT, (*RECEIVED, *SENT), ENDING)
+PROGRAM = Program(NAME, End.PLANT, (*RECEIVED, *SENT), ENDING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -77,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = PlantNode(settings, start_ns, params, samples_max)
-        spoken = in_dialect(node, dialect, "plant", start_ns)
+        spoken = in_dialect(node, dialect, End.PLANT, start_ns)
         return with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
 
     conclude = partial(_conclude, options)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.dialect.node_in_dialect import in_dialect
-from ...dbc.dialect.settings import CONTROLLER
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
+from ...runtime.node.end import End
 from ..processes.process_group import ProcessError
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
@@ -120,4 +120,4 @@ def controller_in(
 ) -> ReportingNode:
     """Return the controller as it is on a bus in a dialect; a program speaks it of itself."""
     own = dialect if isinstance(controller, ControllerNode) else None
-    return in_dialect(controller, own, CONTROLLER, 0)
+    return in_dialect(controller, own, End.CONTROLLER, 0)

@@ -29,6 +29,7 @@ from ...plant_emulator.faults.messages_in_dialect import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NS_PER_S, ReportingNode
+from ...runtime.node.end import End
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
@@ -142,7 +143,7 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
-        return in_dialect(node, self._dialect, "controller", start_ns)
+        return in_dialect(node, self._dialect, End.CONTROLLER, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles

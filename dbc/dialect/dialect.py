@@ -9,6 +9,7 @@ import cantools.database
 from cantools.database.can import Database, Message
 
 from ...runtime.exit_status import one_line
+from ...runtime.node.end import End
 from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
 from ..messages import CAN_IDS, MESSAGE_TYPES, VehicleState
@@ -24,7 +25,7 @@ class Dialect(NamedTuple):
     messages: tuple[CarMessage, ...]
     kept_ids: frozenset[int]
 
-    def sent_by(self, sender: str) -> list[CarMessage]:
+    def sent_by(self, sender: End) -> list[CarMessage]:
         """Return the messages of one end."""
         return [one for one in self.messages if one.settings.sender == sender]
 

@@ -13,13 +13,14 @@ from typing import Any
 
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_MS, N, View, Wrapper
+from ...runtime.node.end import End
 from ...runtime.node.periodic import PeriodicTimer
 from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
 from .quantities import values_of
 from .reader import CarReader
-from .settings import CONTROLLER, PLANT, Quantity
+from .settings import Quantity
 
 HOLD_NS = 250_000_000
 """How long a quantity is sent after the node has sent it last; then its messages stay away."""
@@ -28,19 +29,18 @@ HOLD_NS = 250_000_000
 class Gateway(Wrapper[N]):
     """Runs ``node`` as one end of a car's bus.
 
-    ``end``  PLANT or CONTROLLER
+    ``end``  the one at which the node is
     """
 
-    def __init__(self, node: N, dialect: Dialect, end: str, start_ns: int) -> None:
+    def __init__(self, node: N, dialect: Dialect, end: End, start_ns: int) -> None:
         super().__init__(node)
-        peer = CONTROLLER if end == PLANT else PLANT
         self._kept_ids = dialect.kept_ids
         self._sent = [
             (message, PeriodicTimer(start_ns, round(message.settings.cycle_ms * NS_PER_MS)))
             for message in dialect.sent_by(end)
         ]
         self._due_ns = start_ns if self._sent else NEVER_NS
-        self._reader = CarReader(dialect, (one for one in dialect.sent_by(peer) if one.carries))
+        self._reader = CarReader(dialect, (one for one in dialect.sent_by(end.peer) if one.carries))
         self._values: dict[Quantity, float] = {}
         self._known_until_ns = dict.fromkeys(Quantity, -1)
         self._sent_counts = Counter[str]()

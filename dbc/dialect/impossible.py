@@ -7,13 +7,14 @@ from cantools.database.can import Message, Signal
 
 from ...runtime.frame import CLASSIC_LENGTH_MAX
 from ...runtime.frame.length_with_stuff_bits import padded_length
+from ...runtime.node.end import End
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.plugin import cause
 from .car_message import LARGEST_FLOATS, CarMessage, Refused, bits_of, raw_constant, share_bits
 from .checksum import CrcRule
 from .quantities import COMMANDS
-from .settings import CONTROLLER, PLANT, MessageSettings, Quantity
+from .settings import MessageSettings, Quantity
 
 
 def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
@@ -41,8 +42,8 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
         if max(bits_of(signal)) >= 8 * message.length:
             yield f": signal {signal.name} ends beyond its {message.length} bytes"
     for name, one in settings.signals.items():
-        if (one.carries in COMMANDS) != (settings.sender == CONTROLLER):
-            other = CONTROLLER if one.carries in COMMANDS else PLANT
+        if (one.carries in COMMANDS) != (settings.sender == End.CONTROLLER):
+            other = End.CONTROLLER if one.carries in COMMANDS else End.PLANT
             yield f".signals.{name}: {one.carries} is sent by the {other}"
         if not one.ratio:
             yield f".signals.{name}.ratio = 0 (allowed: any number but 0)"

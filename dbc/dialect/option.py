@@ -12,7 +12,6 @@ from ...runtime.node import ReportingNode, innermost
 from ...runtime.program.run_node import run_node
 from ...runtime.settings import Settings, SettingsError
 from ..secoc.key_option import Program, run_secured_node
-from ..secoc.secured_frame import PLANT
 from .listening import OURS, Listening
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ def run_in_dialect(
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
     from .gateway import dialect_text
 
-    received = dialect.sent_by("controller" if program.end is PLANT else "plant")
+    received = dialect.sent_by(program.end.peer)
     if any(one.flags & FD for one in dialect.messages):
         options.fd = True
     has_extended = any(one.flags & EXTENDED for one in received)

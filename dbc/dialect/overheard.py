@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 from ...runtime.frame import Frame
+from ...runtime.node.end import End
 from .. import messages as ours
 from .car_message import Refused
 from .dialect import Dialect
 from .listening import Heard, Listed, MessageCounts, OurMessages
 from .quantities import SAID_BY
 from .reader import CarReader
-from .settings import PLANT
 
 
 class Overheard:
@@ -22,7 +22,7 @@ class Overheard:
         self._reader = CarReader(dialect, dialect.messages)
         self._by_name = {one.name: one for one in dialect.messages}
         self.kept_ids = dialect.kept_ids
-        plant_ids = (one.can_id for one in dialect.sent_by(PLANT))
+        plant_ids = (one.can_id for one in dialect.sent_by(End.PLANT))
         self.from_plant = OurMessages.from_plant & self.kept_ids | {*plant_ids}
         kept = {name: it for name, it in OurMessages.listed.items() if it.can_id in self.kept_ids}
         self.listed: Mapping[str, Listed] = {

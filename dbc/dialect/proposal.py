@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 from cantools.database.can import Message, Signal
 
+from ...runtime.node.end import End
 from .car_message import signal_range
-from .settings import CONTROLLER, PLANT, Quantity
+from .settings import Quantity
 
 CYCLE_MS = 20
 """Of a message whose cycle the database does not tell."""
@@ -80,7 +81,7 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
         "",
     ]
     for message in messages:
-        sender = CONTROLLER if message.name in commands else PLANT
+        sender = End.CONTROLLER if message.name in commands else End.PLANT
         guesses = list(_guesses(message, sender))
         guesses += [lateral[1]] if lateral is not None and lateral[0] is message else []
         if guesses:
@@ -89,14 +90,14 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
 
 
 def _carries(message: Message, quantity: Quantity) -> bool:
-    return any(guess.quantity is quantity for guess in _guesses(message, CONTROLLER))
+    return any(guess.quantity is quantity for guess in _guesses(message, End.CONTROLLER))
 
 
 def _guesses(message: Message, sender: str) -> Iterator[Guess]:
     """Yield the signals that may carry what this end sends."""
     for signal in message.signals:
         quantity = _quantity_in(signal)
-        if quantity is not None and (quantity is Quantity.STEER) == (sender == CONTROLLER):
+        if quantity is not None and (quantity is Quantity.STEER) == (sender == End.CONTROLLER):
             unit = _unit_of(signal) or _DEFAULT_UNITS.get(quantity, "deg")
             said = f"unit {signal.unit!r}" if signal.unit else f"no unit, {unit} assumed"
             ratio = HAND_WHEEL_RATIO if quantity in _HAND_WHEEL else 1.0
@@ -143,7 +144,7 @@ def _unit_of(signal: Signal) -> str:
 
 def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]:
     lines = [f"[messages.{message.name}]"]
-    if sender == CONTROLLER:
+    if sender == End.CONTROLLER:
         lines.append('sender = "controller"')
     known = message.cycle_time
     lines.append(
@@ -156,7 +157,7 @@ def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]
         lines.append(f"signals.{signal.name} = {carries}  # guess: {why}{hint}")
     taken = {guess.signal.name for guess in guesses}
     rest = [signal for signal in message.signals if signal.name not in taken]
-    if sender == CONTROLLER:
+    if sender == End.CONTROLLER:
         switch = next((one for one in rest if one.length <= 3 and _ENGAGED.search(one.name)), None)
         if switch is not None:
             carries = '{ carries = "engaged" }'

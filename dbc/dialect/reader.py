@@ -4,11 +4,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
 from ...runtime.frame import Frame
+from ...runtime.node.end import End
 from .. import messages as ours
 from .car_message import CarMessage, Reading, Refused
 from .dialect import Dialect
 from .listening import MessageCounts
-from .settings import CONTROLLER
 from .translation import FromController, FromPlant
 
 
@@ -65,6 +65,6 @@ class CarReader:
             self._newest[message.name] = reading.counter
             if before == reading.counter:
                 return Refused.REPEATED
-        is_command = message.settings.sender == CONTROLLER
+        is_command = message.settings.sender == End.CONTROLLER
         translation = self._commands if is_command else self._measurements
         return translation.frames(message, reading.values, now_ns)

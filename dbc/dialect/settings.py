@@ -16,15 +16,13 @@ checksum = { signal = "CHECKSUM", rule = "crc", polynomial = 0x1D, final_xor = 0
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Literal
 
 from pydantic import Field
 
+from ...runtime.node.end import End
 from ...runtime.settings import Settings
 from .checksum import Rule
-
-PLANT: Final = "plant"
-CONTROLLER: Final = "controller"
 
 
 class Quantity(StrEnum):
@@ -71,7 +69,7 @@ class SignalSettings(Settings):
 class MessageSettings(Settings):
     """One message of the car."""
 
-    sender: Literal["plant", "controller"] = PLANT
+    sender: End = End.PLANT
     cycle_ms: float = Field(ge=1.0, le=60_000.0)
     signals: dict[str, SignalSettings] = Field(default_factory=dict)
     constants: dict[str, float | str] = Field(default_factory=dict)

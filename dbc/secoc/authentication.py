@@ -44,6 +44,7 @@ from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCPro
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ...runtime.node import NS_PER_US
+from ...runtime.node.end import End
 from ..contract.dbc_file import load_database
 from ..messages import CAN_IDS, frame_of
 from .challenges import Challenges
@@ -52,8 +53,8 @@ from .secured_frame import (
     COUNTER_BITS,
     LAYOUTS,
     PAYLOAD_LENGTH,
+    STATUS_SENT_BY,
     SYNC,
-    End,
     Layout,
     Refused,
     is_secured,
@@ -103,7 +104,7 @@ def first_counter_at(wall_clock_ns: int) -> int:
 class Authentication:
     """One end of an authenticated connection: secures its own frames, and verifies the peer's.
 
-    ``end``            CONTROLLER or PLANT
+    ``end``            this one
     ``compute_mac``    CMAC with the key
     ``challenge``      CHALLENGE_LENGTH random bytes, different at each start of the program: the
                        only protection against frames of earlier runs. Zeros stand for "none"
@@ -119,7 +120,7 @@ class Authentication:
             raise ValueError(f"a challenge is {CHALLENGE_LENGTH} bytes, not all of them zero")
         if not 0 <= first_counter < _COUNTERS // 2:
             raise ValueError(f"first_counter = {first_counter}: allowed is 0 to 2**63 - 1")
-        self._peer_status_id = CAN_IDS[end.peer_status]
+        self._peer_status_id = CAN_IDS[STATUS_SENT_BY[end.peer]]
         self._authenticator = lambda _definition, text, _freshness: compute_mac(text)
         self._challenge = challenge
         self._counter = first_counter

@@ -17,9 +17,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...runtime.command_line import installation
+from ...runtime.node.end import End
 from ...runtime.settings import SettingsError
 from .authentication import Authentication, ComputeMac, first_counter_at
-from .secured_frame import CHALLENGE_LENGTH, End
+from .secured_frame import CHALLENGE_LENGTH
 
 KEY_LENGTH = 16
 """AES-128 [bytes]."""

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 from ...runtime.command_line import say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.node import ReportingNode, innermost
+from ...runtime.node.end import End
 from ...runtime.program.fail_if_conditions import Ending
 from ...runtime.program.report import causes_line
 from ...runtime.program.run_node import run_node
 from ...runtime.recording.recording import fd_obstacle
 from ...runtime.settings import Settings, SettingsError
 from ..messages import CAN_IDS, Message
-from .secured_frame import End, Refused
+from .secured_frame import STATUS_SENT_BY, Refused
 
 NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --key-file)"
 """Printed on start by a program without a key."""
@@ -83,7 +84,7 @@ def run_secured_node(
     def make_secured(start_ns: int) -> ReportingNode:
         return AuthenticatedNode(make_node(start_ns), authentication)
 
-    can_ids.add(CAN_IDS[program.end.peer_status])
+    can_ids.add(CAN_IDS[STATUS_SENT_BY[program.end.peer]])
     secured = program.name, options, settings, make_secured, conclude_checked
     return run_node(*secured, can_ids, AUTHENTICATED, program.ending)
 

@@ -31,6 +31,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
+from ...runtime.node.end import End
 from ..messages import (
     CAN_IDS,
     DATA_IDS,
@@ -109,14 +110,9 @@ class Refused(StrEnum):
     """A secured frame, but this end has no key to check it."""
 
 
-class End(NamedTuple):
-    """One of the two ends, by the status message of its peer."""
-
-    peer_status: type[Message]
-
-
-CONTROLLER = End(PlantStatus)
-PLANT = End(ControllerStatus)
+STATUS_SENT_BY: Mapping[End, type[Message]] = MappingProxyType(
+    {End.PLANT: PlantStatus, End.CONTROLLER: ControllerStatus}
+)
 
 
 def is_secured(frame: Frame) -> bool:

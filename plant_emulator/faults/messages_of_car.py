@@ -10,14 +10,14 @@ from types import MappingProxyType
 from ...dbc.dialect.car_message import Refused
 from ...dbc.dialect.dialect import Dialect
 from ...dbc.dialect.reader import CarReader
-from ...dbc.dialect.settings import CONTROLLER, PLANT
 from ...dbc.messages import CAN_IDS, MESSAGE_TYPES
 from ...runtime.frame import Frame
+from ...runtime.node.end import End
 from ...runtime.settings import SettingsError
 from .messages_on_bus import OURS, Change
 from .settings import OUR_NAMES, FaultDirection, FaultKind, FaultSettings, Names
 
-_SENDERS = {FaultDirection.DOWNLINK: CONTROLLER, FaultDirection.UPLINK: PLANT}
+_SENDERS = {FaultDirection.DOWNLINK: End.CONTROLLER, FaultDirection.UPLINK: End.PLANT}
 
 
 class MessagesOfCar:
@@ -49,7 +49,7 @@ class MessagesOfCar:
             MappingProxyType({FaultKind.WRONG_IDENTIFIER: alone, FaultKind.OUT_OF_RANGE: within}),
             " (the car's, as --dialect says)",
         )
-        self._commands = CarReader(dialect, sent[CONTROLLER])
+        self._commands = CarReader(dialect, sent[End.CONTROLLER])
 
     def ids(self, fault: FaultSettings) -> frozenset[int]:
         """Return the identifiers that a fault acts on; raises SettingsError for others' names."""

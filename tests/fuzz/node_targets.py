@@ -45,7 +45,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.secoc.authentication import Authentication
-from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, is_secured
+from steer_by_wire.dbc.secoc.secured_frame import is_secured
 from steer_by_wire.plant_emulator.node.node import RECEIVED as PLANT_RECEIVES
 from steer_by_wire.plant_emulator.node.node import SENT as PLANT_SENDS
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -53,6 +53,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams, motion_params
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S, Node, ReportingNode
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings
 from tests.fuzz.traffic import DATA_IDS, Choices, Sender, promise, wake_ups
 
@@ -238,9 +239,10 @@ _KEPT = 50
 def fuzz_authentication(data: bytes) -> None:
     """Let a peer and an attacker send to a controller."""
     choices = Choices(data)
-    peer = Authentication(PLANT, _mac, b"plant678", 0)
+    peer = Authentication(End.PLANT, _mac, b"plant678", 0)
     node = AuthenticatedNode(
-        ControllerNode(controller_settings(0), 0), Authentication(CONTROLLER, _mac, b"control8", 0)
+        ControllerNode(controller_settings(0), 0),
+        Authentication(End.CONTROLLER, _mac, b"control8", 0),
     )
     received: list[Frame] = []
     ours = 0

@@ -24,12 +24,13 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.car_message import Refused
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import Decoded, LateralError, decode
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.in_c.openpilot_safety import SafetyCode
 
@@ -129,8 +130,8 @@ def read_by_the_car(name: str, folder: Path) -> Reading:
     )
     pair = make_virtual_pair(plant, controller_preset("highway_pd_ddob"))
     nodes: tuple[Any, Any] = (
-        Gateway(pair.edge, dialect, PLANT, 0),
-        Gateway(pair.controller, dialect, CONTROLLER, 0),
+        Gateway(pair.edge, dialect, End.PLANT, 0),
+        Gateway(pair.controller, dialect, End.CONTROLLER, 0),
     )
     run_virtual_nodes(*nodes, QuietBus(500_000), None, lambda: False, on_wire)
     assert [node.report()["dialect"]["refused"] for node in nodes] == [{}, {}]
@@ -235,7 +236,7 @@ def driven(name: str, folder: Path, *, is_watched: bool = False) -> tuple[Mappin
         PlantSettings, read_preset(PRESETS, "highway_nominal"), None, overrides
     )
     plant, edge = make_virtual_plant(settings)
-    gateway = Gateway(edge, dialect_of(name, folder), PLANT, 0)
+    gateway = Gateway(edge, dialect_of(name, folder), End.PLANT, 0)
     follower = Follower(CARS[name], folder if is_watched else None)
     seconds = iter(range(round(MOTION_S) + 2))
     bus = QuietBus(500_000)

@@ -18,10 +18,10 @@ from typing import Any
 
 from ...dbc.dialect.node_in_dialect import in_dialect
 from ...dbc.dialect.option import add_dialect_argument, dialect_of
-from ...dbc.dialect.settings import CONTROLLER
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
+from ...runtime.node.end import End
 from ...runtime.node.real_time_loop import RealTimeExecutor
 from ...runtime.port.interface_choice import add_bus_arguments
 from ...runtime.port.port import open_port
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
         hand: Any = HandNode(HandFile(options.file), start_ns)  # nobody asks it for a report
-        node = in_dialect(hand, dialect_of(options.dialect), CONTROLLER, start_ns)
+        node = in_dialect(hand, dialect_of(options.dialect), End.CONTROLLER, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0
 

@@ -10,7 +10,7 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
@@ -19,7 +19,7 @@ SETTINGS = controller_preset("practical_pd")
 
 def foreign(start_ns: int) -> Gateway[ControllerNode]:
     """A controller that speaks the car's messages of itself."""
-    return Gateway(ControllerNode(SETTINGS, start_ns), read_dialect(CAR), CONTROLLER, start_ns)
+    return Gateway(ControllerNode(SETTINGS, start_ns), read_dialect(CAR), End.CONTROLLER, start_ns)
 
 
 @pytest.fixture

@@ -7,9 +7,10 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.node.end import End
 
 DIALECT = Path(__file__).parents[3] / "examples" / "dialects" / "autoware_safety_island.toml"
 
@@ -27,7 +28,10 @@ def test_the_frames_of_autowares_own_test_are_read_as_its_test_says() -> None:
 def test_our_controller_holds_the_path_by_these_commands() -> None:
     pair = make_virtual_pair(PlantSettings(duration_s=6.0), controller_preset("practical_pd_ddob"))
     dialect = read_dialect(DIALECT)
-    ends = Gateway(pair.edge, dialect, PLANT, 0), Gateway(pair.controller, dialect, CONTROLLER, 0)
+    ends = (
+        Gateway(pair.edge, dialect, End.PLANT, 0),
+        Gateway(pair.controller, dialect, End.CONTROLLER, 0),
+    )
     run_virtual_nodes(*ends, QuietBus(QUIET_BUS.bitrate_bit_s), None, lambda: False)
     assert abs(pair.plant.samples[-1].lateral_error_m) < 0.01
     assert ends[0].report()["dialect"]["refused"] == {"not engaged": 1}  # before the first status

@@ -9,6 +9,7 @@ from steer_by_wire.dbc.dialect.car_message import Reading, Refused
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
 
 CAR = Path(__file__).with_name("my_car.toml")
@@ -187,12 +188,12 @@ def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> N
     for signal in ("ANGLE_COUNTER : 16|4@1", "ANGLE_CRC : 24|8@1"):
         text = text.replace(f"{signal}+", f"{signal}{sign}")
     (tmp_path / DBC.name).write_text(text, encoding="utf-8")
-    message = read_dialect(file).sent_by("plant")[0]
+    message = read_dialect(file).sent_by(End.PLANT)[0]
     frames = [message.frame({Quantity.WHEEL_ANGLE: 0.1}, number) for number in range(20)]
     assert [frame.data[2] for frame in frames] == [number % 16 for number in range(20)]
     assert len({frame.data[3] for frame in frames}) == 16
     assert frames == [
-        read_dialect(CAR).sent_by("plant")[0].frame({Quantity.WHEEL_ANGLE: 0.1}, number)
+        read_dialect(CAR).sent_by(End.PLANT)[0].frame({Quantity.WHEEL_ANGLE: 0.1}, number)
         for number in range(20)
     ]
     said = [message.read(frame.data) for frame in frames]
@@ -239,7 +240,7 @@ def test_a_long_message_is_a_padded_frame_of_can_fd(
     text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", f"STEER_ANGLE: {length} ")
     text = text.replace("ANGLE_CRC : 24|8", f"ANGLE_CRC : {8 * length - 8}|8")
     (tmp_path / DBC.name).write_text(text, encoding="utf-8")
-    message = read_dialect(file).sent_by("plant")[0]
+    message = read_dialect(file).sent_by(End.PLANT)[0]
     assert message.flags == FD | BITRATE_SWITCH
     data = message.frame({Quantity.WHEEL_ANGLE: 0.1}, 3).data
     assert data[length:] == bytes(padded - length)

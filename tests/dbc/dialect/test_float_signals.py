@@ -9,9 +9,9 @@ import pytest
 
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
 from steer_by_wire.dbc.messages import SteeringStatusCode
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
 from tests.dbc.dialect.test_gateway import Recorder
 
@@ -80,7 +80,7 @@ def test_a_command_that_is_not_engaged_by_a_number_is_refused(
     active: float, tmp_path: Path
 ) -> None:
     node = Recorder()
-    gateway = Gateway(node, car(tmp_path), PLANT, 0)
+    gateway = Gateway(node, car(tmp_path), End.PLANT, 0)
     gateway.on_frame(Frame(256, struct.pack("<ff", 0.0, active)), 0)
     assert not node.got
     assert gateway.report()["dialect"]["refused"] == {"not engaged": 1}
@@ -88,7 +88,7 @@ def test_a_command_that_is_not_engaged_by_a_number_is_refused(
 
 @pytest.mark.parametrize("angle", [math.nan, math.inf, 1e30])
 def test_a_command_that_is_no_angle_is_refused(angle: float, tmp_path: Path) -> None:
-    gateway = Gateway(Recorder(), car(tmp_path), PLANT, 0)
+    gateway = Gateway(Recorder(), car(tmp_path), End.PLANT, 0)
     gateway.on_frame(Frame(256, struct.pack("<ff", angle, 1.0)), 0)
     assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
 
@@ -105,7 +105,7 @@ def test_a_wheel_that_follows_by_no_number_is_refused(
     follows: float, codes: list[SteeringStatusCode], refused: Mapping[str, int], tmp_path: Path
 ) -> None:
     node = Recorder()
-    gateway = Gateway(node, car(tmp_path), CONTROLLER, 0)
+    gateway = Gateway(node, car(tmp_path), End.CONTROLLER, 0)
     gateway.on_frame(Frame(259, struct.pack("<ff", 0.1, follows)), 0)
     assert [one.status for one in node.messages] == codes
     assert gateway.report()["dialect"]["refused"] == refused
@@ -116,7 +116,7 @@ def test_a_wrong_heading_is_refused_and_keeps_no_lateral_error_out(
     heading: float, tmp_path: Path
 ) -> None:
     node = Recorder()
-    gateway = Gateway(node, car(tmp_path), CONTROLLER, 0)
+    gateway = Gateway(node, car(tmp_path), End.CONTROLLER, 0)
     for one in (0.25, heading):
         gateway.on_frame(Frame(257, struct.pack("<f", one)), 0)
     gateway.on_frame(Frame(258, struct.pack("<eH", 0.5, 0)), 0)

@@ -13,7 +13,6 @@ from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtua
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import HOLD_NS, Gateway
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -28,6 +27,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, View
+from steer_by_wire.runtime.node.end import End
 
 CAR = Path(__file__).with_name("my_car.toml")
 DATABASE: Any = cantools.database.load_file(CAR.with_suffix(".dbc"))
@@ -86,7 +86,7 @@ def request(angle_deg: float, counter: int, active: int = 1, spoilt: int = 0) ->
 
 
 def test_a_request_becomes_a_command() -> None:
-    node, gateway = behind(PLANT)
+    node, gateway = behind(End.PLANT)
     for counter, angle_deg in enumerate((0.0, 5.0, -0.5)):
         gateway.on_frame(request(angle_deg, counter), counter * 10 * NS_PER_MS)
     steers = [one.steer_rad for one in node.messages]
@@ -109,7 +109,7 @@ def test_a_request_becomes_a_command() -> None:
     ],
 )
 def test_what_the_car_would_refuse_is_counted_and_stays_out(frame: Frame, cause: str) -> None:
-    node, gateway = behind(PLANT)
+    node, gateway = behind(End.PLANT)
     gateway.on_frame(request(0.0, 0), 0)
     gateway.on_frame(frame, 10 * NS_PER_MS)
     assert len(node.got) == node.refused == 1
@@ -119,7 +119,7 @@ def test_what_the_car_would_refuse_is_counted_and_stays_out(frame: Frame, cause:
 
 @given(st.binary(max_size=8), st.sampled_from([0, EXTENDED]), st.sampled_from([0x100, LANE_ID, 7]))
 def test_any_bytes_are_taken_or_counted(data: bytes, flags: int, can_id: int) -> None:
-    for end in (PLANT, CONTROLLER):
+    for end in (End.PLANT, End.CONTROLLER):
         node, gateway = behind(end)
         gateway.on_frame(Frame(can_id, data, flags), 0)
         figures = gateway.report()["dialect"]
@@ -128,7 +128,7 @@ def test_any_bytes_are_taken_or_counted(data: bytes, flags: int, can_id: int) ->
 
 
 def test_measurements_leave_as_the_car_says_them() -> None:
-    node, gateway = behind(PLANT)
+    node, gateway = behind(End.PLANT)
     error, state = LateralError(0.125, -0.02), VehicleState(10.0, 0.1, 0.004)
     status = SteeringStatus(0.05, 3, SteeringStatusCode.APPLYING)
     node.to_send = [encode(one, 0) for one in (error, state, status)]
@@ -148,7 +148,7 @@ def test_measurements_leave_as_the_car_says_them() -> None:
 
 
 def test_each_message_keeps_its_cycle_while_its_values_are_new() -> None:
-    node, gateway = behind(PLANT)
+    node, gateway = behind(End.PLANT)
     node.to_send = [encode(LateralError(0.0, 0.0), 0), encode(VehicleState(10.0, 0.0, 0.0), 0)]
     times: dict[int, list[int]] = {}
     while gateway.deadline_ns <= 2 * HOLD_NS:
@@ -167,7 +167,7 @@ def driven(dialect: Dialect | None) -> tuple[float, set[int], list[Mapping[str, 
     pair = make_virtual_pair(*settings)
     nodes: list[Any] = [pair.edge, pair.controller]
     if dialect is not None:
-        ends = (PLANT, CONTROLLER)
+        ends = (End.PLANT, End.CONTROLLER)
         nodes = [Gateway(node, dialect, end, 0) for node, end in zip(nodes, ends, strict=True)]
     seen: set[int] = set()
 

@@ -28,7 +28,7 @@ from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.node_in_dialect import in_dialect
 from steer_by_wire.dbc.dialect.overheard import Overheard
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     ControllerFault,
@@ -43,6 +43,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
 from steer_by_wire.tools.cockpit.hand import HandFile, HandNode
@@ -67,7 +68,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("car") / "traffic.log"
     pair = make_virtual_pair(PlantSettings(duration_s=2.0), controller_preset("practical_pd"))
     dialect = read_dialect(CAR)
-    ends = Gateway(pair.edge, dialect, PLANT, 0), Gateway(pair.controller, dialect, CONTROLLER, 0)
+    ends = (
+        Gateway(pair.edge, dialect, End.PLANT, 0),
+        Gateway(pair.controller, dialect, End.CONTROLLER, 0),
+    )
     run_virtual_nodes(*ends, QuietBus(QUIET_BUS.bitrate_bit_s), file, lambda: False)
     return file
 
@@ -101,7 +105,7 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
 
 def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
-    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), CONTROLLER, 0)
+    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), End.CONTROLLER, 0)
     overheard, steers_rad = listening(), []
     while node.deadline_ns < 50 * NS_PER_MS:
         now_ns = node.deadline_ns

@@ -11,8 +11,9 @@ from steer_by_wire.dbc.messages import CAN_IDS, PathAhead, SteeringPlan, encode
 from steer_by_wire.dbc.secoc import authentication
 from steer_by_wire.dbc.secoc.challenges import Challenges
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT, Refused
+from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.node.end import End
 from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_STATUS,
@@ -152,13 +153,15 @@ def started(
 ) -> tuple[authentication.Authentication, Told]:
     """Return an end after its start, and what is told of it."""
     challenge = random.randbytes(8)
-    real = tested.Authentication((CONTROLLER, PLANT)[side], compute_mac, challenge, counters[side])
+    real = tested.Authentication(
+        (End.CONTROLLER, End.PLANT)[side], compute_mac, challenge, counters[side]
+    )
     return real, Told(STATUS_IDS[1 - side], challenge, counters[side])
 
 
 def refuses(tested: ModuleType, challenge: bytes, counter: int) -> bool:
     try:
-        tested.Authentication(PLANT, compute_mac, challenge, counter)
+        tested.Authentication(End.PLANT, compute_mac, challenge, counter)
     except ValueError:
         return True
     return False

@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.dbc.dialect.settings import PLANT
 from steer_by_wire.dbc.messages import PlantStatus, encode
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
@@ -14,6 +13,7 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrapper
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
 from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.faults.campaign.node_watch import Bounds, Watch
@@ -21,7 +21,7 @@ from tests.support.frames.authenticated_ends import COMMAND, plant
 from tests.support.nodes.plant_link import START_NS
 
 LATER_NS = 9_000_000_000
-PAUSE = NodeFault(NodeFaultKind.PAUSED, PLANT, 100.0, 1.0)
+PAUSE = NodeFault(NodeFaultKind.PAUSED, End.PLANT, 100.0, 1.0)
 DROP = FaultSettings(
     kind=FaultKind.DROP, direction="downlink", message="STEERING_COMMAND", onset_s=50.0, magnitude=1
 )

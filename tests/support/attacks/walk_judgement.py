@@ -14,9 +14,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from steer_by_wire.dbc.dialect.settings import CONTROLLER, PLANT
 from steer_by_wire.plant_emulator.faults.settings import FaultKind
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
+from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.faults.campaign.campaign_file import BUS, NodeFaultKind
 from steer_by_wire.tools.faults.campaign.campaign_runs import (
     FaultCase,
@@ -32,7 +32,7 @@ RECOVERY_S = 3.5
 """Time after the last fault within which both nodes must have recovered."""
 SETTLING_S = 1.0
 """How long a node that was away may take until it acts on commands as before."""
-_PEER = {PLANT: CONTROLLER, CONTROLLER: PLANT}
+_PEER = {End.PLANT: End.CONTROLLER, End.CONTROLLER: End.PLANT}
 
 
 class _Span(NamedTuple):
@@ -59,7 +59,7 @@ def judge_walk(pair: Pair, faults: Sequence[NodeFault], end_ns: int) -> str:
 
     ``faults``  of nodes; those of the stage are in the pair
     """
-    watches = {PLANT: pair.plant, CONTROLLER: pair.controller}
+    watches = {End.PLANT: pair.plant, End.CONTROLLER: pair.controller}
     invalid = [text for watch in watches.values() for text in watch.invalid]
     if invalid:
         return "; ".join(dict.fromkeys(invalid))

@@ -14,8 +14,8 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
-from steer_by_wire.dbc.secoc.secured_frame import CONTROLLER, PLANT
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node.end import End
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
@@ -33,13 +33,13 @@ COMMAND = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), 200)
 def controller(
     key: bytes = KEY, challenge: bytes = CONTROLLER_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(CONTROLLER, cmac_maker()(key), challenge, first_counter)
+    return Authentication(End.CONTROLLER, cmac_maker()(key), challenge, first_counter)
 
 
 def plant(
     key: bytes = KEY, challenge: bytes = PLANT_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(PLANT, cmac_maker()(key), challenge, first_counter)
+    return Authentication(End.PLANT, cmac_maker()(key), challenge, first_counter)
 
 
 def meet(controller_end: Authentication, plant_end: Authentication) -> None:

@@ -8,7 +8,6 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from ....controller.settings import PRESETS
-from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....dbc.messages import DATA_IDS, MESSAGE_TYPES
 from ....plant_emulator.faults.settings import (
     MESSAGES_OF,
@@ -19,6 +18,7 @@ from ....plant_emulator.faults.settings import (
     quantities_of,
 )
 from ....plant_emulator.path.settings import PathSettings
+from ....runtime.node.end import End
 from ....runtime.settings import Settings, preset_names
 from ....runtime.settings.mistakes import hint
 
@@ -131,11 +131,11 @@ class NodeCaseSettings(Settings):
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
-        allowed: tuple[str, ...] = (CONTROLLER, PLANT)
+        allowed: tuple[str, ...] = (End.CONTROLLER, End.PLANT)
         if self.kind is NodeFaultKind.BABBLING:
             allowed = (BUS,)
         elif self.kind is NodeFaultKind.CLOCK_JUMP:
-            allowed = (CONTROLLER,)  # the plant's clock is the vehicle's
+            allowed = (End.CONTROLLER,)  # the plant's clock is the vehicle's
         for node in self.nodes:
             if node not in allowed:
                 raise ValueError(f"nodes of {self.kind} must be {' or '.join(allowed)}")

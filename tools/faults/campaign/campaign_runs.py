@@ -7,9 +7,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from ....controller.settings import ControllerSettings, controller_preset
-from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import FaultSettings
 from ....plant_emulator.settings import PlantSettings
+from ....runtime.node.end import End
 from ....runtime.settings import load_settings
 from . import detectability
 from .campaign_file import (
@@ -129,14 +129,14 @@ def golden_case() -> FaultCase:
 
 def case_of_fault(fault: FaultSettings, sight: detectability.Sight) -> FaultCase:
     """Return the case of one fault of the stage at the plant's edge."""
-    receiver = PLANT if fault.direction == "downlink" else CONTROLLER
+    receiver = End.PLANT if fault.direction == "downlink" else End.CONTROLLER
     kind, expected = fault.kind.value, detectability.expect_fault(fault, sight)
     return FaultCase(kind, fault.message, fault.magnitude, receiver, expected, faults=(fault,))
 
 
 def case_of_node_fault(fault: NodeFault, sight: detectability.Sight) -> FaultCase:
     """Return the case of one fault of a node; its peer has to detect it."""
-    receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
+    receiver = {End.CONTROLLER: End.PLANT, End.PLANT: End.CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
         receiver = fault.node
     kind, expected = fault.kind.value, detectability.expect_node_fault(fault, sight)

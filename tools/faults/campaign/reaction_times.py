@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....runtime.node import NEVER_NS, NS_PER_S
+from ....runtime.node.end import End
 from .campaign_runs import FaultCase
 from .detectability import Mechanism, causes_of
 from .node_watch import SAFE_CAUSES, Watch
@@ -33,10 +33,10 @@ def times_of(case: FaultCase, pair: Pair, effect_ns: int) -> tuple[Times, int | 
     """
     detected_ns: int | None = None
     found: list[Times] = []
-    for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller)):
+    for name, watch in ((End.PLANT, pair.plant), (End.CONTROLLER, pair.controller)):
         if case.receiver not in (name, "both") or not case.expected.mechanisms:
             continue
-        late_ns = _downlink_latency_ns(pair) if name == PLANT else 0
+        late_ns = _downlink_latency_ns(pair) if name == End.PLANT else 0
         seen = _since(watch, case.expected.mechanisms, effect_ns, late_ns)
         if not seen:
             return _UNSEEN, None

@@ -5,9 +5,9 @@ from enum import StrEnum
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.evaluation.run_record import PlantSample
 from ....runtime.node import NS_PER_S
+from ....runtime.node.end import End
 from .campaign_file import BUS, NodeFaultKind
 from .campaign_runs import GOLDEN, FaultCase, Scenario
 from .golden_comparison import is_as_golden
@@ -46,7 +46,7 @@ class Detection(StrEnum):
 
 
 _JUMPS_SHOWN = 2
-_KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, PLANT), (NodeFaultKind.BABBLING, BUS))
+_KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, End.PLANT), (NodeFaultKind.BABBLING, BUS))
 """Where commands wait, in a socket or for the bus, and then come all at once."""
 _AS_EXPECTED = (Detection.PASSED, Detection.NOT_DETECTABLE, Detection.FOLLOWED, Detection.NO_CHANCE)
 FAILURES = frozenset(Detection).difference(_AS_EXPECTED)
@@ -134,7 +134,7 @@ def _result(scenario: Scenario, pair: Pair) -> RunResult:
     effect_ns = min(effects, default=onset_ns_of(case))
     counts = {
         f"{name}.{cause}": count
-        for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller))
+        for name, watch in ((End.PLANT, pair.plant), (End.CONTROLLER, pair.controller))
         for cause, count in watch.counted().items()
     }
     times, detected_ns = times_of(case, pair, effect_ns)

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ....closed_loop.lockstep.node import LockstepNode, controller_node
-from ....dbc.dialect.settings import CONTROLLER, PLANT
 from ....plant_emulator.faults.settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ....plant_emulator.faults.stage import FaultyNode
 from ....plant_emulator.node.node import PlantNode
@@ -14,6 +13,7 @@ from ....plant_emulator.vehicle.motion_parameters import motion_params
 from ....runtime.bus_model.bus_model import BusModel
 from ....runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ....runtime.node import NEVER_NS, NS_PER_S, ReportingNode
+from ....runtime.node.end import End
 from ....runtime.node.virtual_time_loop import VirtualTimeExecutor
 from .babbled_bus import BABBLER_ID, BabbledBus
 from .campaign_file import NodeFaultKind
@@ -82,12 +82,12 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     running = ExitStack()
     made = running.enter_context(controller_node(scenario.spec.command or controller))
     if isinstance(made, LockstepNode):
-        controller_watch = watched(ProgramNode(made), CONTROLLER, None)
+        controller_watch = watched(ProgramNode(made), End.CONTROLLER, None)
     else:
-        controller_watch = watched(made, CONTROLLER, sent_by_plant)
+        controller_watch = watched(made, End.CONTROLLER, sent_by_plant)
     motion = _motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
     node = PlantNode(plant, 0, motion)
-    plant_watch = watched(node, PLANT, controller_watch.sent)
+    plant_watch = watched(node, End.PLANT, controller_watch.sent)
     plant_watch.sent = sent_by_plant
     start_ns, stop_ns = NEVER_NS, NEVER_NS
     for fault in node_faults:

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 
 from ....dbc.dialect.car_message import CarMessage, Refused
 from ....dbc.dialect.dialect import Dialect
-from ....dbc.dialect.settings import CONTROLLER, PLANT, Quantity
+from ....dbc.dialect.settings import Quantity
 from ....runtime.frame import Frame
+from ....runtime.node.end import End
 from .forged_frames import OurFrames
 
 
@@ -13,9 +14,9 @@ class CarFrames:
     """Frames of a car's messages, and of ours that are kept where it has none."""
 
     def __init__(self, dialect: Dialect) -> None:
-        steers = (one for one in dialect.sent_by(CONTROLLER) if Quantity.STEER in one.carries)
+        steers = (one for one in dialect.sent_by(End.CONTROLLER) if Quantity.STEER in one.carries)
         self._command = next(steers)
-        measures = [one for one in dialect.sent_by(PLANT) if one.carries]
+        measures = [one for one in dialect.sent_by(End.PLANT) if one.carries]
         self._measurement: CarMessage | None = next(iter(measures), None)
         self._ours = OurFrames()
 
