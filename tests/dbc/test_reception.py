@@ -36,7 +36,6 @@ from steer_by_wire.dbc.reception import TakenBack
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from tests.support.suite.mutation import assert_noticed
 
 MS = 1_000_000
 RULE = SequenceRule(lead_ns=30 * MS, resync_run=3, resync_ns=100 * MS)
@@ -46,10 +45,6 @@ PAUSE_NS, NOTICE_NS = 50 * MS, 1000 * MS
 STEPS_NS = (0, 1, MS, 5 * MS, 10 * MS, 10 * MS, PAUSE_NS - 1, PAUSE_NS, PAUSE_NS + 1)
 SENT = (SteeringCommand,)
 DRIVES, FRAMES = 30, 60
-EQUIVALENT = {
-    # The end of the pause, which nothing asks for before there is one.
-    "-NEVER_NS  ->  NEVER_NS"
-}
 
 
 class Told:
@@ -225,5 +220,5 @@ def check(tested: ModuleType) -> None:
         drive(tested, Random(number))
 
 
-def test_a_test_notices_every_mutant() -> None:
-    assert_noticed(reception, check, EQUIVALENT)
+def test_random_streams_are_received_as_the_rules_say() -> None:
+    check(reception)

@@ -7,8 +7,6 @@ import pytest
 from steer_by_wire.plant_emulator.steering import hold_and_fallback, safety_limiter
 from tests.support.nodes.driven_guard import MODES, MS_NS, Guarded, steady
 
-tested = hold_and_fallback
-
 
 def test_before_the_first_command_nothing_is_due() -> None:
     guarded = Guarded()
@@ -126,14 +124,14 @@ def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_f
         guarded.until(until_ms)
         assert guarded.mode == mode
         limiter, at_ns = guarded.x.limiter, 760 * MS_NS
-        guarded.x = tested.guard_fault(guarded.x, at_ns)
+        guarded.x = hold_and_fallback.guard_fault(guarded.x, at_ns)
         assert guarded.x == (4, limiter, 100 * MS_NS, at_ns, 0, 0.0, at_ns)
         assert not guarded.command(760.0 - 1e-6, 0.25)
         before = guarded.target
         guarded.until(760.0)
         assert guarded.log[-1] == (760.0, "SAFE_STATE", before - 0.03125)
         safe = guarded.x
-        assert tested.guard_fault(safe, 761 * MS_NS) is safe
+        assert hold_and_fallback.guard_fault(safe, 761 * MS_NS) is safe
 
 
 @pytest.mark.parametrize("override_ms", [50.0, 105.0, 245.0, 300.0, 735.0, 755.0])
@@ -154,13 +152,13 @@ def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
 
 def test_a_timer_that_comes_late_still_obeys_the_override() -> None:
     guarded = Guarded(override_ms=20.0)
-    x, _ = tested.guard_timer(guarded.p, guarded.x, 20 * MS_NS + 1)
+    x, _ = hold_and_fallback.guard_timer(guarded.p, guarded.x, 20 * MS_NS + 1)
     assert MODES[x.mode] == "SAFE_STATE"
 
 
 def test_a_timer_before_the_first_command_changes_no_mode() -> None:
     guarded = Guarded()
-    x, _ = tested.guard_timer(guarded.p, guarded.x, MS_NS)
+    x, _ = hold_and_fallback.guard_timer(guarded.p, guarded.x, MS_NS)
     assert MODES[x.mode] == "NO_COMMAND"
 
 
@@ -175,4 +173,4 @@ def test_a_command_is_overruled_unless_it_is_followed_as_it_is() -> None:
                     expected = cause != 0 or fade_rad != 0.0
                 else:
                     expected = name != "NO_COMMAND"
-                assert tested.is_overruled(state) is expected
+                assert hold_and_fallback.is_overruled(state) is expected

@@ -5,10 +5,8 @@ from itertools import product
 
 import pytest
 
-from steer_by_wire.plant_emulator.steering import hold_and_fallback
 from tests.support.nodes.driven_guard import MS_NS, Guarded, steady
 
-tested = hold_and_fallback
 STEP_RAD = 0.005
 """What fades in 10 ms, at 0.5 rad/s; 0.07 in the 140 ms that are no silence."""
 

@@ -4,10 +4,17 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from steer_by_wire.plant_emulator.steering import hold_and_fallback
+from steer_by_wire.plant_emulator.steering.hold_and_fallback import (
+    OFF_NS,
+    GuardParams,
+    guard_command,
+    guard_rejection,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
 from steer_by_wire.plant_emulator.steering.safety_limiter import LimiterParams, limit_table
 
-tested = hold_and_fallback
 MS_NS = 1_000_000
 INF = math.inf
 MODES = ["NO_COMMAND", "FOLLOWING", "HOLDING", "FALLBACK", "SAFE_STATE"]
@@ -26,7 +33,7 @@ class Guarded:
         angle: float = INF,
         plan_ms: float = 300.0,
     ) -> None:
-        self.p = tested.GuardParams(
+        self.p = GuardParams(
             limiter=LimiterParams(limit_table(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
             silence_ns=round(silence_ms * MS_NS),
             plan_ns=round(plan_ms * MS_NS),
@@ -34,9 +41,9 @@ class Guarded:
             recovery_frames=recovery_frames,
             ramp_rad_s=0.5,
             ramp_step_rad=ramp_step_rad,
-            override_ns=tested.OFF_NS if override_ms is None else round(override_ms * MS_NS),
+            override_ns=OFF_NS if override_ms is None else round(override_ms * MS_NS),
         )
-        self.x = tested.start_guard(self.p)
+        self.x = start_guard(self.p)
         self.followed_ns = 0
         self.log: list[tuple[float, str, float]] = []
         self.set_anew: list[bool] = []
@@ -45,7 +52,7 @@ class Guarded:
         """Let the timer do all that is due up to and at this time."""
         while self.x.deadline_ns <= time_ms * MS_NS:
             now_ns = self.x.deadline_ns
-            self.x, is_set = tested.guard_timer(self.p, self.x, now_ns)
+            self.x, is_set = guard_timer(self.p, self.x, now_ns)
             self.set_anew.append(is_set)
             self._note(now_ns)
             assert len(self.log) < 200, "a timer that is due for ever"
@@ -53,26 +60,24 @@ class Guarded:
     def command(self, time_ms: float, steer_rad: float) -> bool:
         """Take a command, before what the timer has to do at that time."""
         self.until(time_ms - 1e-6)
-        self.x, is_followed = tested.guard_command(
-            self.p, self.x, steer_rad, round(time_ms * MS_NS)
-        )
+        self.x, is_followed = guard_command(self.p, self.x, steer_rad, round(time_ms * MS_NS))
         return is_followed
 
     def plan_value(self, time_ms: float, steer_rad: float) -> bool:
         """Take a later value of a plan, after what the timer has to do at that time."""
         self.until(time_ms)
-        self.x, is_followed = tested.guard_command(
+        self.x, is_followed = guard_command(
             self.p, self.x, steer_rad, round(time_ms * MS_NS), is_new=False
         )
         return is_followed
 
     def damaged(self) -> None:
         """Take a command that came damaged."""
-        self.x = tested.guard_rejection(self.x)
+        self.x = guard_rejection(self.x)
 
     def wheel(self, time_ms: float, wheel_rad: float) -> None:
         self.until(time_ms)
-        self.x, self.followed_ns = tested.guard_wheel(
+        self.x, self.followed_ns = guard_wheel(
             self.p, self.x, self.followed_ns, wheel_rad, round(time_ms * MS_NS)
         )
 
@@ -105,18 +110,18 @@ class Answer(NamedTuple):
     mode: int
 
 
-def answers_to(p: tested.GuardParams, commands: Iterable[tuple[int, bool]]) -> list[Answer]:
+def answers_to(p: GuardParams, commands: Iterable[tuple[int, bool]]) -> list[Answer]:
     """Return the guard's answers to commands, if the wheel follows.
 
     They depend on nothing but times, so they can be known before a run.
 
     ``commands``  when each arrives [ns], and whether it is sent at that instant: the timer is first
     """
-    x = tested.start_guard(p)
+    x = start_guard(p)
     answers = []
     for time_ns, is_sent_then in commands:
         while x.deadline_ns < time_ns + is_sent_then:
-            x, _ = tested.guard_timer(p, x, x.deadline_ns)
-        x, is_followed = tested.guard_command(p, x, 0.0, time_ns)
+            x, _ = guard_timer(p, x, x.deadline_ns)
+        x, is_followed = guard_command(p, x, 0.0, time_ns)
         answers.append(Answer(is_followed, x.mode))
     return answers

@@ -1,11 +1,11 @@
 """What the controller has received and reports: random lives against rules written apart."""
 
 from random import Random
-from types import ModuleType
 
 from steer_by_wire.controller.limits.designed_ranges import ValiditySettings
-from steer_by_wire.controller.node import newest_messages, safety_alarms
 from steer_by_wire.controller.node.modes import Supervision, Supervisor
+from steer_by_wire.controller.node.newest_messages import Received
+from steer_by_wire.controller.node.safety_alarms import SafetyReport
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerFault,
@@ -24,7 +24,6 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from tests.support.suite.mutation import assert_noticed
 
 MS = 1_000_000
 LIMITS_NS: dict[type[Message], int] = {
@@ -48,28 +47,6 @@ OVERRULING = {
 TO_STOP = {SteeringStatusCode.FALLBACK, SteeringStatusCode.SAFE_STATE}
 TABLE = ValiditySettings(speed_m_s=(1.0, 2.0), delay_ms_max=250.0)
 DRIVES, TICKS = 25, 60
-FOUND = "if now_ns <= self._fresh_until_ns and found_from == self._found_from:"
-CALM = "is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER"
-UNTIL = "self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1"
-EQUIVALENT = {
-    # Facts, and until when they hold, before they were found once; when was reported, before that.
-    "0,: 0  ->  1",
-    "0,: 0  ->  -1",
-    "self._fresh_until_ns = -1: -1  ->  1",
-    "self._fresh_until_ns = -1: 1  ->  2",
-    "self._fresh_until_ns = -1: 1  ->  0",
-    "self._reported_ns = 0: 0  ->  1",
-    "self._reported_ns = 0: 0  ->  -1",
-    # Facts that would still hold are found anew, and are the same.
-    f"{FOUND}: now_ns <= self._fresh_until_ns  ->  now_ns < self._fresh_until_ns",
-    f"{FOUND}: now_ns <= self._fresh_until_ns  ->  now_ns == self._fresh_until_ns",
-    f"{CALM}: freshness == _ALL_FRESH  ->  freshness > _ALL_FRESH",
-    # A stale message has not been fresh until now.
-    f"{CALM}: freshness == _ALL_FRESH  ->  freshness >= _ALL_FRESH",
-    # No time is before the first.
-    f"{UNTIL}: 1  ->  2",
-}
-"""What behaves as the original."""
 
 
 def settings_of_test() -> ControllerSettings:
@@ -89,12 +66,12 @@ SETTINGS = settings_of_test()
 class Life:
     """A controller's messages and report, and the rules as they are told."""
 
-    def __init__(self, received_in: ModuleType, report_in: ModuleType, random: Random) -> None:
+    def __init__(self, random: Random) -> None:
         self.random = random
         self.now_ns = random.choice((0, 10**12))
-        self.received = received_in.Received(SETTINGS)
+        self.received = Received(SETTINGS)
         self.modes = Supervisor(Supervision(135 * MS, 500 * MS, 5), self.now_ns)
-        self.report = report_in.SafetyReport(TABLE, self.received, self.modes, self.now_ns)
+        self.report = SafetyReport(TABLE, self.received, self.modes, self.now_ns)
         self.fault = ControllerFault.NONE
         self.validity = Validity.VALID
         self.counters = dict.fromkeys(LIMITS_NS, random.randrange(256))
@@ -222,23 +199,15 @@ def newly_stale(facts: ControllerSafety, before: ControllerSafety) -> list[bool]
     ]
 
 
-def check(received_in: ModuleType, report_in: ModuleType) -> None:
-    fresh = received_in.Received(SETTINGS)
+def test_random_lives_are_reported_as_the_rules_say() -> None:
+    fresh = Received(SETTINGS)
     assert (fresh.lateral_error_m, fresh.heading_error_rad, fresh.wheel_rad) == (0.0, 0.0, 0.0)
     assert (fresh.refused, fresh.unauthenticated) == (0, 0)
     assert fresh.steering is SteeringStatusCode.NO_COMMAND
     for number in range(DRIVES):
-        life = Life(received_in, report_in, Random(number))
+        life = Life(Random(number))
         for _ in range(3):  # at one instant, which may be the first of all
             life.send()
             life.receive(LateralError)
         for _ in range(TICKS):
             life.live()
-
-
-def test_a_test_notices_every_mutant_of_what_was_received() -> None:
-    assert_noticed(newest_messages, lambda tested: check(tested, safety_alarms))
-
-
-def test_a_test_notices_every_mutant_of_the_report() -> None:
-    assert_noticed(safety_alarms, lambda tested: check(newest_messages, tested), EQUIVALENT)
