@@ -14,9 +14,9 @@ from functools import partial
 from matplotlib.figure import Figure
 
 from benchmarks.measurement import REPETITIONS, Line, Measured, Target
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.command_line import output_file
@@ -35,10 +35,10 @@ COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
 _FIRST_RESULT = """
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
-run_batch(plant_preset("paper_corner_d"), controller_preset("practical_pd_ddob"))
+run_compiled(plant_preset("paper_corner_d"), controller_preset("practical_pd_ddob"))
 """
 
 
@@ -66,7 +66,7 @@ def lines_of_network(name: str) -> list[Line]:
     """Time runs on a network."""
     plant, controller = pair_settings(NETWORKS[name])
     plan = schedule_run(plant, controller)
-    batch = partial(run_batch, plant, controller, plan)
+    batch = partial(run_compiled, plant, controller, plan)
     batch()
     batch_us = [_each_us(batch, RUNS) for _ in range(REPETITIONS)]
     rates = [1e6 / each_us for each_us in batch_us]
@@ -81,7 +81,7 @@ def lines_of_network(name: str) -> list[Line]:
 def line_of_virtual_time() -> Line:
     """Compare the nodes in virtual time with compiled runs."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    batch = partial(run_batch, plant, controller, schedule_run(plant, controller))
+    batch = partial(run_compiled, plant, controller, schedule_run(plant, controller))
     nodes_us = _each_us(partial(run_virtual_pair, plant, controller, None), 1)
     ratio = nodes_us / _each_us(batch, RUNS)
     return Line("the nodes in virtual time / batch", "1", [ratio], [nodes_us])
@@ -94,7 +94,7 @@ def line_of_threads() -> Line:
 
     def some_runs(count: int) -> None:
         for _ in range(count):
-            run_batch(plant, controller, plan)
+            run_compiled(plant, controller, plan)
 
     def two_threads() -> None:
         with ThreadPoolExecutor(2) as pool:
@@ -115,14 +115,14 @@ def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[s
     plant, controller = pair_settings(NETWORKS["80 ms"])
     plan = schedule_run(plant, controller)
     by_count = [
-        1e-6 * _median_us(lambda: run_batch(plant, controller, plan), count) * count
+        1e-6 * _median_us(lambda: run_compiled(plant, controller, plan), count) * count
         for count in counts
     ]
     by_length = []
     for length_s in lengths_s:
         longer, _ = pair_settings(NETWORKS["80 ms"], length_s)
         its = schedule_run(longer, controller)
-        each_us = _median_us(partial(run_batch, longer, controller, its), 10)
+        each_us = _median_us(partial(run_compiled, longer, controller, its), 10)
         by_length.append(1e-5 * each_us)
     return {"by_count": by_count, "by_length": by_length}
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from benchmarks.measurement import Line, Target
 from steer_by_wire.closed_loop.lockstep.node import controller_node
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus

@@ -11,8 +11,8 @@ from benchmarks.comparison import comparison_text, ratios_of, read_ratios
 from benchmarks.lockstep import lockstep_lines, missing_tools
 from benchmarks.measurement import Line, Measured, Target, calibration, line_record, timed
 from benchmarks.starts import heavy_modules, startup_lines
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law

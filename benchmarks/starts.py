@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from benchmarks.measurement import Line, Target
-from steer_by_wire.closed_loop.live_bus import Bus
+from steer_by_wire.closed_loop.pair.live_bus import Bus
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.exit_status import BusError
 

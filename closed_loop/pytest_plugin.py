@@ -25,7 +25,7 @@ import pytest
 from ..runtime.command_line import installation
 
 if TYPE_CHECKING:
-    from .live_bus import Bus
+    from .pair.live_bus import Bus
     from .rig import Rig
 
 MARKER = "steer_by_wire"
@@ -82,7 +82,7 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path) -> "Rig":
 @pytest.fixture
 def can_bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator["Bus"]:
     """vcan0, or a bus of this test's own: its interface, its channel and ``open()``."""
-    from .live_bus import open_channels
+    from .pair.live_bus import open_channels
 
     with open_channels("auto", ["can"], tmp_path / "bus.txt") as channels:
         request.node.user_properties.append(("can_bus", channels.description))
@@ -92,7 +92,7 @@ def can_bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator["Bus"]:
 @pytest.fixture
 def recording(can_bus: "Bus", tmp_path: Path) -> Iterator[Path]:
     """A file that gets every frame on ``can_bus`` during the test."""
-    from .bus_recorder import BusRecorder
+    from .pair.bus_recorder import BusRecorder
 
     file = tmp_path / "candump.log"
     with BusRecorder(can_bus, file) as recorder:

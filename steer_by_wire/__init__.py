@@ -10,9 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .closed_loop.check import Check, check
-    from .closed_loop.simulate import controller_presets, plant_presets, simulate
-    from .closed_loop.simulated_run import ControllerTable, PlantTable, Run, Track
+    from .closed_loop.scripting.check import Check, check
+    from .closed_loop.scripting.simulate import controller_presets, plant_presets, simulate
+    from .closed_loop.scripting.simulated_run import ControllerTable, PlantTable, Run, Track
     from .closed_loop.studies.run_study import run_study, sweep
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
@@ -49,10 +49,10 @@ _NAMES = {
     "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "runtime.settings": ("Settings", "SettingsError"),
-    "closed_loop.simulated_run": ("ControllerTable", "PlantTable", "Run", "Track"),
-    "closed_loop.simulate": ("controller_presets", "plant_presets", "simulate"),
+    "closed_loop.scripting.simulated_run": ("ControllerTable", "PlantTable", "Run", "Track"),
+    "closed_loop.scripting.simulate": ("controller_presets", "plant_presets", "simulate"),
     "closed_loop.studies.run_study": ("run_study", "sweep"),
-    "closed_loop.check": ("Check", "check"),
+    "closed_loop.scripting.check": ("Check", "check"),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name comes from. It is imported at its first use: importing the package itself takes

@@ -1,4 +1,4 @@
-"""How the batch functions are compiled: without the interpreter's lock, and cached on disk.
+"""Compilation of the run's functions: without the interpreter's lock, and cached on disk.
 
 numba takes a cached function for valid while the function's own file is unchanged; it misses a
 change in one of the step functions that it calls. So everything compiled is kept in a folder named

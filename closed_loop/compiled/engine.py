@@ -89,7 +89,7 @@ _OUTCOMES = tuple(Outcome)
 """By the codes of ``closed_loop.compiled.loop``."""
 
 
-class BatchRun(NamedTuple):
+class CompiledRun(NamedTuple):
     """One run: the plant's samples since the motion's start, and the controller's ticks.
 
     Arrays of shape (samples,), as ``plant_emulator.evaluation.run_record.PlantSample``. Of shape
@@ -167,9 +167,9 @@ class BatchRun(NamedTuple):
         return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
 
 
-def run_batch(
+def run_compiled(
     plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule | None = None
-) -> BatchRun:
+) -> CompiledRun:
     """Run one pair to its end, on a wire that takes no time.
 
     ``schedule``  made from the same settings; runs that differ in law, vehicle or path only may
@@ -206,7 +206,7 @@ def _run_whole(
     controller: ControllerSettings,
     *,
     tick_status: IntArray,
-) -> BatchRun:
+) -> CompiledRun:
     """Run from the start to the end. Raises _OverruledError."""
     design, motion = law.design, compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
@@ -310,10 +310,10 @@ def _collected(
     samples: int,
     ticks: int,
     outcome: Outcome,
-) -> BatchRun:
+) -> CompiledRun:
     first = len(schedule.sample_ns) - len(schedule.time_s)
     window = slice(first, samples)
-    return BatchRun(
+    return CompiledRun(
         outcome=outcome,
         time_s=schedule.time_s[: samples - first],
         lateral_error_m=r.lateral_error_m[window],

@@ -1,8 +1,8 @@
 """A latency line over a whole run at once: which frames come through, when, in which order.
 
 Its result equals that of ``plant_emulator.network.latency_line``, frame by frame, from the same
-streams, to the last bit (``test_batch``). Three quantiles and the AR(1) process are rewritten for
-arrays, and the queue becomes a sort:
+streams, to the last bit (``test_compiled_run``). Three quantiles and the AR(1) process are
+rewritten for arrays, and the queue becomes a sort:
 
     order of leaving    by due time; frames due together in order of arrival
     newest wins         drops a frame that leaves after a later one of its message

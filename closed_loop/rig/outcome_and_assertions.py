@@ -16,7 +16,7 @@ from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from ..pair_result import PairFiles, Trace, rms
+from ..pair.pair_result import PairFiles, Trace, rms
 from ..processes.foreign_program import GRACE_S
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     ``ending``    how the controller ended, if it did before the plant or in its safe state
     ``cut_off``   why the log ends before the run, if it does
     ``rate_hz``   of the commands that is expected: that of the DBC, or of the controller's settings
-    ``remains``   whether the controller had to be killed at the end
+    ``ignored_sigterm``  whether the controller had to be killed at the end
     ``dialect``   file of the car's messages on the bus, None for ours
     """
 
@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
     ending: str = ""
     cut_off: str = ""
     rate_hz: float = DBC_RATE_HZ
-    remains: bool = False
+    ignored_sigterm: bool = False
     dialect: Path | None = None
 
     @property
@@ -112,7 +112,7 @@ class Outcome(NamedTuple):
             *(sent.flood(self.rate_hz) if flood else ()),
             *(sent.wrong_rate(self.rate_hz) if rate else ()),
         ]
-        if end and self.remains:
+        if end and self.ignored_sigterm:
             failures.append(f"the controller did not end within {GRACE_S:g} s of SIGTERM")
         if failures:
             self._fail(*failures)

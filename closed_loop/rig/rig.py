@@ -34,17 +34,17 @@ from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
-from ..agreed_point import judged_like
-from ..live_bus import BUSES, Bus, open_channels
-from ..live_pair import LivePair, Program
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
-from ..pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
+from ..pair.agreed_point import judged_like
+from ..pair.live_bus import BUSES, Bus, open_channels
+from ..pair.live_pair import LivePair, Program
+from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
+from ..pair.virtual_bus import QUIET_BUS
+from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from ..processes.foreign_program import STATUS_KILLED
 from ..processes.process_group import ProcessError, Processes
-from ..simulate import NO_OVERRIDES, settings_of
-from ..virtual_bus import QUIET_BUS
-from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
+from ..scripting.simulate import NO_OVERRIDES, settings_of
 from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
@@ -170,10 +170,14 @@ class Rig:
             with LivePair(bus, files, controller=command, options=options) as pair:
                 ending = self._wait(pair.programs)
             report = pair.report(PLANT_PROGRAM)["node"]
-            remains = not ending and pair.programs.status(CONTROLLER_PROGRAM) == STATUS_KILLED
+            ignored_sigterm = (
+                not ending and pair.programs.status(CONTROLLER_PROGRAM) == STATUS_KILLED
+            )
         trace, cut_off = Trace.read(files.plant_trace), pair.recording_failure
         where = channels.description
-        return Outcome(files, where, settings, report, trace, ending, cut_off, remains=remains)
+        return Outcome(
+            files, where, settings, report, trace, ending, cut_off, ignored_sigterm=ignored_sigterm
+        )
 
     def _wait(self, programs: Processes) -> str:
         """Wait for the end of the plant or of the controller; returns how the latter ended."""

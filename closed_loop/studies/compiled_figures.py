@@ -36,9 +36,9 @@ from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ..agreed_point import followed_point
 from ..compiled.compilation import compiled
 from ..compiled.step_functions import register
+from ..pair.agreed_point import followed_point
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""

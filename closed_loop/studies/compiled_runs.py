@@ -21,7 +21,7 @@ from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
-from ..compiled.engine import BatchRun, Outcome, run_batch
+from ..compiled.engine import CompiledRun, Outcome, run_compiled
 from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from .compiled_figures import (
@@ -51,7 +51,7 @@ _ENDS = {
 }
 
 
-def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: BatchRun) -> Verdict:
+def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Verdict:
     """Return the verdict on a compiled run, by the thresholds of its plant."""
     figures = np.empty(len(Figures._fields))
     rules = rules_of(plant.verdict, plant, controller)
@@ -62,7 +62,7 @@ def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: BatchR
 def _take_figures(
     plant: PlantSettings,
     rules: FigureRules,
-    run: BatchRun,
+    run: CompiledRun,
     latency: LatencyFigures,
     row: FloatArray,
 ) -> None:
@@ -221,7 +221,7 @@ class Computer:
         except NothingArrivesError:
             row[-len(COUNTS) :] = 0.0
             return RunEnd.NO_START
-        run = run_batch(plant, controller, network.plan)
+        run = run_compiled(plant, controller, network.plan)
         in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
         known = network.latency.get(in_effect)
         if known is None:

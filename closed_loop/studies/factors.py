@@ -33,7 +33,7 @@ CORNERS = ("a", "b", "c", "d")
 BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 _MOTIONS_KEPT = 24
-"""Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
+"""Vehicles and paths that may vary fastest in a grid: the compiled engine caches a few more."""
 Label = bool | int | float | str
 
 

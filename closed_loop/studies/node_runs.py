@@ -27,9 +27,9 @@ from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_in, controller_node
-from ..pair_result import Trace
-from ..virtual_bus import shared_bus, with_clocks
-from ..virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
+from ..pair.pair_result import Trace
+from ..pair.virtual_bus import shared_bus, with_clocks
+from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .compiled_figures import (
     CG_STRIDE,
     COUNTS,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.settings import with_values
-from ..simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
+from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
 from .compiled_figures import COLUMNS, Figures, verdicts
 from .compiled_runs import Computer
 from .result_files import Store

@@ -22,7 +22,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
-from ..agreed_point import judged_like
+from ..pair.agreed_point import judged_like
 from .base_settings import Tables, naming_in
 from .factors import Label
 from .study import Study

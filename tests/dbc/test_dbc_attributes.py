@@ -5,7 +5,7 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 
 from cantools.database.can import Message as Definition
 
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.controller.node.newest_messages import RECEIVED as CONTROLLER_RECEIVES
 from steer_by_wire.controller.node.newest_messages import SUPERVISED
 from steer_by_wire.controller.settings import controller_preset

@@ -29,7 +29,7 @@ from random import Random
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES
 from steer_by_wire.plant_emulator.settings import plant_preset

@@ -24,9 +24,9 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.live_pair import PROGRAMS, LivePair
-from steer_by_wire.closed_loop.pair_result import PairFiles
+from steer_by_wire.closed_loop.pair.live_bus import Bus
+from steer_by_wire.closed_loop.pair.live_pair import PROGRAMS, LivePair
+from steer_by_wire.closed_loop.pair.pair_result import PairFiles
 from steer_by_wire.closed_loop.processes.private_folder import private_folder
 from steer_by_wire.closed_loop.processes.process_group import ProcessError, Processes, children_of
 from steer_by_wire.controller.settings import controller_preset

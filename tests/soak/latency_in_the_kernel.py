@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
+from steer_by_wire.closed_loop.pair.pair_result import PairFiles, PairResult
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.processes.process_group import Processes
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset

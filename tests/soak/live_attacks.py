@@ -28,9 +28,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
 
-from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.live_pair import PROGRAMS, LivePair
-from steer_by_wire.closed_loop.pair_result import PLANT_PROGRAM, PairFiles
+from steer_by_wire.closed_loop.pair.live_bus import Bus
+from steer_by_wire.closed_loop.pair.live_pair import PROGRAMS, LivePair
+from steer_by_wire.closed_loop.pair.pair_result import PLANT_PROGRAM, PairFiles
 from steer_by_wire.closed_loop.processes.process_group import ProcessError, launched_broker
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.dbc.messages import (

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.processes.process_group import ProcessError
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.faults.live.recorded_pair import CHANNEL, LiveSetup, Running, run_live

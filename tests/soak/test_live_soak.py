@@ -10,7 +10,7 @@ import os
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.tools.faults.live.recorded_pair import BROKER, CHANNEL

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
@@ -266,7 +266,7 @@ def test_the_practical_presets_hold_every_corner_with_and_without_latency(
     downlink = LatencySettings(mean_s=downlink_ms * 1e-3)
     for vehicle in CORNERS:
         # Compiled, which is the same to the last bit, and takes a thousandth of the time.
-        result = run_batch(
+        result = run_compiled(
             plant_settings(15.0, downlink, vehicle=vehicle), preset(f"practical_{law}")
         )
         assert result.outcome is Outcome.COMPLETE

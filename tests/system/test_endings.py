@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.program import check_main
 from steer_by_wire.controller.program import main as controller_main
 from steer_by_wire.controller.settings import controller_preset

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual_bus import SharedBus
+from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus
 from steer_by_wire.runtime.bus_model.bus_errors import ErrorEvent
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
 from steer_by_wire.runtime.bus_model.settings import BusSettings, StuckSettings, errors_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,

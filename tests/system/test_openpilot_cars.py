@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual_pair import (
+from steer_by_wire.closed_loop.pair.virtual_pair import (
     make_virtual_pair,
     make_virtual_plant,
     run_virtual_nodes,

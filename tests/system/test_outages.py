@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode

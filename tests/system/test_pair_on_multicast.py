@@ -6,7 +6,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.live_bus import Bus
+from steer_by_wire.closed_loop.pair.live_bus import Bus
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.programs.driven_pair import BEAR_ALL, drive_pair
 from tests.support.programs.running_program import PATIENCE_S

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
 from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller import program
 from steer_by_wire.controller.laws import LawInput, plugin_law
 from steer_by_wire.controller.laws.law_from_settings import design_law
@@ -74,7 +74,7 @@ def test_what_is_put_around_our_laws_is_put_around_it(monkeypatch: pytest.Monkey
     settings = controller("own_law:DERIVED", "pd.derivative=kalman", "feed_forward={}")
     network = ["latency.downlink.mean_s=0.08"]
     run = assert_same_as_nodes(plant_settings(network, 3.0), settings)
-    plain = run_batch(plant_settings(network, 3.0), controller(OWN, "feed_forward={}"))
+    plain = run_compiled(plant_settings(network, 3.0), controller(OWN, "feed_forward={}"))
     assert (run.lateral_error_m != plain.lateral_error_m).any()
 
 
@@ -225,7 +225,7 @@ def test_one_that_fails_is_held_started_anew_once_and_then_stopped(law: str, mis
 @pytest.mark.parametrize("law", ["DIVIDES", "NOT_A_NUMBER"])
 def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
     plant, settings = plant_settings((), 4.0), controller(f"{LAWS}:{law}")
-    run = run_batch(plant, settings)
+    run = run_compiled(plant, settings)
     pair = make_virtual_pair(plant, settings, controller_samples_max=50)
     run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
     assert run.outcome is Outcome.LAW_FAILED
@@ -237,7 +237,7 @@ def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_l
     with pytest.raises(
         LawNotCompiledError, match=r"no params at 1\.\d+ m/s: ZeroDiv.* no gain at this speed$"
     ):
-        run_batch(plant_settings((), 1.0), controller(f"{LAWS}:NO_SCHEDULE"))
+        run_compiled(plant_settings((), 1.0), controller(f"{LAWS}:NO_SCHEDULE"))
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_l
 )
 def test_what_numba_cannot_compile_is_refused_in_one_line(law: str, cause: str) -> None:
     with pytest.raises(LawNotCompiledError) as refused:
-        run_batch(plant_settings(()), controller(f"{LAWS}:{law}"))
+        run_compiled(plant_settings(()), controller(f"{LAWS}:{law}"))
     start = f"law = 'tests.support.nodes.plugin_laws:{law}': numba cannot compile it: "
     nodes = "; the nodes run it as it is: steer-by-wire run"
     assert re.fullmatch(re.escape(start) + cause + re.escape(nodes), str(refused.value))
@@ -259,9 +259,9 @@ def test_what_numba_cannot_compile_is_refused_in_one_line(law: str, cause: str) 
 
 
 def test_params_that_another_law_has_are_refused() -> None:
-    run_batch(plant_settings((), 4.0), controller(f"{LAWS}:DIVIDES"))
+    run_compiled(plant_settings((), 4.0), controller(f"{LAWS}:DIVIDES"))
     with pytest.raises(ForeignParamsError, match="BORROWED': a compiled run needs params of"):
-        run_batch(plant_settings(()), controller(f"{LAWS}:BORROWED"))
+        run_compiled(plant_settings(()), controller(f"{LAWS}:BORROWED"))
 
 
 def test_a_study_computes_it_compiled(tmp_path: Path) -> None:

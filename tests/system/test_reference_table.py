@@ -3,9 +3,9 @@
 The reference has a 100 Hz controller and a plant integrated in steps of 1 ms. It drives 60 s of an
 ellipse with semi-axes 60 m and 30 m, the steer limited to 0.6 rad, and prints the worst RMS [m] of
 the four corners of the uncertainty box. Compared are its stable cells, with compiled runs, which
-are bit for bit those of the two nodes in virtual time (``test_batch``). In the worst corner of each
-the bare loop is driven too: the law on the moving vehicle with the same latencies, without nodes,
-frames and resolution of the wire.
+are bit for bit those of the two nodes in virtual time (``test_compiled_run``). In the worst corner
+of each the bare loop is driven too: the law on the moving vehicle with the same latencies, without
+nodes, frames and resolution of the wire.
 """
 
 import math
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
 from steer_by_wire.controller.filters.settings import (
     CdobSettings,
     DobSettings,
@@ -188,13 +188,13 @@ def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
 def run_cell(cell: Cell) -> Result:
     controller = controller_settings(cell.row)
     plants = {corner: plant_settings(cell.latency, corner) for corner in CORNERS}
-    runs = {corner: run_batch(plant, controller) for corner, plant in plants.items()}
+    runs = {corner: run_compiled(plant, controller) for corner, plant in plants.items()}
     worst = max(CORNERS, key=lambda corner: runs[corner].lateral_error_rms_m)
     peak_rad = max(peak_steer_rad(run) for run in runs.values())
     return Result(worst, runs[worst].lateral_error_rms_m, peak_rad)
 
 
-def peak_steer_rad(run: BatchRun) -> float:
+def peak_steer_rad(run: CompiledRun) -> float:
     return float(np.max(np.abs(run.sent_rad)))
 
 
@@ -244,5 +244,5 @@ def test_no_stable_cell_touches_the_steering_limit(results: dict[Cell, Result]) 
 
 @pytest.mark.parametrize("cell", LIMIT_CYCLES, ids=name_of)
 def test_the_cells_left_out_are_limit_cycles(cell: Cell) -> None:
-    run = run_batch(plant_settings(cell.latency, (7.0, 1600.0)), controller_settings(cell.row))
+    run = run_compiled(plant_settings(cell.latency, (7.0, 1600.0)), controller_settings(cell.row))
     assert peak_steer_rad(run) == STEER_RAD_MAX

@@ -270,8 +270,8 @@ def test_every_public_name_is_there_and_has_a_docstring() -> None:
     "name",
     [
         "steer_by_wire",
-        "steer_by_wire.closed_loop.check",
-        "steer_by_wire.closed_loop.simulate",
+        "steer_by_wire.closed_loop.scripting.check",
+        "steer_by_wire.closed_loop.scripting.simulate",
         "steer_by_wire.closed_loop.studies.run_study",
         "steer_by_wire.plant_emulator.path.ellipse_and_lane_changes",
         "steer_by_wire.plant_emulator.path.waypoints",

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
+from steer_by_wire.closed_loop.pair.live_bus import Bus
+from steer_by_wire.closed_loop.pair.pair_result import PairFiles, PairResult
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
     ControllerStatus,

@@ -74,7 +74,7 @@ def _conditions(options: argparse.Namespace) -> ChannelConditions:
     if not settings.has_traffic:
         return ChannelConditions(settings, (), options.seed)
     # Not at the top: it imports cantools, which takes longer than all the rest.
-    from ...closed_loop.rest_bus_from_dbc import traffic_of
+    from ...closed_loop.pair.rest_bus_from_dbc import traffic_of
 
     return ChannelConditions(settings, traffic_of(settings, options.seed), options.seed)
 

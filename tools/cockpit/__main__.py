@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.closed_loop.live_bus import BUSES
-from steer_by_wire.closed_loop.rest_bus_from_dbc import traffic_of
+from steer_by_wire.closed_loop.pair.live_bus import BUSES
+from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
 from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
 from steer_by_wire.dbc.messages import CAN_IDS, MESSAGE_TYPES
 from steer_by_wire.runtime.command_line import (

@@ -6,7 +6,7 @@ command. Seed and latency are those of the visitor's plant, so every frame meets
 
 import math
 
-from ...closed_loop.virtual_pair import make_virtual_pair
+from ...closed_loop.pair.virtual_pair import make_virtual_pair
 from ...controller.settings import controller_preset
 from ...dbc.messages import CAN_IDS, Decoded, LateralError, decode
 from ...plant_emulator.settings import PlantSettings

@@ -10,12 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path as FilePath
 from typing import Literal, NamedTuple
 
-from ...closed_loop.live_bus import open_channels
-from ...closed_loop.live_pair import LivePair
-from ...closed_loop.live_pair import Program as StartedProgram
-from ...closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
+from ...closed_loop.pair.live_bus import open_channels
+from ...closed_loop.pair.live_pair import LivePair
+from ...closed_loop.pair.live_pair import Program as StartedProgram
+from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
+from ...closed_loop.pair.virtual_bus import QUIET_BUS
 from ...closed_loop.processes.private_folder import private_folder
-from ...closed_loop.virtual_bus import QUIET_BUS
 from ...dbc.dialect.option import listening_in
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.path_from_settings import build_path

@@ -16,8 +16,8 @@ from functools import partial
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.live_bus import BUSES, Channels, open_channels
-from steer_by_wire.closed_loop.pair_result import PairFiles
+from steer_by_wire.closed_loop.pair.live_bus import BUSES, Channels, open_channels
+from steer_by_wire.closed_loop.pair.pair_result import PairFiles
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.command_line import (
     add_json_argument,

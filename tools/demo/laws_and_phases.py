@@ -12,8 +12,8 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from ...closed_loop.agreed_point import judged_like
-from ...closed_loop.pair_result import PairResult, Trace, rms
+from ...closed_loop.pair.agreed_point import judged_like
+from ...closed_loop.pair.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.pair_result import Trace
+from ...closed_loop.pair.pair_result import Trace
 from ...closed_loop.reports.plot_style import COLOURS, plot_style
 from ...runtime.array_types import FloatArray
 from .laws_and_phases import LawResult, Phase

@@ -7,12 +7,12 @@ from contextlib import ExitStack
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ...closed_loop.live_bus import Channels
-from ...closed_loop.live_pair import LivePair
-from ...closed_loop.pair_result import PairFiles, PairResult
+from ...closed_loop.pair.live_bus import Channels
+from ...closed_loop.pair.live_pair import LivePair
+from ...closed_loop.pair.pair_result import PairFiles, PairResult
+from ...closed_loop.pair.virtual_pair import run_virtual_pair
 from ...closed_loop.processes.parallel_work import worker_pool
 from ...closed_loop.processes.process_group import ProcessError
-from ...closed_loop.virtual_pair import run_virtual_pair
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings

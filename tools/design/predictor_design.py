@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.compiled.engine import Outcome, run_batch
+from ...closed_loop.compiled.engine import Outcome, run_compiled
 from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...controller.analysis.loop_signals import LoopModel
 from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
@@ -112,7 +112,7 @@ def runs(
 def _run(
     plant: PlantSettings, settings: ControllerSettings, plan: RunSchedule, ignore_s: float
 ) -> Run:
-    run = run_batch(plant, settings, plan)
+    run = run_compiled(plant, settings, plan)
     if run.outcome is not Outcome.COMPLETE:
         return Run(LEFT_M, LEFT_M, LEFT_M, run.sent_rad)
     squares = np.square(run.lateral_error_m)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.virtual_pair import run_virtual_pair
+from ...closed_loop.pair.virtual_pair import run_virtual_pair
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution

@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.table import Table
 
 from steer_by_wire.closed_loop.lockstep.node import controller_in
-from steer_by_wire.closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import (
+from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import (
     START_S_MAX,
     make_virtual_plant,
     run_virtual_nodes,

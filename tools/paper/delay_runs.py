@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...closed_loop.pair_result import rms
+from ...closed_loop.pair.pair_result import rms
 from ...controller.settings import controller_preset
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray

@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal import cont2discrete
 
-from ...closed_loop.pair_result import rms
+from ...closed_loop.pair.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.filters.cdob import cdob_at_rest, cdob_step
 from ...controller.filters.discretization import design_cdob, design_dob, design_pd

@@ -7,8 +7,8 @@ then measures at 1 kHz too: the ideal derivative of a value held for longer is a
 
 from typing import NamedTuple
 
-from ...closed_loop.compiled.engine import Outcome, run_batch
-from ...closed_loop.virtual_pair import run_virtual_pair
+from ...closed_loop.compiled.engine import Outcome, run_compiled
+from ...closed_loop.pair.virtual_pair import run_virtual_pair
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.array_types import FloatArray
@@ -30,7 +30,7 @@ def simulate(plant_settings: PlantSettings, controller_settings: ControllerSetti
 
     A run that leaves the range of the wire is done by the nodes, whose modes then decide.
     """
-    run = run_batch(plant_settings, controller_settings)
+    run = run_compiled(plant_settings, controller_settings)
     if run.outcome is Outcome.COMPLETE:
         return History(*(getattr(run, name) for name in History._fields))
     trace = run_virtual_pair(plant_settings, controller_settings, None).trace

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.pair_result import rms
+from ...closed_loop.pair.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.settings import controller_preset
 from ...runtime.array_types import FloatArray

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ...closed_loop.lockstep.node import LockstepNode
-from ...closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
-from ...closed_loop.virtual_bus import SharedBus
+from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from ...closed_loop.pair.virtual_bus import SharedBus
 from ...controller.node import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import can
 
-from ...closed_loop.bus_recorder import BusRecorder
-from ...closed_loop.live_bus import Bus
 from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
-from ...closed_loop.virtual_bus import SharedBus, virtual_bus, with_clocks
-from ...closed_loop.virtual_pair import (
+from ...closed_loop.pair.bus_recorder import BusRecorder
+from ...closed_loop.pair.live_bus import Bus
+from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus, with_clocks
+from ...closed_loop.pair.virtual_pair import (
     START_S_MAX,
     make_virtual_plant,
     run_virtual_nodes,

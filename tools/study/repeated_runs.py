@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.pair_result import PairFiles, Trace
+from ...closed_loop.pair.pair_result import PairFiles, Trace
+from ...closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, followed_error_m
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
-from ...closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.evaluation.run_verdict import RunEnd
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray

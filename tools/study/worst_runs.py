@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.compiled.engine import BatchRun, run_batch
+from ...closed_loop.compiled.engine import CompiledRun, run_compiled
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import COLOURS
 from ...closed_loop.studies.result_reader import (
@@ -33,7 +33,7 @@ class WorstRun(NamedTuple):
     id: int
     controller: int
     verdict: Verdict
-    run: BatchRun
+    run: CompiledRun
     steer_rad_max: float
 
 
@@ -94,7 +94,7 @@ def _again(study: StudyRecord, rows: Rows, row: int, overrides: dict[str, Any]) 
         id=int(rows.id[row]),
         controller=controller,
         verdict=VERDICTS[int(rows.verdict[row])],
-        run=run_batch(pair.plant, pair.controller),
+        run=run_compiled(pair.plant, pair.controller),
         steer_rad_max=pair.controller.steer_limits.steer_rad_max,
     )
 

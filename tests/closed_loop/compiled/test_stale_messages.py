@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.compiled.law_input import Inbox, Uplink
 from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, inbox_of, schedule_run
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.limits.fades_and_ramps import FADE_RAD_S

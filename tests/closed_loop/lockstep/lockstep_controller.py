@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.lockstep.record import (
     pack,
     unpack,
 )
-from steer_by_wire.closed_loop.simulate import settings_of
+from steer_by_wire.closed_loop.scripting.simulate import settings_of
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 

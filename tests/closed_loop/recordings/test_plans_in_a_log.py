@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.bus_listener import BusListener, command_at
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analyse_files
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, SteeringPlan, encode
 from steer_by_wire.plant_emulator.settings import plant_preset

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.live_pair import Program
+from steer_by_wire.closed_loop.pair.live_pair import Program
 from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.closed_loop.rig import Outcome, Rig
 from steer_by_wire.closed_loop.rig.reaction_to_fault import Detection, first_reaction
@@ -168,7 +168,7 @@ def test_a_command_is_told_the_name_of_the_interface_and_the_options_that_join_i
         started.extend(controller.words)
         raise ProcessError("this machine may have no vcan0")
 
-    monkeypatch.setattr("steer_by_wire.closed_loop.live_bus.socketcan_obstacle", lambda _: "")
+    monkeypatch.setattr("steer_by_wire.closed_loop.pair.live_bus.socketcan_obstacle", lambda _: "")
     monkeypatch.setattr("steer_by_wire.closed_loop.rig.rig.LivePair", instead)
     with pytest.raises(ProcessError):
         Rig(tmp_path, bus="socketcan").run(["./mine", "{channel}", "--can={channel}", "{bus}"])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_figures import (
     Figures,
     figures_of,
@@ -178,7 +178,7 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
         decay_1_s = loop.decay_1_s(delay_ms * 1_000_000)
         if abs(decay_1_s) < 1.0 / 30.0:
             continue
-        run = run_batch(plant, law)
+        run = run_compiled(plant, law)
         found = figures_of(
             rules_of(VerdictRules(), plant, law),
             run.time_s,

@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
 from steer_by_wire.closed_loop.studies.result_files import Store
@@ -18,7 +19,6 @@ from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, Threads
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
@@ -269,7 +269,9 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
     plan = schedule_run(plant, law)
     lost = losses_of(plant, plan)
     report = node.report()
-    assert lost.commands[len(run_batch(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0
+    assert (
+        lost.commands[len(run_compiled(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0
+    )
     assert lost.measurements[len(plan.sample_ns)] == report["uplink"]["lost"] > 0
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from steer_by_wire.closed_loop.simulate import simulate
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.scripting.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
@@ -21,7 +22,6 @@ from steer_by_wire.closed_loop.studies.result_reader import read_study
 from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from steer_by_wire.plant_emulator.settings import plant_preset

@@ -6,7 +6,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies import compiled_runs, scenario
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
@@ -14,7 +15,6 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
@@ -103,7 +103,7 @@ def test_a_run_that_leaves_the_sensors_range_is_that_of_the_nodes_up_to_there() 
         ],
     )
     controller = controller_preset("practical_predictor", ["limits.steer_rad_max=0.001"])
-    run = run_batch(plant, controller)
+    run = run_compiled(plant, controller)
     assert run.outcome is Outcome.LEFT_RANGE
     nodes = make_virtual_pair(plant, controller, controller_samples_max=10_000)
     run_virtual_nodes(nodes.plant, nodes.controller, None, None, never)
@@ -128,14 +128,14 @@ def test_an_error_names_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     def refuse(*_: object, **__: object) -> None:
         raise SettingsError("nothing doing")
 
-    monkeypatch.setattr(compiled_runs, "run_batch", refuse)
+    monkeypatch.setattr(compiled_runs, "run_compiled", refuse)
     with pytest.raises(SettingsError, match="run 2: nothing doing"):
         computer.compute([2], never)
 
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(compiled_runs, "run_batch", fail)
+    monkeypatch.setattr(compiled_runs, "run_compiled", fail)
     with pytest.raises(ZeroDivisionError) as raised:
         computer.compute([2], never)
     assert raised.value.__notes__ == ["run 2 of the study"]

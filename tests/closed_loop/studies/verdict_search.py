@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
@@ -176,7 +176,7 @@ def asked_of(seed: int, number: int) -> Iterator[Asked]:
         for limits, noise_m in runs:
             settings = _settings(drawn.preset, (*drawn.overrides, *LIMITS[limits]))
             plant = _plant(drawn, settings, delay_s, noise_m)
-            verdict = verdict_on(plant, settings, run_batch(plant, settings))
+            verdict = verdict_on(plant, settings, run_compiled(plant, settings))
             is_sparse = bool(sparse_measurements(settings, settings.link.sensor_period_s))
             of = (number, drawn.preset, limits, noise_m, delay_s, decay_1_s)
             yield Asked(*of, is_sparse, verdict, facts)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf
 from steer_by_wire.controller.analysis.jitter import (
     JitterTooLargeError,
@@ -183,7 +183,7 @@ def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int)
             "disturbance.steps=[{at_s=1,side_force_n=20000},{at_s=1.5,side_force_n=0}]",
         ],
     )
-    angle_rad = run_batch(plant, chosen).wheel_angle_rad
+    angle_rad = run_compiled(plant, chosen).wheel_angle_rad
     return np.asarray(np.abs(angle_rad[:4000]).reshape(40, 100).max(axis=1))
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_in_words import check_text
@@ -46,7 +46,7 @@ def responses_of(_overrides: tuple[str, ...]) -> Responses:
 
 def run(
     overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float, delay_ns: int, *more: str
-) -> BatchRun:
+) -> CompiledRun:
     return run_straight(controller(*overrides), vehicle, lag_s, delay_ns, *more)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.growing_modes import GrowingModes
 from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import (
@@ -207,7 +207,7 @@ def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
         ],
     )
     unguarded = plant.model_copy(update={"safety": UNGUARDED})
-    run = run_batch(unguarded, boundary.settings)
+    run = run_compiled(unguarded, boundary.settings)
     return run.time_s, run.wheel_angle_rad
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis import check_figures, jitter
 from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
 from steer_by_wire.controller.analysis.check_in_words import check_text
@@ -149,7 +149,7 @@ def wheel_rad(loop: DrawnLoop, delay_s: float) -> list[float]:
             f"disturbance.steps=[{offsets}]",
         ],
     )
-    run = run_batch(plant.model_copy(update={"safety": UNGUARDED}), loop.settings)
+    run = run_compiled(plant.model_copy(update={"safety": UNGUARDED}), loop.settings)
     return [float(np.sqrt(np.mean(w**2))) for w in np.array_split(run.wheel_angle_rad, WINDOWS)]
 
 

@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.linear_system import NotLinearError, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
@@ -61,7 +61,7 @@ def test_the_presets_keep_the_error_their_files_state(law: str) -> None:
     stated = re.search(r"# +RMS error +([\d.]+) m at 0 ms, ([\d.]+) m at 250 ms", text)
     assert stated
     for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
-        runs = [run_batch(corner(each, delay_ms), preset(name)) for each in "abcd"]
+        runs = [run_compiled(corner(each, delay_ms), preset(name)) for each in "abcd"]
         assert {run.outcome for run in runs} == {Outcome.COMPLETE}
         worst_m = max(run.lateral_error_rms_m for run in runs)
         assert worst_m == pytest.approx(rms_m, rel=0.01)

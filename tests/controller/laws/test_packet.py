@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.pair_result import rms
-from steer_by_wire.closed_loop.virtual_pair import VirtualPair, make_virtual_pair
+from steer_by_wire.closed_loop.pair.pair_result import rms
+from steer_by_wire.closed_loop.pair.virtual_pair import VirtualPair, make_virtual_pair
 from steer_by_wire.controller.history.plan import (
     ROW_LENGTH,
     SPACING_MAX,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
@@ -113,7 +113,7 @@ def test_with_a_heading_gain_a_compiled_run_equals_the_nodes() -> None:
     plant = plant_settings((*noise, "latency.downlink.mean_s=0.1", "latency.uplink.loss=0.1"), 4.0)
     settings = controller_preset("practical_pid", ("pid.heading_gain_rad_rad=0.5",))
     run = assert_same_as_nodes(plant, settings)
-    without = run_batch(plant, controller_preset("practical_pid"))
+    without = run_compiled(plant, controller_preset("practical_pid"))
     assert not np.array_equal(run.lateral_error_m, without.lateral_error_m)
 
 

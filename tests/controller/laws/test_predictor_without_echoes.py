@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.law_from_settings import design_law
@@ -90,7 +90,7 @@ def test_the_centre_of_gravity_stays_on_the_path(
     delay, found = f"latency.downlink.mean_s={delay_s}", {}
     for point in ("preview", "centre_of_gravity"):
         settings = preset(f"practical_{law}", (f"followed_point={point}",))
-        run = run_batch(rig([ELLIPSE, delay], 20.0), settings)
+        run = run_compiled(rig([ELLIPSE, delay], 20.0), settings)
         cg_m = run.cg_deviation_m[run.time_s > 5.0]
         found[point] = 1e3 * float(np.sqrt(np.mean(cg_m**2)))
     assert 0.1 < found["centre_of_gravity"] < rms_mm_max

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
@@ -123,6 +123,6 @@ def test_the_nodes_find_a_smith_predictor_stable_where_the_analysis_does(
         ],
         30.0,
     )
-    run = run_batch(plant, preset("practical_pd", FAST_SMITH))
+    run = run_compiled(plant, preset("practical_pd", FAST_SMITH))
     swing_m = np.std(run.lateral_error_m[2500:])
     assert swing_m < 1e-5 if is_stable else 5e-4 < swing_m < 2e-3

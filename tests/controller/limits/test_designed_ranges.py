@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.analysis.check_figures import check_figures
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
@@ -159,7 +159,7 @@ def rig(speed_m_s: float) -> PlantSettings:
 def test_a_compiled_run_beyond_the_range_equals_the_nodes(name: str) -> None:
     settings = preset(name)
     result = run_virtual_pair(rig(8.0), settings, None)
-    run = run_batch(rig(8.0), settings)
+    run = run_compiled(rig(8.0), settings)
     assert result.plant["node"]["lateral_error_rms_m"] == run.lateral_error_rms_m
     assert result.controller["node"]["validity_share"]["speed_high"] > 0.9
 
@@ -167,8 +167,8 @@ def test_a_compiled_run_beyond_the_range_equals_the_nodes(name: str) -> None:
 @pytest.mark.parametrize("name", ["practical_pd_ddob", "practical_pd"])
 def test_far_too_fast_the_lower_demand_keeps_what_the_full_one_loses(name: str) -> None:
     settings, plant = preset(name), rig(30.0 / 3.6).model_copy(update={"duration_s": 40.0})
-    full = run_batch(plant, settings.model_copy(update={"validity": None}))
-    less = run_batch(plant, settings)
+    full = run_compiled(plant, settings.model_copy(update={"validity": None}))
+    less = run_compiled(plant, settings)
     full_m, less_m = (float(np.abs(run.lateral_error_m).max()) for run in (full, less))
     assert less_m < 0.6
     assert full_m > 5.0 * less_m

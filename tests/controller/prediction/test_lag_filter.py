@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import NO_LOOP_DELAY, History
 from steer_by_wire.controller.prediction.lag_filter import (
@@ -51,11 +51,11 @@ def law(*, measures_lag: bool) -> ControllerSettings:
 
 
 @cache
-def driven(lag_s: float) -> BatchRun:
-    return run_batch(plant(lag_s), law(measures_lag=True))
+def driven(lag_s: float) -> CompiledRun:
+    return run_compiled(plant(lag_s), law(measures_lag=True))
 
 
-def history_of(run: BatchRun, lost_share: float = 0.0) -> History:
+def history_of(run: CompiledRun, lost_share: float = 0.0) -> History:
     """Every sample as the plant reports it; a lost one has the values of the one before."""
     wheel_rad, ticks = run.wheel_angle_rad.copy(), np.full(len(run.command), -1)
     ticks[run.command >= 0] = run.schedule.command_tick[run.command[run.command >= 0]]
@@ -135,7 +135,7 @@ def test_a_compiled_run_with_a_lag_equals_the_nodes() -> None:
 
 def test_without_a_lag_measuring_it_changes_nothing() -> None:
     measured, not_measured = (
-        run_batch(plant(0.0), law(measures_lag=measures)) for measures in (True, False)
+        run_compiled(plant(0.0), law(measures_lag=measures)) for measures in (True, False)
     )
     assert (measured.sent_rad == not_measured.sent_rad).all()
 
@@ -150,7 +150,9 @@ def test_a_lag_that_loses_the_path_at_60_km_h_is_measured_and_driven() -> None:
         }
     )
     largest_m = {
-        measures: float(np.abs(run_batch(asked, law(measures_lag=measures)).lateral_error_m).max())
+        measures: float(
+            np.abs(run_compiled(asked, law(measures_lag=measures)).lateral_error_m).max()
+        )
         for measures in (True, False)
     }
     assert 0.015 < largest_m[True] < 0.03

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.law_interface import NO_LOOP_DELAY, History
 from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
 from steer_by_wire.controller.prediction.mass_filter import (
@@ -58,11 +58,11 @@ def light_and_heavy() -> tuple[VehicleGains, VehicleGains]:
 
 
 @cache
-def driven(mass_kg: float, *overrides: str) -> BatchRun:
-    return run_batch(plant(mass_kg, *overrides), law(measures_mass=True))
+def driven(mass_kg: float, *overrides: str) -> CompiledRun:
+    return run_compiled(plant(mass_kg, *overrides), law(measures_mass=True))
 
 
-def measured(run: BatchRun, noise_rad_s: float = 0.0) -> list[MassState]:
+def measured(run: CompiledRun, noise_rad_s: float = 0.0) -> list[MassState]:
     """Return the filter after every sample; VEHICLE_STATE comes with every other one."""
     count = len(run.wheel_angle_rad)
     nothing, never = [0.0] * count, [False] * count
@@ -142,12 +142,12 @@ def test_a_compiled_run_with_another_mass_equals_the_nodes() -> None:
 
 
 def test_at_the_mass_of_the_settings_measuring_it_changes_nothing() -> None:
-    as_set = run_batch(plant(NOMINAL_KG), law(measures_mass=False))
+    as_set = run_compiled(plant(NOMINAL_KG), law(measures_mass=False))
     assert (driven(NOMINAL_KG).sent_rad == as_set.sent_rad).all()
 
 
 def test_a_heavy_vehicle_stays_nearer_to_its_lane() -> None:
-    as_set = run_batch(plant(5000.0), law(measures_mass=False))
+    as_set = run_compiled(plant(5000.0), law(measures_mass=False))
     peaks_m = [float(np.abs(run.lateral_error_m).max()) for run in (as_set, driven(5000.0))]
     assert 0.033 < peaks_m[0] < 0.040
     assert 0.018 < peaks_m[1] < 0.028
@@ -161,7 +161,7 @@ def test_lag_and_mass_are_measured_together() -> None:
         keys = ("predictor.measures_lag", "predictor.measures_mass")
         overrides = [f"{key}={value}" for key, value in zip(keys, measures, strict=True)]
         settings = controller_preset("highway_packet", overrides)
-        run = run_batch(asked, settings)
+        run = run_compiled(asked, settings)
         peak_m[measures] = float(np.abs(run.lateral_error_m).max())
     result = run_virtual_pair(asked, settings, None)
     assert result.plant["node"]["lateral_error_rms_m"] == run.lateral_error_rms_m

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway

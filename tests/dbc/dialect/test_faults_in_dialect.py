@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant
 from steer_by_wire.closed_loop.rig import Rig
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.plant_emulator.faults.messages_in_dialect import messages_on, naming
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.compiled.engine import run_batch
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_figures import (
     figures_of,
     latency_figures,
@@ -268,7 +268,7 @@ def test_a_wheel_that_slams_does_not_hold_though_the_vehicle_cannot_follow() -> 
         r"the wheel's of ±0\.[56]\d* rad at 15\d rad/s",
         text,
     ), text
-    study = run_batch(run.plant_settings, run.controller_settings)
+    study = run_compiled(run.plant_settings, run.controller_settings)
     figures = figures_of(
         rules_of(run.plant_settings.verdict, run.plant_settings, run.controller_settings),
         study.time_s,
@@ -388,6 +388,6 @@ def test_the_point_that_the_controller_follows_is_judged(point: str) -> None:
     if point == "centre_of_gravity":
         assert report["followed_peak_m"] == report["cg_deviation_peak_m"]
     plant, controller = run.plant_settings, run.controller_settings
-    study = run_batch(plant, controller)
+    study = run_compiled(plant, controller)
     behind_m = rules_of(VerdictRules(), plant, controller).behind_preview_m
     assert np.max(np.abs(study.deviation_m(behind_m)[500:])) == report["settled_peak_m"]

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
@@ -258,7 +258,7 @@ def test_the_defaults_change_no_bit_of_any_preset_at_walking_speed(law: str) -> 
     network = ["latency.downlink.model=gamma", "latency.downlink.spread_s=0.03"]
     for name in (one for one in preset_names(PRESETS) if one.startswith("paper_")):
         pair = preset_pair(name, law, "duration_s=5", "sensor_period_ms=1", *network)
-        guarded, bare = (run_batch(*settings) for settings in pair)
+        guarded, bare = (run_compiled(*settings) for settings in pair)
         assert len(guarded.time_s) == 5000
         for field in ("lateral_error_m", "wheel_angle_rad", "command", "sent_rad"):
             np.testing.assert_array_equal(getattr(guarded, field), getattr(bare, field))

@@ -12,8 +12,8 @@ import can
 import pytest
 from can.bus import BusState
 
-from steer_by_wire.closed_loop.rest_bus_from_dbc import traffic_of
-from steer_by_wire.closed_loop.virtual_bus import SharedBus
+from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
+from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus
 from steer_by_wire.runtime.bus_model.settings import (
     BurstSettings,
     BusSettings,

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.run_figures import ControlSample

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, Outcome, run_compiled
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -16,7 +16,7 @@ PUSH = (
 
 def run_straight(
     settings: ControllerSettings, vehicle: NominalVehicle, lag_s: float, delay_ns: int, *more: str
-) -> BatchRun:
+) -> CompiledRun:
     """Run for a minute; ``more`` are overrides of the plant."""
     overrides = (
         "duration_s=60",
@@ -28,12 +28,12 @@ def run_straight(
         *more,
     )
     plant = plant_preset("paper_nominal", overrides)
-    done = run_batch(plant.model_copy(update={"safety": UNGUARDED}), settings)
+    done = run_compiled(plant.model_copy(update={"safety": UNGUARDED}), settings)
     assert done.outcome is Outcome.COMPLETE
     return done
 
 
-def decay_1_s(done: BatchRun, first_s: float, last_s: float, window_s: float = 6.0) -> float:
+def decay_1_s(done: CompiledRun, first_s: float, last_s: float, window_s: float = 6.0) -> float:
     """Return how fast the envelope of the error falls, by a straight line through its logarithm."""
     starts_s = np.arange(first_s, last_s, window_s)
     peaks = [

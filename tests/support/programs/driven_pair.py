@@ -3,9 +3,9 @@
 import time
 from pathlib import Path
 
-from steer_by_wire.closed_loop.live_bus import Bus
-from steer_by_wire.closed_loop.live_pair import LivePair
-from steer_by_wire.closed_loop.pair_result import PairFiles, PairResult
+from steer_by_wire.closed_loop.pair.live_bus import Bus
+from steer_by_wire.closed_loop.pair.live_pair import LivePair
+from steer_by_wire.closed_loop.pair.pair_result import PairFiles, PairResult
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node.overruns import OverrunSettings

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, Outcome, run_batch
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_nodes
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, Outcome, run_compiled
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -68,8 +68,8 @@ def plant_settings(overrides: Sequence[str], duration_s: float = 8.0) -> PlantSe
     return plant_preset("paper_corner_d", [f"duration_s={duration_s}", *overrides])
 
 
-def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> BatchRun:
-    batch = run_batch(plant, controller)
+def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> CompiledRun:
+    batch = run_compiled(plant, controller)
     plant_node = PlantNode(plant, 0)
     controller_node = ControllerNode(controller, 0, samples_max=1_000_000)
     run_virtual_nodes(plant_node, controller_node, None, None, lambda: False)

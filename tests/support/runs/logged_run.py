@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import can
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import PairResult
+from steer_by_wire.closed_loop.pair.pair_result import PairResult
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

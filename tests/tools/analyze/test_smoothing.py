@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.compiled.engine import BatchRun, run_batch
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
@@ -41,7 +41,7 @@ def vehicle() -> VehicleModelSettings:
     return CONTROLLER.nominal_model
 
 
-def driven(lag_s: float = 0.0, spread_s: float = 0.0, **changes: float) -> BatchRun:
+def driven(lag_s: float = 0.0, spread_s: float = 0.0, **changes: float) -> CompiledRun:
     network = LatencySettings(
         model=Distribution.GAMMA if spread_s else Distribution.CONSTANT,
         mean_s=0.1,
@@ -55,10 +55,10 @@ def driven(lag_s: float = 0.0, spread_s: float = 0.0, **changes: float) -> Batch
         latency=BothLatencySettings(downlink=network),
         safety=UNGUARDED,
     )
-    return run_batch(plant, CONTROLLER)
+    return run_compiled(plant, CONTROLLER)
 
 
-def measured(run: BatchRun) -> NDArray[np.float64]:
+def measured(run: CompiledRun) -> NDArray[np.float64]:
     """Errors with the noise that the estimator assumes, a tenth of them lost."""
     random = np.random.default_rng(7)
     seen = np.column_stack((run.lateral_error_m, run.heading_error_rad))

@@ -8,10 +8,10 @@ import can
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.bus_recorder import BusRecorder
-from steer_by_wire.closed_loop.live_bus import Bus, open_channels
-from steer_by_wire.closed_loop.pair_result import PairResult, Trace
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
+from steer_by_wire.closed_loop.pair.bus_recorder import BusRecorder
+from steer_by_wire.closed_loop.pair.live_bus import Bus, open_channels
+from steer_by_wire.closed_loop.pair.pair_result import PairResult, Trace
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -112,9 +112,9 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
 def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
     spec, vehicle = shipped_spec(), shipped_vehicle()
     settings = shipped_preset()
-    # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
+    # Compiled, which tests/test_compiled_run.py holds to be bit for bit the two nodes.
     runs = [
-        run_batch(plant_settings(asked), settings)
+        run_compiled(plant_settings(asked), settings)
         for asked in drives(spec, vehicle, settings, [constant(delay_ms * 1_000_000)])
     ]
     assert all(run.outcome is Outcome.COMPLETE for run in runs)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_plant, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from tests.support.in_c.law_in_c import hosts

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.text import Text
 
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.live_view import (
     SPAN_S,
     STRIP_LENGTH,
@@ -15,7 +16,6 @@ from steer_by_wire.closed_loop.recordings.live_view import (
     View,
     strip_of,
 )
-from steer_by_wire.closed_loop.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
-from steer_by_wire.closed_loop.pair_result import rms
+from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error

@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop.pair_result import Trace
+from steer_by_wire.closed_loop.pair.pair_result import Trace
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame

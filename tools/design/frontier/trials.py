@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....closed_loop.compiled.engine import run_batch
+from ....closed_loop.compiled.engine import run_compiled
 from ....closed_loop.studies.compiled_runs import verdict_on
 from ....controller.filters.nominal_model import NominalVehicle
 from ....controller.laws.feed_forward import FeedForwardSettings
@@ -159,7 +159,7 @@ def _run(
         disturbance=disturbance or DisturbanceSettings(),
         sensor_noise=noise or SensorNoiseSettings(),
     )
-    batch = run_batch(plant, settings)
+    batch = run_compiled(plant, settings)
     counts = batch.lateral_error_m[batch.time_s >= asked.ignore_s]
     if verdict_on(plant, settings, batch) is not Verdict.HOLDS:
         return _LOST

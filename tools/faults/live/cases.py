@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache
 
-from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from ....closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....plant_emulator.faults.settings import FaultSettings
 from ....runtime.settings import Settings, load_settings, read_preset
 from ..injection.live_faults import LiveKind

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from ....closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....dbc.messages import (
     CAN_IDS,
     ControllerFault,

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TerminalTable
 
-from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from ....closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ....closed_loop.processes.process_group import ProcessError
 from ....closed_loop.reports.findings import Finding
 from ....closed_loop.reports.page import Cell, Section, Table, number

@@ -7,10 +7,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....closed_loop.bus_recorder import BusRecorder
-from ....closed_loop.live_bus import Bus
-from ....closed_loop.live_pair import LivePair
-from ....closed_loop.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
+from ....closed_loop.pair.bus_recorder import BusRecorder
+from ....closed_loop.pair.live_bus import Bus
+from ....closed_loop.pair.live_pair import LivePair
+from ....closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ....closed_loop.processes.private_folder import private_folder
 from ....closed_loop.processes.process_group import Processes
 from ....controller.settings import controller_preset

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ....closed_loop.pair_result import rms
+from ....closed_loop.pair.pair_result import rms
 from ....closed_loop.reports.plot_style import COLOURS
 from ....runtime.array_types import FloatArray
 from .. import published

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ....closed_loop.pair_result import rms
+from ....closed_loop.pair.pair_result import rms
 from ....closed_loop.reports.plot_style import COLOURS
 from ....runtime.array_types import FloatArray
 from .. import published

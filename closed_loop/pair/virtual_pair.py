@@ -5,26 +5,26 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..controller.node.node import ControllerNode
-from ..controller.settings import ControllerSettings
-from ..dbc.dialect.node_in_dialect import in_dialect
-from ..plant_emulator.evaluation.run_record import SAMPLES_MAX
-from ..plant_emulator.faults.messages_in_dialect import messages_on
-from ..plant_emulator.faults.stage import with_faults
-from ..plant_emulator.node.node import PlantNode
-from ..plant_emulator.settings import PlantSettings
-from ..runtime.bus_model.settings import BusSettings
-from ..runtime.frame import Frame
-from ..runtime.node import NEVER_NS, Node, ReportingNode
-from ..runtime.node.end import End
-from ..runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
-from ..runtime.program.garbage_collection import no_collections
-from ..runtime.recording.candump import CandumpLog
+from ...controller.node.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...dbc.dialect.node_in_dialect import in_dialect
+from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
+from ...plant_emulator.faults.messages_in_dialect import messages_on
+from ...plant_emulator.faults.stage import with_faults
+from ...plant_emulator.node.node import PlantNode
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, Node, ReportingNode
+from ...runtime.node.end import End
+from ...runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
+from ...runtime.program.garbage_collection import no_collections
+from ...runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
 
 if TYPE_CHECKING:
-    from ..dbc.dialect.dialect import Dialect
+    from ...dbc.dialect.dialect import Dialect
 
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60

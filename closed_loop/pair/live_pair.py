@@ -6,10 +6,10 @@ from contextlib import ExitStack, suppress
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
+from ..processes.process_group import ProcessError, Processes
 from .bus_recorder import BusRecorder
 from .live_bus import Bus
 from .pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, PairResult, Trace
-from .processes.process_group import ProcessError, Processes
 
 PROGRAMS = (CONTROLLER_PROGRAM, PLANT_PROGRAM)
 """In the order in which they are started and ended: without a plant the controller would hold."""

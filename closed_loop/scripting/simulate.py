@@ -13,18 +13,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
 
-from ..controller.law_interface import Law
-from ..controller.settings import PRESETS as CONTROLLER_PRESETS
-from ..controller.settings import ControllerSettings
-from ..controller.settings import shared_vehicle as nominal_vehicle
-from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
-from ..plant_emulator.settings import PlantSettings
-from ..plant_emulator.settings import shared_vehicle as plant_vehicle
-from ..runtime.array_types import FloatArray
-from ..runtime.bus_model.settings import BusSettings
-from ..runtime.command_line import installation
-from ..runtime.node import NEVER_NS, NS_PER_S
-from ..runtime.settings import (
+from ...controller.law_interface import Law
+from ...controller.settings import PRESETS as CONTROLLER_PRESETS
+from ...controller.settings import ControllerSettings
+from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.settings import shared_vehicle as plant_vehicle
+from ...runtime.array_types import FloatArray
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.command_line import installation
+from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.settings import (
     Settings,
     SettingsError,
     SharedTable,
@@ -33,8 +33,8 @@ from ..runtime.settings import (
     read_preset,
     with_values,
 )
-from ..runtime.settings.plugin import by_place
-from .agreed_point import judged_like
+from ...runtime.settings.plugin import by_place
+from ..pair.agreed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
@@ -215,9 +215,9 @@ def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSet
 def _run_virtual(
     plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
 ) -> Run:
-    from ..runtime.bus_model.transmit_queue import BusOverflowError
-    from .virtual_bus import virtual_bus, with_clocks
-    from .virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
+    from ...runtime.bus_model.transmit_queue import BusOverflowError
+    from ..pair.virtual_bus import virtual_bus, with_clocks
+    from ..pair.virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
@@ -252,20 +252,20 @@ def _run_virtual(
 
 def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
     try:
-        from .compiled.engine import run_batch
+        from ..compiled.engine import run_compiled
     except ImportError as error:
         raise ValueError(
             f"engine = 'compiled' needs {error.name}: {installation(str(error.name))}"
         ) from error
 
-    batch = run_batch(plant, controller)
+    run = run_compiled(plant, controller)
     return Run(
-        plant=PlantTable.of_batch(batch),
-        controller=ControllerTable.of_batch(batch),
+        plant=PlantTable.of_compiled(run),
+        controller=ControllerTable.of_compiled(run),
         plant_settings=plant,
         controller_settings=controller,
         plant_report={},
         controller_report={},
         engine="compiled",
-        outcome=str(batch.outcome),
+        outcome=str(run.outcome),
     )

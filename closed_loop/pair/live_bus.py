@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import can
 
-from ..runtime.bus_model.settings import BusSettings
-from ..runtime.output_file import write_text
-from ..runtime.port.interface_choice import socketcan_obstacle
-from ..runtime.settings import SettingsError
-from ..runtime.settings.toml_text import dump_toml
-from .processes.process_group import launched_broker
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.output_file import write_text
+from ...runtime.port.interface_choice import socketcan_obstacle
+from ...runtime.settings import SettingsError
+from ...runtime.settings.toml_text import dump_toml
+from ..processes.process_group import launched_broker
 from .rest_bus_from_dbc import traffic_of
 from .virtual_bus import QUIET_BUS
 

@@ -14,21 +14,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..controller.node.run_figures import ControlSample
-from ..controller.settings import ControllerSettings
-from ..plant_emulator.evaluation.report_in_words import verdict_text
-from ..plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
-from ..plant_emulator.path.path_from_settings import build_path
-from ..plant_emulator.settings import PlantSettings
-from ..runtime.array_types import FloatArray, IntArray
-from ..runtime.command_line import installation
-from ..runtime.output_file import open_text, write_text
-from ..runtime.settings.toml_text import dump_toml
+from ...controller.node.run_figures import ControlSample
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.evaluation.report_in_words import verdict_text
+from ...plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
+from ...plant_emulator.path.path_from_settings import build_path
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray, IntArray
+from ...runtime.command_line import installation
+from ...runtime.output_file import open_text, write_text
+from ...runtime.settings.toml_text import dump_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .compiled.engine import BatchRun
+    from ..compiled.engine import CompiledRun
 
 
 class PlantTable(NamedTuple):
@@ -56,10 +56,10 @@ class PlantTable(NamedTuple):
         return cls(*np.array(samples, dtype=np.float64).reshape(-1, len(cls._fields)).T.copy())
 
     @classmethod
-    def of_batch(cls, batch: "BatchRun") -> "PlantTable":
+    def of_compiled(cls, run: "CompiledRun") -> "PlantTable":
         """Collect what a compiled run has."""
-        unknown = np.full(len(batch.time_s), np.nan)
-        return cls(*(getattr(batch, name, unknown) for name in cls._fields))
+        unknown = np.full(len(run.time_s), np.nan)
+        return cls(*(getattr(run, name, unknown) for name in cls._fields))
 
 
 class ControllerTable(NamedTuple):
@@ -102,14 +102,14 @@ class ControllerTable(NamedTuple):
         return cls(time_s, mode, *others)
 
     @classmethod
-    def of_batch(cls, batch: "BatchRun") -> "ControllerTable":
+    def of_compiled(cls, run: "CompiledRun") -> "ControllerTable":
         """Collect what a compiled run has."""
-        ticks = len(batch.tick_s)
+        ticks = len(run.tick_s)
         mode = np.zeros(ticks, dtype=np.int64)
-        for segment in batch.schedule.segments:
+        for segment in run.schedule.segments:
             mode[segment.first_tick : segment.last_tick] = segment.mode
-        law_rad, *estimates = batch.law_output.T.copy()
-        since_start_ns = batch.schedule.tick_ns[:ticks] - batch.schedule.motion_start_ns
+        law_rad, *estimates = run.law_output.T.copy()
+        since_start_ns = run.schedule.tick_ns[:ticks] - run.schedule.motion_start_ns
         unknown = np.full(ticks, np.nan)
         return cls(
             np.multiply(since_start_ns, 1e-9),
@@ -117,7 +117,7 @@ class ControllerTable(NamedTuple):
             unknown,
             unknown,
             law_rad,
-            batch.sent_rad,
+            run.sent_rad,
             *estimates,
         )
 
@@ -256,7 +256,7 @@ def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figur
     """Draw lateral error, steer, estimates and latency over time."""
     from matplotlib.figure import Figure
 
-    from .reports.plot_style import COLOURS, plot_style
+    from ..reports.plot_style import COLOURS, plot_style
 
     with plot_style():
         figure = Figure(figsize=(9.0, 8.0), dpi=110)

@@ -16,7 +16,7 @@ from steer_by_wire.closed_loop.processes.process_group import Lifeline
 from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.programs.running_program import PATIENCE_S, wait_until
 
-ROOT = str(Path(__file__).resolve().parents[2])
+ROOT = str(Path(__file__).resolve().parents[3])
 NEEDS_SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 CHILD = """
 import signal, sys, time

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from ..controller.settings import ControllerSettings
-from ..plant_emulator.evaluation.run_record import PlantSample, place
-from ..plant_emulator.node.node import PlantNode
-from ..plant_emulator.settings import PlantSettings
-from ..runtime.array_types import FloatArray
-from ..runtime.output_file import write_text
-from ..runtime.settings.toml_text import dump_toml
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.evaluation.run_record import PlantSample, place
+from ...plant_emulator.node.node import PlantNode
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
+from ...runtime.output_file import write_text
+from ...runtime.settings.toml_text import dump_toml
 
 PLANT_PROGRAM, CONTROLLER_PROGRAM = "plant_emulator", "controller"
 """Names of the programs, and of their packages."""

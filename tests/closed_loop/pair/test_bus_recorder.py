@@ -6,9 +6,9 @@ from pathlib import Path
 import can
 import pytest
 
-from steer_by_wire.closed_loop import bus_recorder
-from steer_by_wire.closed_loop.bus_recorder import BusRecorder
-from steer_by_wire.closed_loop.live_bus import Bus
+from steer_by_wire.closed_loop.pair import bus_recorder
+from steer_by_wire.closed_loop.pair.bus_recorder import BusRecorder
+from steer_by_wire.closed_loop.pair.live_bus import Bus
 from tests.support.programs.running_program import wait_until
 
 has_full_disk = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.compilation import sources
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_batch
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
@@ -241,7 +241,7 @@ def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
         ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
     )
     controller = controller_preset("practical_pd", ["limits.steer_rad_max=0.001"])
-    run = run_batch(plant, controller)
+    run = run_compiled(plant, controller)
     assert run.outcome is Outcome.LEFT_RANGE
     assert abs(run.lateral_error_m[-1]) > 83.88
     assert abs(run.lateral_error_m[-2]) < 83.88
@@ -251,7 +251,7 @@ def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
 def test_a_network_that_lets_nothing_through_is_refused() -> None:
     plant = plant_settings(["latency.uplink.loss=1.0"])
     with pytest.raises(NothingArrivesError, match="no measurement came into use"):
-        run_batch(plant, controller_preset("practical_pd"))
+        run_compiled(plant, controller_preset("practical_pd"))
 
 
 def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
@@ -264,7 +264,7 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
 def test_a_run_counts_no_references() -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
     for law in ("practical_pd", "practical_smith"):
-        run_batch(plant_settings((), 1.0), controller_preset(law))
+        run_compiled(plant_settings((), 1.0), controller_preset(law))
     loops, laws = (list(function.overloads.values()) for function in (run_segment, step_at))
     assert len(loops) == 2
     for made in (*loops, *laws):

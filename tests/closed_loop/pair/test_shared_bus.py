@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.rest_bus_from_dbc import load_of, rest_of, traffic_of
-from steer_by_wire.closed_loop.virtual_bus import shared_bus
-from steer_by_wire.closed_loop.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import load_of, rest_of, traffic_of
+from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -6,7 +6,7 @@ from typing import Self
 
 import can
 
-from ..runtime.exit_status import cause_of
+from ...runtime.exit_status import cause_of
 from .live_bus import Bus
 
 _PAUSE_S = 0.1

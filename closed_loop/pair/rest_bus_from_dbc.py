@@ -14,15 +14,15 @@ from itertools import chain
 from pathlib import Path
 from random import Random
 
-from ..dbc.foreign_messages import ListedMessage, read_message_set
-from ..dbc.j1939_transport import GAP_NS, segments, source_address
-from ..dbc.messages import CAN_IDS
-from ..runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
-from ..runtime.bus_model.settings import BusSettings
-from ..runtime.frame import EXTENDED, Frame
-from ..runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
-from ..runtime.node import NS_PER_MS, NS_PER_S
-from ..runtime.settings import SettingsError
+from ...dbc.foreign_messages import ListedMessage, read_message_set
+from ...dbc.j1939_transport import GAP_NS, segments, source_address
+from ...dbc.messages import CAN_IDS
+from ...runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.frame import EXTENDED, Frame
+from ...runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import SettingsError
 
 _EXAMPLE_PERIODS_MS = (*[10] * 4, *[20] * 4, *[50] * 3, *[100] * 4, 200, 500, 1000)
 _EQUAL_CYCLE_MS = 100

@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 
-from ..runtime.bus_model.bus_errors import BusErrors
-from ..runtime.bus_model.bus_model import BusModel, Delivery
-from ..runtime.bus_model.quiet_bus import QuietBus
-from ..runtime.bus_model.rest_bus import OnWire, PeriodicMessage, RestBus
-from ..runtime.bus_model.settings import BusSettings, errors_of
-from ..runtime.bus_model.socketcan_error_frames import error_frame
-from ..runtime.bus_model.transmit_queue import BusOverflowError
-from ..runtime.frame import Frame
-from ..runtime.node import Node
-from ..runtime.node.drifting_clock import DriftingClock
-from ..runtime.settings import SettingsError
+from ...runtime.bus_model.bus_errors import BusErrors
+from ...runtime.bus_model.bus_model import BusModel, Delivery
+from ...runtime.bus_model.quiet_bus import QuietBus
+from ...runtime.bus_model.rest_bus import OnWire, PeriodicMessage, RestBus
+from ...runtime.bus_model.settings import BusSettings, errors_of
+from ...runtime.bus_model.socketcan_error_frames import error_frame
+from ...runtime.bus_model.transmit_queue import BusOverflowError
+from ...runtime.frame import Frame
+from ...runtime.node import Node
+from ...runtime.node.drifting_clock import DriftingClock
+from ...runtime.settings import SettingsError
 from .rest_bus_from_dbc import traffic_of
 
 NODES = ("plant", "controller")

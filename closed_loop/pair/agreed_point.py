@@ -1,9 +1,9 @@
 """The point on which a pair agrees: its plant judges the one that its controller follows."""
 
-from ..controller.settings import ControllerSettings
-from ..plant_emulator.evaluation.judged_point import FollowedPoint
-from ..plant_emulator.evaluation.run_verdict import VerdictRules
-from ..plant_emulator.settings import PlantSettings
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.evaluation.judged_point import FollowedPoint
+from ...plant_emulator.evaluation.run_verdict import VerdictRules
+from ...plant_emulator.settings import PlantSettings
 
 
 def followed_point(rules: VerdictRules, controller: ControllerSettings) -> FollowedPoint:

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..controller.analysis.check_figures import check_figures
-from ..controller.analysis.check_verdict import CheckVerdict, found_in
-from ..controller.analysis.sampled_loop import StabilityMargins
-from ..controller.law_interface import Law
-from ..controller.settings import ControllerSettings, shared_vehicle
+from ...controller.analysis.check_figures import check_figures
+from ...controller.analysis.check_verdict import CheckVerdict, found_in
+from ...controller.analysis.sampled_loop import StabilityMargins
+from ...controller.law_interface import Law
+from ...controller.settings import ControllerSettings, shared_vehicle
 from .simulate import NO_OVERRIDES, settings_of
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.virtual_pair import (
+from steer_by_wire.closed_loop.pair.virtual_pair import (
     make_virtual_pair,
     run_virtual_nodes,
     run_virtual_pair,
@@ -19,9 +19,9 @@ from steer_by_wire.tools.run.__main__ import main as closed_loop
 from tests.soak.babbling_node import LOWEST_PRIORITY_IDS
 from tests.soak.virtual_soak import run_virtual_soak
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 BUILDERS = {
-    "closed_loop/virtual_pair.py": "for all",
+    "closed_loop/pair/virtual_pair.py": "for all",
     "tools/faults/campaign/watched_pair.py": "watches stand between node and faults",
     "tools/run/run_nodes.py": "in real time, behind the faults as well",
 }
