@@ -33,9 +33,9 @@ from .analysis.check_figures import check_figures
 from .analysis.check_in_words import check_text
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
+from .fail_if_quantities import QUANTITIES
 from .laws import LAWS
 from .node.contradicted_settings import contradictions
-from .node.fail_if_quantities import QUANTITIES
 from .node.node import RECEIVED, SENT, ControllerNode
 from .node.report_in_words import controller_summary, verdict_text
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle

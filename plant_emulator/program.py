@@ -19,9 +19,9 @@ from ..runtime.node.end import End
 from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
 from .check_option import check_text
-from .evaluation.fail_if_quantities import QUANTITIES
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
+from .fail_if_quantities import QUANTITIES
 from .faults.messages_in_dialect import messages_on, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.controller.node.fail_if_quantities import QUANTITIES
+from steer_by_wire.controller.fail_if_quantities import QUANTITIES
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.report_in_words import verdict_text
 from steer_by_wire.controller.program import ENDING
