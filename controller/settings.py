@@ -14,7 +14,6 @@ from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
 from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
-from .delay_estimation.delay_estimator import DelayEstimationSettings
 from .laws.law_from_settings import design_law
 from .laws.settings import LawSettings
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
@@ -28,7 +27,6 @@ class ControllerSettings(LawSettings):
 
     limits: LimitSettings = LimitSettings()
     supervision: SupervisionSettings = SupervisionSettings()
-    delay_estimation: DelayEstimationSettings = DelayEstimationSettings()
     overruns: OverrunSettings = OverrunSettings()
     """Limits beyond which the controller counts as too slow, stops steering, and ends."""
 

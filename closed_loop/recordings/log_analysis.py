@@ -44,8 +44,6 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "disturbance_rad": ("CONTROLLER_STATUS", "disturbance_rad"),
     "network_disturbance_rad": ("CONTROLLER_STATUS", "network_disturbance_rad"),
     "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
-    "estimated_delay_s": ("DELAY_STATUS", "estimated_delay_s"),
-    "delay_confidence": ("DELAY_STATUS", "confidence"),
     "steering_lag_s": ("MODEL_STATUS", "steering_lag_s"),
     "virtual_mass_kg": ("MODEL_STATUS", "virtual_mass_kg"),
 }

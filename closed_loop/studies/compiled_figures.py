@@ -94,14 +94,6 @@ class Figures(NamedTuple):
     """Of the body beyond an edge of its corridor; NaN where the path has none."""
     sensor_noise_m: float
     """Its standard deviation on the lateral error."""
-    estimate_share: float
-    """Of the reports of the delay, those with an estimate; this and the next three only of runs of
-    the nodes (``delay_error``)."""
-    estimate_error_s: float
-    """Median of the estimates' errors."""
-    estimate_error_max_s: float
-    echo_error_s: float
-    """Mean error of the delay measured by the echo."""
 
 
 def _place(name: str) -> int:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.node.node import ControllerNode
+from ...dbc import messages
 from ...dbc.dialect.dialect import read_dialect
 from ...dbc.dialect.listening import OURS
 from ...dbc.dialect.overheard import Overheard
@@ -25,6 +26,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
+from ...runtime.frame import Frame
 from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_in, controller_node
 from ..pair.pair_result import Trace
@@ -39,18 +41,20 @@ from .compiled_figures import (
     figures_of,
     rules_of,
 )
-from .delay_error import DelayListener
 from .scenario import Pair
 
 TICKS_MAX = 10_000_000
 
 
 class Ran(NamedTuple):
-    """Both nodes after their run over a bus, and what a listener has heard there."""
+    """Both nodes after their run over a bus.
+
+    ``sent_rad``  the commands on the bus; a car's names none
+    """
 
     plant: PlantNode
     controller: ControllerNode | LockstepNode
-    listener: DelayListener
+    sent_rad: list[float]
 
 
 def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
@@ -58,7 +62,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
 
     The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
-    plant, controller, listener = _ran(pair, bus)
+    plant, controller, sent_on_bus_rad = _ran(pair, bus)
     trace, report = Trace.of_node(plant), plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
@@ -67,11 +71,11 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     if isinstance(controller, ControllerNode):
         sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples])
     else:
-        sent_rad = np.array(listener.sent_rad)
+        sent_rad = np.array(sent_on_bus_rad)
     run_rules = rules_of(rules, pair.plant, pair.controller)
     followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
     figures = figures_of_trace(run_rules, pair.plant, trace, followed_m, samples, sent_rad)
-    row[: len(figures)] = figures._replace(**listener.errors._asdict())
+    row[: len(figures)] = figures
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
@@ -131,9 +135,18 @@ def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
     dialect = read_dialect(FilePath(pair.dialect)) if pair.dialect else None
     plant, edge = make_virtual_plant(pair.plant, dialect=dialect)
     listening = OURS if dialect is None else Overheard(dialect)
-    listener = DelayListener(pair.plant, pair.controller, listening)
+    sent_rad: list[float] = []
+
+    def on_wire(time_ns: int, _sender: int, frame: Frame) -> None:
+        for ours in listening.hear(frame, time_ns).ours:
+            decoded = messages.decode(ours)
+            if isinstance(decoded, messages.Decoded) and isinstance(
+                decoded.message, messages.SteeringCommand
+            ):
+                sent_rad.append(decoded.message.steer_rad)
+
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
         nodes = with_clocks(edge, controller_in(dialect, controller), bus)
         in_vain = waits_in_vain(plant, START_S_MAX)
-        run_virtual_nodes(*nodes, wire, None, in_vain, listener.on_wire)
-    return Ran(plant, controller, listener)
+        run_virtual_nodes(*nodes, wire, None, in_vain, on_wire)
+    return Ran(plant, controller, sent_rad)

@@ -97,10 +97,6 @@ class Rows(NamedTuple):
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray
-    estimate_share: FloatArray
-    estimate_error_s: FloatArray
-    estimate_error_max_s: FloatArray
-    echo_error_s: FloatArray
     factors: Mapping[str, NDArray[Any]]
 
     @property
@@ -111,8 +107,7 @@ class Rows(NamedTuple):
 
 _FIGURES = (
     "rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m", "duration_s",
-    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "estimate_share",
-    "estimate_error_s", "estimate_error_max_s", "echo_error_s",
+    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share",
 )  # fmt: skip
 """The columns that are read as they are."""
 

@@ -164,8 +164,6 @@ class ControllerNode:
                 self._supervisor.on_own_fault()
             self._figures.last_tick_ns = now_ns
             before_rad = self._sent_steer_rad
-            if self._commands.sent.count:
-                self._delay.on_tick(now_ns, period, before_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
             mode = self._supervisor.mode
             sent_rad = limit_step(self._limits, before_rad, wanted_rad)
@@ -226,7 +224,7 @@ class ControllerNode:
                         a law without one
         ``stale``       how often each message exceeded its age limit
         ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
-        ``delay``       from command to measurement, by echo and by estimate
+        ``delay``       from command to measurement, by echo; None while unknown
         ``lost``        frames that never arrived or arrived too late; ``rejected`` by cause
         """
         timer, law, reception = self._control_timer, self._law, self._received.reception
@@ -247,7 +245,7 @@ class ControllerNode:
             **self._figures.report(self._failure),
             "stale": self._safety.went_stale,
             "sensor_period": None if law.bus_history is None else law.bus_history.sensor_period(),
-            "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),
+            "delay": {"echo_s": self._delay.echo_s(self._figures.last_tick_ns)},
             "accepted": reception.accepted,
             "lost": reception.lost,
             "rejected": reception.rejected,
@@ -274,7 +272,7 @@ class ControllerNode:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:
                 self._command_rad = command_rad
-            self._delay.echo.on_echo(sent_ns, now_ns)
+            self._delay.on_echo(sent_ns, now_ns)
             if is_first:
                 self._figures.on_effect(now_ns - sent_ns, now_ns)
 

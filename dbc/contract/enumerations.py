@@ -121,15 +121,6 @@ class EchoState(IntEnum):
     KNOWN = 1
 
 
-class EstimateState(IntEnum):
-    """Whether the delay can be estimated from command and response."""
-
-    OFF = 0
-    NOT_OBSERVABLE = 1
-    """Not at present: too little excitation, or the two estimates contradict each other."""
-    OBSERVABLE = 2
-
-
 class ShownMassState(IntEnum):
     """Whether the yaw rate shows the virtual mass."""
 

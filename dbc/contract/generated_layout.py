@@ -126,10 +126,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         can_id=0x308, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5308,
         signals=_signals(
         ("ECHO_DELAY", "echo_delay_s", 24, 12, False, 0.0005, 0, 2.0475, "s", None),
-        ("ESTIMATED_DELAY", "estimated_delay_s", 36, 12, False, 0.0005, 0, 2.0475, "s", None),
         ("ECHO_STATE", "echo_state", 48, 2, False, 1, 0, 1, "", None),
-        ("ESTIMATE_STATE", "estimate_state", 50, 2, False, 1, 0, 2, "", None),
-        ("CONFIDENCE", "confidence", 52, 7, False, 0.01, 0, 1, "", None),
     )),
     MessageLayout("MODEL_STATUS", sender="CONTROLLER",
         can_id=0x30c, length=8, cycle_time_ms=0, active_cycle_time_ms=1000, data_id=0x530c,

@@ -13,7 +13,6 @@ from .enumerations import (
     ControllerFault,
     Direction,
     EchoState,
-    EstimateState,
     Freshness,
     LatencyModel,
     LawNumber,
@@ -89,10 +88,7 @@ class DelayStatus(NamedTuple):
     """Controller to all, for monitoring: the delay from command to measurement, down and up."""
 
     echo_delay_s: float
-    estimated_delay_s: float
     echo_state: EchoState
-    estimate_state: EstimateState
-    confidence: float
 
 
 class ModelStatus(NamedTuple):

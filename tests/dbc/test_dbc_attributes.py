@@ -21,7 +21,6 @@ from steer_by_wire.dbc.messages import (
     DelayStatus,
     Direction,
     EchoState,
-    EstimateState,
     LatencyConfig,
     Mode,
     PathAhead,
@@ -83,7 +82,6 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message.mode is Mode.WAITING
             case DelayStatus():
                 assert message.echo_state is EchoState.UNKNOWN
-                assert message.estimate_state is EstimateState.OFF
             case PlantStatus():
                 assert message.safety is SafetyState.NORMAL
             case LatencyConfig():

@@ -24,7 +24,6 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     EchoState,
     EncodeError,
-    EstimateState,
     Freshness,
     GroundTruth,
     LatencyConfig,
@@ -121,9 +120,9 @@ GOLDEN: list[tuple[Message, str, str]] = [
     ),
     # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
     (
-        DelayStatus(0.08, 0.082, EchoState.KNOWN, EstimateState.OBSERVABLE, 0.97),
+        DelayStatus(0.08, EchoState.KNOWN),
         "308",
-        "d8a6 07 a0400a1906",
+        "a2a6 07 a000000100",
     ),
     # 200 = 0xC8; 200 << 12 = 0xC_8000; 254 << 25 = 0x1_FC00_0000; 1 << 38
     (ModelStatus(0.1, 2000.0, 2540.0, ShownMassState.KNOWN), "30C", "8c99 07 c8800cfc41"),

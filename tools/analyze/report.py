@@ -24,8 +24,6 @@ SIGNAL_NAMES = {
     "disturbance_rad": ("disturbance, estimated", "mrad", 1e3),
     "network_disturbance_rad": ("network disturbance, estimated", "mrad", 1e3),
     "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
-    "estimated_delay_s": ("delay down and up, estimated", "ms", 1e3),
-    "delay_confidence": ("confidence of that estimate", "%", 100.0),
     "steering_lag_s": ("steering lag that the law takes", "ms", 1e3),
     "virtual_mass_kg": ("virtual mass that the law takes", "kg", 1.0),
 }

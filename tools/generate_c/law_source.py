@@ -33,7 +33,7 @@ from .records import (
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "pid")
 NAME = "steering_law"
 _PUBLIC: tuple[Callable[..., float], ...] = (limit_step, difference_step, ramp_step)
-_NOT_IN_C = ("estimator", "delay_estimation")
+_NOT_IN_C = ("estimator",)
 """Tables that neither these laws nor the node around them read."""
 _HEADER = """\
 /* {title}

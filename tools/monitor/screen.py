@@ -14,7 +14,7 @@ from ...closed_loop.recordings.status_lights import (
     lights_of,
     measurements_that_are,
 )
-from ...dbc.messages import EchoState, EstimateState, Freshness, SecondSender
+from ...dbc.messages import EchoState, Freshness, SecondSender
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
@@ -178,14 +178,12 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
 
 
 def _delay(view: View) -> str:
-    """Return the delay down and up, by echo and by estimate; - where it is not known now."""
+    """Return the delay down and up, by echo; - where it is not known now."""
     delay = view.delay
     if delay is None:
         return ""
     echo = f"{_ONE_MS * delay.echo_delay_s:.0f}" if delay.echo_state is EchoState.KNOWN else "-"
-    is_observable = delay.estimate_state is EstimateState.OBSERVABLE
-    estimate = f"{_ONE_MS * delay.estimated_delay_s:.0f}" if is_observable else "-"
-    return f"delay: echo {echo}, est. {estimate} ms"
+    return f"delay: echo {echo} ms"
 
 
 def _model(view: View) -> str:

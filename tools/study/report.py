@@ -29,7 +29,6 @@ from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
-from .delay_errors import delay_sections
 from .heat_maps import are_drawn, draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import (
     draw_conditions,
@@ -57,7 +56,6 @@ def write(folder: Path) -> Path:
         study_section(study, rows),
         *filter(None, (seeds_section(study, rows),)),
         *_laws(study, rows, axes),
-        *delay_sections(study, rows),
         *_maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows),

@@ -31,7 +31,6 @@ from steer_by_wire.dbc.messages import (
     COMMAND_COUNTERS,
     DelayStatus,
     EchoState,
-    EstimateState,
     LateralError,
     Mode,
     PathAhead,
@@ -56,8 +55,8 @@ NODE = (
 
 
 def settings_of(preset: str, *overrides: str) -> ControllerSettings:
-    """Return a preset's settings without what the node in C has not."""
-    return controller_preset(preset, ("delay_estimation.enabled=false", *overrides))
+    """Return a preset's settings."""
+    return controller_preset(preset, overrides)
 
 
 def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Sequence[str]:
@@ -226,7 +225,7 @@ class Traffic:
             own = drawn.choice(
                 (
                     Sender(SteeringCommand).frame((0.1, number, Mode.ACTIVE)),
-                    Sender(DelayStatus).frame((0.1, 0.1, EchoState.KNOWN, EstimateState.OFF, 0.0)),
+                    Sender(DelayStatus).frame((0.1, EchoState.KNOWN)),
                 )
             )
             return [*frames, own if number % 3 else self._damaged(own)]

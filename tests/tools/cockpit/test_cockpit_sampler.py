@@ -15,7 +15,6 @@ from steer_by_wire.dbc.messages import (
     ControllerStatus,
     DelayStatus,
     EchoState,
-    EstimateState,
     Freshness,
     LateralError,
     LawNumber,
@@ -148,7 +147,7 @@ def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last()
 CALM = Known(
     ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0),
     ControllerSafety(0, 0, Freshness.FRESH, Freshness.FRESH, Freshness.FRESH, ControllerFault.NONE),
-    DelayStatus(0.1, 0.1, EchoState.KNOWN, EstimateState.OBSERVABLE, 1.0),
+    DelayStatus(0.1, EchoState.KNOWN),
     SteeringStatus(0.0, 1, SteeringStatusCode.APPLYING),
     PlantStatus(0.0, 0.0, 0, 0, SafetyState.NORMAL),
     {},

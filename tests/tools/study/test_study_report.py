@@ -196,10 +196,6 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
-        estimate_share=np.full(count, np.nan),
-        estimate_error_s=np.full(count, np.nan),
-        estimate_error_max_s=np.full(count, np.nan),
-        echo_error_s=np.full(count, np.nan),
         factors={
             "mean_s": np.zeros(count),
             "jitter": np.zeros(count),

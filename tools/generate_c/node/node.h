@@ -4,8 +4,7 @@
  *     node_on_frame(&node, &frame, now_ns);              every frame that arrives
  *     count = node_on_tick(&node, now_ns, frames);       at node.deadline_ns or later; to be sent
  *
- * Not in it: the delay estimated from the response (DELAY_STATUS says OFF), the watch over signals
- * that contradict each other, and authentication.
+ * Not in it: the watch over signals that contradict each other, and authentication.
  */
 #ifndef NODE_H
 #define NODE_H
