@@ -1,12 +1,16 @@
 """One pure step function of Python as one function of C99.
 
-The subset: ``float`` and ``bool``, records, local names, + - * / and the minus, ``not``, one
-comparison at a time, ``a if condition else b``, ``isfinite``, calls of functions in the subset,
-``if``, ``return``. Sums and products keep their order and their parentheses: a compiler that
-contracts nothing (``-ffp-contract=off``) gives the same bits. Everything else is refused with its
-file and line: loops, ``int``, closures, an attribute that is set, a division by what has not been
-compared with 0. ``if ...: raise`` is left out: it depends on parameters alone, which the generator
-has tried.
+The subset: ``float``, ``int`` of up to 64 bits, ``bool``, members of an IntEnum, records, None in
+place of a number, local names, + - * / // % and the minus, ``and``, ``or``, ``not``, comparisons,
+``a if condition else b``, ``isfinite``, ``abs``, ``min`` and ``max`` of two, ``float`` of an int,
+calls of functions in the subset, ``_replace``, ``if``, ``while``, ``return``, and ``for`` over the
+rows of a constant table, which is written out. Sums and products keep their order and their
+parentheses: a compiler that contracts nothing (``-ffp-contract=off``) gives the same bits.
+
+Everything else is refused with its file and line: closures, an attribute that is set, an ``int`` in
+place of a ``float``, a division by what has not been compared with 0. Fields of the parameters,
+``p``, are divided by as they are: their settings exclude 0. ``if ...: raise`` is left out: it
+depends on parameters alone, which the generator has tried.
 
 Records are passed as pointers to const and returned by value. A name of a record is a pointer to
 one that never changes, so no step changes what it was given.
@@ -17,27 +21,28 @@ import inspect
 import math
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple, NoReturn, TypeGuard
 
-from steer_by_wire.runtime.exit_status import UserError
+from .helpers import HELPERS
+from .records import Kind, Record, Records, UntranslatableError, declared, hexadecimal, member_name
+from .sources import Source, hints_of, source_of
 
-from .records import Kind, Record, Records, UntranslatableError, declared, hexadecimal
-
-_ROOT = Path(__file__).resolve().parents[2]
 _OPERATORS: Mapping[type, tuple[str, int]] = {
-    ast.Add: ("+", 3), ast.Sub: ("-", 3), ast.Mult: ("*", 4), ast.Div: ("/", 4),
-    ast.Lt: ("<", 2), ast.LtE: ("<=", 2), ast.Gt: (">", 2), ast.GtE: (">=", 2),
-    ast.Eq: ("==", 2), ast.NotEq: ("!=", 2),
+    ast.Add: ("+", 4), ast.Sub: ("-", 4), ast.Mult: ("*", 5), ast.Div: ("/", 5),
+    ast.Lt: ("<", 3), ast.LtE: ("<=", 3), ast.Gt: (">", 3), ast.GtE: (">=", 3),
+    ast.Eq: ("==", 3), ast.NotEq: ("!=", 3), ast.Is: ("==", 3), ast.IsNot: ("!=", 3),
 }  # fmt: skip
-_CHOICE, _COMPARISON, _SIGN, _ATOM = 1, 2, 5, 6
+_CHOICE, _LOGIC, _COMPARISON, _SIGN, _ATOM = 1, 2, 3, 6, 7
+_INTEGER_DIVISIONS = {ast.FloorDiv: "floor_div", ast.Mod: "floor_mod"}
+_INT32_MAX = 2**31 - 1
 _WIDTH = 100
 _TAKEN = frozenset((
     "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum",
     "extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict",
     "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union",
-    "unsigned", "void", "volatile", "while", "bool", "true", "false", "is_finite",
+    "unsigned", "void", "volatile", "while", "bool", "true", "false", *HELPERS,
 ))  # fmt: skip
 """Names that C, or the rest of the generated file, has for something else."""
 
@@ -60,52 +65,6 @@ class Text(NamedTuple):
     def within(self, binds: int) -> str:
         """Return the text as an operand, in parentheses if it binds less."""
         return self.text if self.binds >= binds else f"({self.text})"
-
-
-class Source(NamedTuple):
-    """A Python function, the tree of its text, and where that stands."""
-
-    function: Any
-    tree: ast.FunctionDef
-    file: str
-    line: int
-
-    def refuse(self, node: ast.AST, why: str) -> NoReturn:
-        """Raise UserError that names the place."""
-        line = self.line + getattr(node, "lineno", 1) - 1
-        raise UserError(f"{self.file}:{line}: {why}: this does not become C")
-
-    def meant(self, node: ast.AST) -> Any:
-        """Return what a name in the text stands for, None for a local one."""
-        match node:
-            case ast.Name(id=name):
-                return self.function.__globals__.get(name)
-            case ast.Attribute(value=ast.Name(id="math"), attr=name):
-                return getattr(math, name, None)
-        return None
-
-
-def source_of(function: Callable[..., Any]) -> Source:
-    """Return the source of a function."""
-    if not inspect.isfunction(function):
-        raise UserError(f"{function!r} is no plain function: this does not become C")
-    lines, line = inspect.getsourcelines(function)
-    (tree,) = ast.parse(textwrap.dedent("".join(lines))).body
-    path = Path(inspect.getsourcefile(function) or "?").resolve()
-    file = str(path.relative_to(_ROOT)) if path.is_relative_to(_ROOT) else path.name
-    source = Source(function, tree, file, line)  # type: ignore[arg-type]
-    if not isinstance(tree, ast.FunctionDef) or tree.decorator_list:
-        source.refuse(tree, "no function with a name, or one with a decorator")
-    return source
-
-
-def hints_of(source: Source) -> Mapping[str, Any]:
-    """Return the types of a function's parameters and of ``return``."""
-    names = (*(it.arg for it in source.tree.args.args), "return")
-    hints: Mapping[str, Any] = inspect.get_annotations(source.function, eval_str=True)
-    if [*hints] != [*names]:
-        source.refuse(source.tree, "a parameter or the result without a type, or not positional")
-    return hints
 
 
 class Function:
@@ -137,6 +96,8 @@ class Function:
             for name, line in _left_at_zero(it)
             if self._times_set[name] <= 1
         }
+        self._constants: dict[str, Any] = {}
+        """What the names of a row of a constant table stand for."""
         self.result = self._kind(source.tree, returned[1], f"{self.name}_result")
 
     def prototype(self, storage: str = "") -> str:
@@ -184,12 +145,44 @@ class Function:
                 condition = self._expression(test, "bool").text
                 return [f"/* {condition}: no parameters of this file lead here. */"]
             case ast.If(test=test, body=body, orelse=otherwise):
-                return self._if(test, body, otherwise)
+                return self._if("if", test, body, otherwise)
+            case ast.While(test=test, body=body, orelse=[]):
+                return self._if("while", test, body, [])
+            case ast.For(target=ast.Tuple(elts=names), iter=ast.Subscript() as rows, body=body):
+                return self._written_out(names, rows, body)
         return self._refuse(node)
 
-    def _if(self, test: ast.expr, body: list[ast.stmt], otherwise: list[ast.stmt]) -> list[str]:
+    def _written_out(
+        self, names: Sequence[ast.expr], rows: ast.Subscript, body: list[ast.stmt]
+    ) -> list[str]:
+        """Return a loop over the rows that a constant table has for a key, one after the other."""
+        table, key = self._meant(rows.value), self._expression(rows.slice)
+        if not isinstance(table, Mapping):
+            self._refuse(rows.value, f"{ast.unparse(rows.value)}, no constant table")
+        lines = []
+        for one, its_rows in table.items():
+            lines.append(f"if ({key.within(_COMPARISON + 1)} == {self._member(one)}) {{")
+            for row in its_rows:
+                self._constants = dict(zip(map(ast.unparse, names), row, strict=True))
+                lines += [f"    {line}" for it in body for line in self._statement(it)]
+            lines.append("}")
+        self._constants = {}
+        return lines
+
+    def _meant(self, node: ast.AST) -> Any:
+        """Return what a name that is not local stands for."""
+        name = ast.unparse(node)
+        return self._constants[name] if name in self._constants else self._source.meant(node)
+
+    def _member(self, member: IntEnum) -> str:
+        self._records.kind_of(type(member))
+        return member_name(member)
+
+    def _if(
+        self, word: str, test: ast.expr, body: list[ast.stmt], otherwise: list[ast.stmt]
+    ) -> list[str]:
         known, outside, self._is_within_if = {*self._scope}, self._is_within_if, True
-        lines = [f"if ({self._expression(test, 'bool').text}) {{"]
+        lines = [f"{word} ({self._expression(test, 'bool').text}) {{"]
         for begin, statements in (("", body), ("} else {", otherwise)):
             if statements:
                 lines += [begin] if begin else []
@@ -223,7 +216,7 @@ class Function:
         before: set[str] = set()
         for target, value in zip(targets, values, strict=True):
             if before & {it.id for it in ast.walk(value) if isinstance(it, ast.Name)}:
-                self._refuse(value, "an assignment that reads a name set beside it")
+                self._refuse(value, "an assignment that reads a name set with it")
             before |= {it.id for it in ast.walk(target) if isinstance(it, ast.Name)}
 
     def _apart(self, target: ast.Tuple, record: Text) -> list[str]:
@@ -238,7 +231,7 @@ class Function:
         return _joined(lines)
 
     def _set(self, target: ast.expr, value: Text) -> list[str]:
-        """Declare a name, or set it anew."""
+        """Declare a name, or set it again."""
         if not isinstance(target, ast.Name):
             self._refuse(target)
         name, known = target.id, self._scope.get(target.id)
@@ -268,39 +261,47 @@ class Function:
         match node:
             case ast.Name(id=name) if name in self._scope:
                 return self._scope[name]
-            case ast.Name() if isinstance(value := self._source.meant(node), float):
-                return Text(hexadecimal(value), _ATOM, "double")
-            case ast.Constant(value=bool(value)):
-                return Text("true" if value else "false", _ATOM, "bool")
-            case ast.Constant(value=float(value)) if math.isfinite(value):
-                return Text(hexadecimal(value), _ATOM, "double")
+            case ast.Name() | ast.Attribute() if _is_number(value := self._meant(node)):
+                return self._number(value)
+            case ast.Constant(value=value) if _is_number(value):
+                return self._number(value)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                inner = self._expression(operand, "double").within(_ATOM)
-                return Text(f"-{inner}", _SIGN, "double")
+                inner = self._expression(operand)
+                if inner.kind not in ("double", "int64_t"):
+                    self._refuse(operand, f"{ast.unparse(operand)!r:.60} is no number")
+                return Text(f"-{inner.within(_ATOM)}", _SIGN, inner.kind)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return Text(f"!{self._expression(operand, 'bool').within(_ATOM)}", _SIGN, "bool")
+            case ast.BoolOp(op=op, values=values):
+                sign = " && " if isinstance(op, ast.And) else " || "
+                parts = [self._expression(it, "bool").within(_LOGIC + 1) for it in values]
+                return Text(sign.join(parts), _LOGIC, "bool")
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _INTEGER_DIVISIONS:
+                self._refuse_zero(node, right)
+                parts = [self._expression(it, "int64_t").text for it in (left, right)]
+                text = f"{_INTEGER_DIVISIONS[type(op)]}({', '.join(parts)})"
+                return Text(text, _ATOM, "int64_t")
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                if isinstance(op, ast.Div) and self._may_be_zero(right):
-                    self._refuse(node, f"a division by {ast.unparse(right)}, which may be 0")
+                kind = self._expression(left).kind
+                if isinstance(op, ast.Div):
+                    self._refuse_zero(node, right)
+                    kind = "double"
                 sign, binds = _OPERATORS[type(op)]
-                before = self._expression(left, "double").within(binds)
-                after = self._expression(right, "double").within(binds + 1)
-                return Text(f"{before} {sign} {after}", binds, "double")
-            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
-                one = self._expression(left)
-                other = self._expression(right, "bool" if one.kind == "bool" else "double")
-                if one.kind != other.kind:
-                    self._refuse(node)
-                sign = _OPERATORS[type(op)][0]
-                text = f"{one.within(_COMPARISON + 1)} {sign} {other.within(_COMPARISON + 1)}"
-                return Text(text, _COMPARISON, "bool")
+                wanted = kind if kind == "int64_t" else "double"
+                before = self._expression(left, wanted).within(binds)
+                after = self._expression(right, wanted).within(binds + 1)
+                return Text(f"{before} {sign} {after}", binds, wanted)
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                pairs = zip([left, *others], ops, others, strict=False)
+                parts = [self._compared(node, *pair) for pair in pairs]
+                return Text(" && ".join(parts), _COMPARISON if len(parts) == 1 else _LOGIC, "bool")
             case ast.IfExp(test=test, body=body, orelse=otherwise):
-                condition = self._expression(test, "bool").within(_COMPARISON)
+                condition = self._expression(test, "bool").within(_LOGIC)
                 one = self._expression(body)
                 other = self._expression(otherwise, one.kind)
                 if isinstance(one.kind, Record):
                     self._refuse(node, "a choice between records")
-                text = f"{condition} ? {one.within(_COMPARISON)} : {other.within(_CHOICE)}"
+                text = f"{condition} ? {one.within(_LOGIC)} : {other.within(_CHOICE)}"
                 return Text(text, _CHOICE, one.kind)
             case ast.Attribute(value=value, attr=name):
                 return self._field(node, self._expression(value), name)
@@ -308,14 +309,58 @@ class Function:
                 record = self._expression(value)
                 if isinstance(record.kind, Record) and 0 <= index < len(record.kind.fields):
                     return self._field(node, record, record.kind.fields[index][0])
+            case ast.Call(func=ast.Attribute(value=value, attr="_replace"), args=[]):
+                return self._replaced(node, self._expression(value))
             case ast.Call(func=called, args=arguments, keywords=[]):
-                return self._call(node, self._source.meant(called), arguments)
+                return self._call(node, self._meant(called), arguments)
         return self._refuse(node)
 
-    def _may_be_zero(self, node: ast.expr) -> bool:
-        """Whether Python could refuse to divide by an expression."""
-        name = ast.unparse(node)
-        return name not in self._not_zero or self._not_zero[name] >= node.lineno
+    def _number(self, value: float) -> Text:
+        if isinstance(value, bool):
+            return Text("true" if value else "false", _ATOM, "bool")
+        if isinstance(value, IntEnum):
+            return Text(self._member(value), _ATOM, "int64_t")
+        if isinstance(value, int):
+            text = str(value) if abs(value) <= _INT32_MAX else f"INT64_C({value})"
+            return Text(text, _ATOM if value >= 0 else _SIGN, "int64_t")
+        return Text(hexadecimal(value), _ATOM, "double")
+
+    def _compared(self, node: ast.Compare, left: ast.expr, op: ast.cmpop, right: ast.expr) -> str:
+        if type(op) not in _OPERATORS:
+            self._refuse(node)
+        one, sign = self._expression(left), _OPERATORS[type(op)][0]
+        if isinstance(right, ast.Constant) and right.value is None:
+            if one.kind == "double":
+                return f"{'' if sign == '==' else '!'}is_nan({one.text})"
+            return f"{one.within(_COMPARISON + 1)} {sign} INT64_MIN"
+        other = self._expression(right, "double" if isinstance(one.kind, Record) else one.kind)
+        return f"{one.within(_COMPARISON + 1)} {sign} {other.within(_COMPARISON + 1)}"
+
+    def _replaced(self, node: ast.Call, record: Text) -> Text:
+        """Return a copy of a record with other values in some fields."""
+        given = {it.arg: it.value for it in node.keywords}
+        fields = dict(record.kind.fields) if isinstance(record.kind, Record) else {}
+        if not fields or [*given] != [it for it in fields if it in given]:
+            self._refuse(node)
+        texts = [
+            self._valued(given[name], kind)
+            if name in given
+            else self._field(node, record, name).text
+            for name, kind in fields.items()
+        ]
+        return Text(f"({declared(record.kind)}){_braces(texts)}", _ATOM, record.kind, is_kept=False)
+
+    def _refuse_zero(self, node: ast.expr, divisor: ast.expr) -> None:
+        """Refuse a division that Python could refuse."""
+        name, value = ast.unparse(divisor), self._value_of(divisor)
+        is_compared = name in self._not_zero and self._not_zero[name] < divisor.lineno
+        if not (is_compared or name.startswith("p.") or value):
+            self._refuse(node, f"a division by {name}, which may be 0")
+
+    def _value_of(self, node: ast.expr) -> float:
+        """Return the value of a constant, 0 for what is none."""
+        value = node.value if isinstance(node, ast.Constant) else self._meant(node)
+        return value if _is_number(value) and ast.unparse(node) not in self._scope else 0.0
 
     def _field(self, node: ast.AST, record: Text, name: str) -> Text:
         fields = dict(record.kind.fields) if isinstance(record.kind, Record) else {}
@@ -326,9 +371,21 @@ class Function:
 
     def _call(self, node: ast.Call, called: object, arguments: list[ast.expr]) -> Text:
         if called is math.isfinite and len(arguments) == 1:
-            return Text(
-                f"is_finite({self._expression(arguments[0], 'double').text})", _ATOM, "bool"
-            )
+            inner = self._expression(arguments[0], "double").text
+            return Text(f"is_finite({inner})", _ATOM, "bool")
+        match node.func, arguments:
+            case ast.Name(id="float"), [argument]:
+                inner = self._expression(argument, "int64_t").within(_ATOM)
+                return Text(f"(double){inner}", _SIGN, "double")
+            case ast.Name(id="abs"), [argument]:
+                return Text(
+                    f"magnitude({self._expression(argument, 'double').text})", _ATOM, "double"
+                )
+            case ast.Name(id="min" | "max" as name), [one, two]:
+                kind = self._expression(one).kind
+                texts = [self._expression(it, kind).text for it in (one, two)]
+                helper = f"{name}_int" if kind == "int64_t" else name
+                return Text(f"{helper}({', '.join(texts)})", _ATOM, kind)
         if isinstance(called, type) and issubclass(called, tuple):
             kind = self._kind(node, called)
             literal = f"({declared(kind)}){self._literal(node, arguments, kind)}"
@@ -351,6 +408,8 @@ class Function:
         """Return an expression of a kind, a tuple as a literal of its record."""
         if isinstance(node, ast.Tuple):
             return f"({declared(kind)}){self._literal(node, node.elts, kind)}"
+        if isinstance(node, ast.Constant) and node.value is None:
+            return "INT64_MIN" if kind == "int64_t" else "NAN"
         value = self._expression(node, kind)
         return f"*{value.text}" if value.is_pointer else value.text
 
@@ -363,18 +422,33 @@ class Function:
                 texts.append(self._literal(part, part.elts, its_kind))
             else:
                 texts.append(self._valued(part, its_kind))
-        line = f"{{{', '.join(texts)}}}"
-        if len(line) <= _WIDTH - 40:
-            return line
-        return f"{{\n{textwrap.indent(''.join(f'{it},{chr(10)}' for it in texts), '    ')}}}"
+        return _braces(texts)
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    """Whether a constant becomes a number of C."""
+    return isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _braces(texts: Sequence[str]) -> str:
+    """Return the values of a record as C writes them, on one line where they fit."""
+    line = f"{{{', '.join(texts)}}}"
+    if len(line) <= _WIDTH - 40:
+        return line
+    return f"{{\n{textwrap.indent(''.join(f'{it},{chr(10)}' for it in texts), '    ')}}}"
 
 
 def _left_at_zero(node: ast.AST) -> Sequence[tuple[str, int]]:
-    """Return the name with which ``if name == 0.0: ... return`` leaves a function, and its line."""
+    """Return the names with which ``if name == 0.0 or ...: ... return`` leaves, and their line."""
     match node:
-        case ast.If(test=ast.Compare(left=ast.Name(id=name)) as test, body=[*_, ast.Return()]):
-            return [(name, test.lineno)] if ast.unparse(test) == f"{name} == 0.0" else []
-    return []
+        case ast.If(test=ast.BoolOp(op=ast.Or(), values=tests), body=[*_, ast.Return()]):
+            pass
+        case ast.If(test=test, body=[*_, ast.Return()]):
+            tests = [test]
+        case _:
+            return []
+    parts = [ast.unparse(test).rpartition(" == ") for test in tests]
+    return [(name, node.test.lineno) for name, _, zero in parts if zero in ("0.0", "0")]
 
 
 def _joined(lines: Sequence[str]) -> list[str]:

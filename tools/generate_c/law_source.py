@@ -4,9 +4,7 @@ What becomes C: the law's step and its state at rest, ``limit_step``, ``differen
 ``ramp_step``, and every function that these call.
 """
 
-import ast
-import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from steer_by_wire.controller.law_interface import LawOutput
@@ -18,17 +16,10 @@ from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 
-from .functions import Function, Source, hints_of, source_of
-from .records import (
-    Record,
-    Records,
-    declared,
-    hexadecimal,
-    initializer,
-    names_of_tuples,
-    parts_of,
-    struct,
-)
+from .functions import Function
+from .helpers import called_by
+from .records import Record, declared, hexadecimal, initializer, parts_of, struct
+from .sources import reached, records_of
 
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "pid")
 NAME = "steering_law"
@@ -82,13 +73,7 @@ const {limits} STEER_LIMITS = {limit_values};
 
 const double RAMP_STEP_RAD = {ramp_step_rad};
 
-static bool is_finite(double x)
-{{
-    if (x != x) /* not a number; by itself, so that Frama-C follows it */
-        return false;
-    return x >= -DBL_MAX && x <= DBL_MAX;
-}}
-
+{helpers}
 {definitions}
 void law_start(struct law *law, double lateral_error_m)
 {{
@@ -150,6 +135,7 @@ def law_source(settings: ControllerSettings, title: str) -> dict[str, str]:
         values=initializer(of_params, params),
         limit_values=initializer(of_limits, settings.steer_limits),
         ramp_step_rad=hexadecimal(settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S),
+        helpers=called_by("".join(definitions)),
         definitions="\n".join(definitions),
         at_rest=at_rest.name,
         step=step.name,
@@ -183,53 +169,6 @@ def params_of(settings: ControllerSettings) -> Any:
     except ValueError as error:
         raise SettingsError(f"law = {settings.law!r}: {error}") from error
     return params
-
-
-def reached(roots: Sequence[Callable[..., Any]]) -> list[Source]:
-    """Return the roots and all functions that they call, a called one before its callers."""
-    found: dict[Any, Source] = {}
-
-    def visit(source: Source, above: tuple[Any, ...]) -> None:
-        for node in ast.walk(source.tree):
-            called = source.meant(node.func) if isinstance(node, ast.Call) else None
-            if called in above:
-                source.refuse(node, f"{ast.unparse(node)!r:.60} calls itself")
-            if inspect.isfunction(called) and called not in found:
-                visit(source_of(called), (*above, called))
-        found[source.function] = source
-
-    for source in map(source_of, roots):
-        visit(source, (source.function,))
-    names: set[str] = set()
-    for source in found.values():
-        if source.tree.name in names:
-            source.refuse(source.tree, f"a second function {source.tree.name}")
-        names.add(source.tree.name)
-    return [*found.values()]
-
-
-def records_of(sources: Sequence[Source]) -> Records:
-    """Return the structs of functions, with the names that the functions use."""
-    aliases = names_of_tuples(source.function.__globals__ for source in sources)
-    taken_apart: dict[object, tuple[str, ...]] = {}
-    read: set[str] = set()
-    for source in sources:
-        for hint, names in _taken_apart(source, hints_of(source)):
-            taken_apart.setdefault(hint, names)
-        read |= {node.attr for node in ast.walk(source.tree) if isinstance(node, ast.Attribute)}
-    return Records(aliases, taken_apart, frozenset(read))
-
-
-def _taken_apart(
-    source: Source, hints: Mapping[str, Any]
-) -> Iterator[tuple[object, tuple[str, ...]]]:
-    """Yield type and names where a function takes a parameter apart into plain names."""
-    for node in ast.walk(source.tree):
-        match node:
-            case ast.Assign(targets=[ast.Tuple(elts=parts)], value=ast.Name(id=name)):
-                names = tuple(part.id for part in parts if isinstance(part, ast.Name))
-                if name in hints and len(names) == len(parts):
-                    yield hints[name], names
 
 
 def _structs(records: Iterable[Record]) -> str:

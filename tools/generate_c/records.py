@@ -1,6 +1,8 @@
 """C structs of the records that step functions take and return.
 
-float, bool                        double, bool
+float, bool, int                   double, bool, int64_t
+float | None, int | None           double, int64_t; None is NAN, INT64_MIN
+an IntEnum                         int64_t, and an enum with its members
 NamedTuple                         a struct with its fields. A field with a default that no step
                                    reads is left out
 X = tuple[...] of a module         a struct x. Its fields are named as the first step that takes
@@ -10,11 +12,14 @@ tuple[...] that a step returns     a struct named after the step, with first, se
 
 import re
 from collections.abc import Iterator, Mapping
+from enum import IntEnum
 from types import GenericAlias
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
-_NUMBERS: Mapping[object, str] = {float: "double", bool: "bool"}
+_NUMBERS: Mapping[object, str] = {
+    float: "double", bool: "bool", int: "int64_t", float | None: "double", int | None: "int64_t",
+}  # fmt: skip
 
 
 class UntranslatableError(ValueError):
@@ -29,12 +34,23 @@ class Record(NamedTuple):
 
 
 Kind = str | Record
-"""``double``, ``bool`` or a struct."""
+"""``double``, ``bool``, ``int64_t`` or a struct."""
 
 
 def snake_case(name: str) -> str:
     """Return a C name for a Python class or alias."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[a-z])(?=[0-9])", "_", name).lower()
+
+
+def member_name(member: IntEnum) -> str:
+    """Return the name of an enum's member in C."""
+    return f"{snake_case(type(member).__name__)}_{member.name}".upper()
+
+
+def enumeration(kind: type[IntEnum]) -> str:
+    """Return an enum's definition."""
+    members = "\n".join(f"    {member_name(it)} = {it.value}," for it in kind)
+    return f"enum {{\n{members}\n}};\n"
 
 
 def parts_of(kind: Kind) -> set[Record]:
@@ -73,6 +89,7 @@ class Records:
     ``read``        names of all fields that steps read
 
     ``made``        every struct so far, the parts of one before itself
+    ``enums``       every IntEnum so far
     """
 
     def __init__(
@@ -83,6 +100,7 @@ class Records:
     ) -> None:
         self._aliases, self._taken_apart, self._read = aliases, taken_apart, read
         self._by_type: dict[object, Record] = {}
+        self.enums: list[type[IntEnum]] = []
 
     @property
     def made(self) -> tuple[Record, ...]:
@@ -96,6 +114,10 @@ class Records:
         """
         if hint in _NUMBERS:
             return _NUMBERS[hint]
+        if isinstance(hint, type) and issubclass(hint, IntEnum):
+            if hint not in self.enums:
+                self.enums.append(hint)
+            return "int64_t"
         has_own_name = hint in self._aliases or isinstance(hint, type)
         key = hint if has_own_name else (hint, name)
         if key not in self._by_type:
@@ -113,7 +135,7 @@ class Records:
             names = self._taken_apart.get(hint, _ORDINALS[: len(kinds)])
             fields = dict(zip(names, kinds, strict=True))
         else:
-            raise UntranslatableError(f"the type {hint!r} is neither float, bool nor a record")
+            raise UntranslatableError(f"the type {hint!r} is neither a number nor a record")
         if not name:
             raise UntranslatableError(f"the type {hint!r} has no name")
         parts = tuple((key, self.kind_of(kind)) for key, kind in fields.items())
@@ -129,7 +151,7 @@ def hexadecimal(value: float) -> str:
 def initializer(kind: Kind, value: Any, indent: str = "") -> str:
     """Return a value as C initialises it."""
     if isinstance(kind, str):
-        return hexadecimal(value)
+        return f"INT64_C({value})" if kind == "int64_t" else hexadecimal(value)
     within = f"{indent}    "
     parts = zip(kind.fields, value, strict=True)
     lines = [f"{within}.{name} = {initializer(it, part, within)}," for (name, it), part in parts]
