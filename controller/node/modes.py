@@ -46,66 +46,68 @@ def supervision_of(settings: ControllerSettings) -> Supervision:
 
 
 class ModeState(NamedTuple):
-    """The mode, and the time it was entered [ns]."""
+    """The mode, the time it was entered [ns], and the run of good measurements.
+
+    ``good_run``  good measurements without a gap, less the damaged ones among them
+    """
 
     mode: Mode
     entered_ns: int
+    good_run: int
 
 
 class Evidence(NamedTuple):
     """Conditions of a transition besides time.
 
     ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
-    ``good_run``     good measurements without a gap, less the damaged ones among them
     ``law_failed``   whether the law's output at this tick was not a finite number
     ``own_fault``    whether the controller has detected a fault in itself
     ``goes_forward`` whether the vehicle does, as far as is known
     """
 
     arrival_ns: int | None
-    good_run: int
-    law_failed: bool = False
-    own_fault: bool = False
-    goes_forward: bool = True
+    law_failed: bool
+    own_fault: bool
+    goes_forward: bool
 
 
 Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
 
 
-def is_fresh(p: Supervision, _state: ModeState, evidence: Evidence, now_ns: int) -> bool:
+def is_fresh(p: Supervision, _x: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether there is a measurement recent enough to steer by."""
     return (
         evidence.arrival_ns is not None and now_ns - evidence.arrival_ns <= p.measurement_timeout_ns
     )
 
 
-def is_stale(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> bool:
+def is_stale(p: Supervision, x: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether the newest measurement is too old to steer by."""
-    return not is_fresh(p, state, evidence, now_ns)
+    return not is_fresh(p, x, evidence, now_ns)
 
 
-def is_trusted(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> bool:
+def is_trusted(p: Supervision, x: ModeState, evidence: Evidence, now_ns: int) -> bool:
     """Whether measurements are fresh again, enough of them good, and nothing else is wrong."""
-    is_back = evidence.good_run >= p.recovery_frames and is_fresh(p, state, evidence, now_ns)
+    is_back = x.good_run >= p.recovery_frames and is_fresh(p, x, evidence, now_ns)
     return is_back and evidence.goes_forward and not evidence.own_fault
 
 
-def is_not_forward(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
+def is_not_forward(_p: Supervision, _x: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the vehicle stands or reverses, and no law may steer."""
     return not evidence.goes_forward
 
 
-def is_at_fault(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
+def is_at_fault(_p: Supervision, _x: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the controller has detected a fault in itself."""
     return evidence.own_fault
 
 
-def is_held_enough(p: Supervision, state: ModeState, _evidence: Evidence, now_ns: int) -> bool:
+def is_held_enough(p: Supervision, x: ModeState, _evidence: Evidence, now_ns: int) -> bool:
     """Whether the mode has lasted for the hold time."""
-    return now_ns - state.entered_ns >= p.hold_ns
+    return now_ns - x.entered_ns >= p.hold_ns
 
 
-def is_law_failed(_p: Supervision, _state: ModeState, evidence: Evidence, _now_ns: int) -> bool:
+def is_law_failed(_p: Supervision, _x: ModeState, evidence: Evidence, _now_ns: int) -> bool:
     """Whether the law's command was not finite."""
     return evidence.law_failed
 
@@ -127,12 +129,31 @@ TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
 }
 
 
-def mode_step(p: Supervision, state: ModeState, evidence: Evidence, now_ns: int) -> ModeState:
+def mode_step(p: Supervision, x: ModeState, evidence: Evidence, now_ns: int) -> ModeState:
     """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
-    for guard, following in TRANSITIONS[state.mode]:
-        if guard(p, state, evidence, now_ns):
-            return ModeState(following, now_ns)
-    return state
+    for guard, following in TRANSITIONS[x.mode]:
+        if guard(p, x, evidence, now_ns):
+            return entered_mode(x, following, now_ns)
+    return x
+
+
+def entered_mode(x: ModeState, mode: Mode, now_ns: int) -> ModeState:
+    """Return the state after a transition; a hold begins without good measurements."""
+    return ModeState(mode, now_ns, 0 if mode is Mode.HOLDING else x.good_run)
+
+
+def measured_run(p: Supervision, good_run: int, before_ns: int | None, now_ns: int) -> int:
+    """Return the run after a good measurement; one after a gap starts a new run.
+
+    ``before_ns``  when the previous one arrived, None for the first [ns]
+    """
+    continues = before_ns is not None and now_ns - before_ns <= p.measurement_timeout_ns
+    return good_run + 1 if continues else 1
+
+
+def damaged_run(good_run: int) -> int:
+    """Return the run after a damaged measurement, which cancels a good one."""
+    return max(good_run - 1, 0)
 
 
 _ACTIVE = Mode.ACTIVE
@@ -150,7 +171,7 @@ class Supervisor:
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
         self._supervision = supervision
         self._timeout_ns = supervision.measurement_timeout_ns
-        self._state = ModeState(Mode.WAITING, start_ns)
+        self._entered_ns = start_ns
         self.mode = Mode.WAITING
         self._good_run = 0
         self._own_fault = False
@@ -170,16 +191,12 @@ class Supervisor:
         )
 
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
-        """Record a good measurement; one after a gap starts a new run.
-
-        ``before_ns``  when the previous one arrived, None for the first [ns]
-        """
-        continues = before_ns is not None and now_ns - before_ns <= self._timeout_ns
-        self._good_run = self._good_run + 1 if continues else 1
+        """Record a good measurement; ``before_ns`` as in ``measured_run``."""
+        self._good_run = measured_run(self._supervision, self._good_run, before_ns, now_ns)
 
     def on_rejection(self) -> None:
-        """Record a damaged measurement, which cancels a good one."""
-        self._good_run = max(self._good_run - 1, 0)
+        """Record a damaged measurement."""
+        self._good_run = damaged_run(self._good_run)
 
     def on_own_fault(self) -> None:
         """Record a fault of the controller itself, which is permanent."""
@@ -192,14 +209,10 @@ class Supervisor:
 
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
-        before = self._state.mode
-        evidence = Evidence(
-            arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward
-        )
-        self._state = mode_step(self._supervision, self._state, evidence, now_ns)
-        self.mode = self._state.mode
-        if self.mode is before:
+        before = ModeState(self.mode, self._entered_ns, self._good_run)
+        evidence = Evidence(arrival_ns, law_failed, self._own_fault, self.goes_forward)
+        after = mode_step(self._supervision, before, evidence, now_ns)
+        if after is before:
             return None
-        if self.mode is Mode.HOLDING:
-            self._good_run = 0
+        self.mode, self._entered_ns, self._good_run = after
         return self.mode

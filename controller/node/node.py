@@ -29,7 +29,7 @@ from ...dbc.messages import (
 from ...dbc.reception import TakenBack
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
-from ...runtime.node.overruns import OverrunSupervision
+from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 from ..law_interface import VehicleReading
 from ..limits.designed_ranges import NOT_FORWARD_M_S
@@ -92,7 +92,7 @@ class ControllerNode:
         self.deadline_ns = start_ns
         self.finished = False
         self.has_ended_with_plant = False
-        self._overruns = OverrunSupervision.of(settings.overruns)
+        self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
         self._received = Received(settings)
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
         self._law = LawRunner(settings, self._ramp_step_rad)

@@ -10,7 +10,7 @@ longer reliable. The first fault stays, and is reported on the bus for at least 
 """
 
 from ...runtime.node import NEVER_NS, NS_PER_S
-from ...runtime.node.overruns import OverrunSettings, OverrunSupervision
+from ...runtime.node.overruns import OverrunSettings, OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 
 REPORTING_NS = NS_PER_S
@@ -28,7 +28,7 @@ class SelfDetectedFault:
     """
 
     def __init__(self, overruns: OverrunSettings) -> None:
-        self._overruns = OverrunSupervision.of(overruns)
+        self._overruns = OverrunSupervision(overrun_rule(overruns))
         self.failure = ""
         self.reported_ns = NEVER_NS
 

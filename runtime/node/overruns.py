@@ -15,8 +15,7 @@ one stall.
 The time is the timer's, so this works the same in virtual and in real time.
 """
 
-from collections import deque
-from typing import Annotated, Self
+from typing import Annotated, NamedTuple
 
 from pydantic import Field, Tag
 
@@ -46,121 +45,124 @@ class OverrunSettings(Settings):
     stall_periods_max: _Count = 250
 
 
-class MissedPeriods:
-    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges."""
+class OverrunRule(NamedTuple):
+    """The limits of OverrunSettings, as numbers."""
 
-    def __init__(self, missed_max: int, window_periods: int, stall_max: int) -> None:
-        if missed_max < 0 or window_periods < 1 or stall_max < 1:
-            raise ValueError(
-                f"{missed_max} of {window_periods} periods, {stall_max} of a stall, cannot be "
-                "allowed"
-            )
-        self._missed_max = missed_max
-        self._window = window_periods
-        self._stall_max = stall_max
-        self._counted = 0
-        """Missed periods so far, as far as they count."""
-        self._stalls: deque[tuple[int, int]] = deque()
-        """Stalls that reach into the window: end [periods, as far as they count], and count."""
-        self._missed = 0
+    overruns_max: int
+    window_ticks: int
+    missed_periods_max: int
+    window_periods: int
+    stall_periods_max: int
 
-    @property
-    def is_calm(self) -> bool:
-        """Whether no stall reaches into the window; a tick in time then only adds a period."""
-        return not self._stalls
 
-    def on_tick(self, ticks: int, missed: int) -> str:
-        """Process a tick, ``ticks`` so far, and the number of periods missed with it.
+def overrun_rule(table: OverrunSettings) -> OverrunRule:
+    """Return the rule of settings; "off" allows as many as the window has."""
+    overruns_max, missed_max = table.overruns_max, table.missed_periods_max
+    return OverrunRule(
+        table.window_ticks if isinstance(overruns_max, str) else overruns_max,
+        table.window_ticks,
+        table.window_periods if isinstance(missed_max, str) else missed_max,
+        table.window_periods,
+        table.stall_periods_max,
+    )
 
-        Returns why they are too many, and an empty text where they are not.
-        """
-        counted = min(missed, self._stall_max)
-        self._counted += counted
-        periods = ticks + self._counted
-        if counted:
-            self._missed += counted
-            self._stalls.append((periods, counted))
-        begin = periods - self._window
-        while self._stalls and self._stalls[0][0] <= begin:
-            self._missed -= self._stalls.popleft()[1]
-        in_window = self._missed
-        if self._stalls:
-            end, counted = self._stalls[0]
-            in_window -= max(0, begin - (end - counted))
-        if in_window <= self._missed_max:
-            return ""
-        return (
-            f"{in_window} of the last {min(periods, self._window)} periods were missed, a "
-            f"stall counted as {self._stall_max} at most, allowed are {self._missed_max} of "
-            f"{self._window}"
-        )
+
+class Overruns(NamedTuple):
+    """The overruns of the last ticks and the missed ones of the last periods, as far as counted.
+
+    ``ticks``, ``periods``  so far
+    """
+
+    ticks: int
+    periods: int
+    overruns: int
+    missed: int
+
+
+NO_OVERRUNS = Overruns(0, 0, 0, 0)
+
+
+def counted_periods(p: OverrunRule, missed: int) -> int:
+    """Return how many of the periods missed with a tick count."""
+    return min(missed, p.stall_periods_max)
+
+
+def overrun_step(x: Overruns, counted: int, overruns_left: int, missed_left: int) -> Overruns:
+    """Process a tick, with which some periods were missed.
+
+    ``counted``        missed periods, as far as they count
+    ``overruns_left``  overruns among the ticks that leave the window with this one
+    ``missed_left``    missed ones among the periods that leave it
+    """
+    overran = 1 if counted > 0 else 0
+    return Overruns(
+        x.ticks + 1,
+        x.periods + 1 + counted,
+        x.overruns + overran - overruns_left,
+        x.missed + counted - missed_left,
+    )
+
+
+def keeps_rate(p: OverrunRule, x: Overruns) -> bool:
+    """Whether neither limit is exceeded."""
+    return x.overruns <= p.overruns_max and x.missed <= p.missed_periods_max
 
 
 class OverrunSupervision:
     """Counts overruns and missed periods of one periodic activity.
 
-    ``overruns_max``, ``window_ticks``  as in OverrunSettings; ValueError outside their ranges
-    ``missed``                          checks the missed periods; None: any number is allowed
-
     ``failure``   why the rate is not kept, for good; empty while it is kept
-    ``overruns``  so far; ``worst`` most of them in a window
     """
 
-    def __init__(
-        self, overruns_max: int, window_ticks: int, missed: MissedPeriods | None = None
-    ) -> None:
-        if overruns_max < 0 or window_ticks < 1:
-            raise ValueError(f"{overruns_max} overruns of {window_ticks} ticks cannot be allowed")
-        self._overruns_max = overruns_max
-        self._window_ticks = window_ticks
-        self._ticks = 0
-        self._recent: deque[int] = deque()
-        """Numbers of the ticks in the window that overran."""
-        self._missed = missed
-        self._skipped_before = self.overruns = self.worst = 0
-        self._is_calm = True
+    def __init__(self, rule: OverrunRule) -> None:
+        self._rule = rule
+        self._x = NO_OVERRUNS
+        self._overran, self._was_missed = (
+            bytearray(rule.window_ticks),
+            bytearray(rule.window_periods),
+        )
+        """Rings: 1 for a tick that overran and for a period that was missed."""
+        self._skipped_before = self._calm_ticks = 0
         self.failure = ""
-
-    @classmethod
-    def of(cls, settings: OverrunSettings) -> Self:
-        """Return the supervision for settings."""
-        window_ticks = settings.window_ticks
-        # No more ticks can overrun than the window has.
-        overruns_max = window_ticks if settings.overruns_max == "off" else settings.overruns_max
-        missed = None
-        if settings.missed_periods_max != "off":
-            missed = MissedPeriods(
-                settings.missed_periods_max, settings.window_periods, settings.stall_periods_max
-            )
-        return cls(overruns_max, window_ticks, missed)
 
     def on_tick(self, timer: PeriodicTimer) -> bool:
         """Process the tick that ``timer`` has advanced for; returns whether the rate is kept."""
-        self._ticks += 1
         missed = timer.skipped - self._skipped_before
-        if self._is_calm and not missed:
-            return True
-        recent = self._recent
-        if missed:
-            self._skipped_before = timer.skipped
-            recent.append(self._ticks)
-            self.overruns += 1
-        if recent:
-            if recent[0] <= self._ticks - self._window_ticks:
-                recent.popleft()
-            self.worst = max(self.worst, len(recent))
-        too_many_missed = "" if self._missed is None else self._missed.on_tick(self._ticks, missed)
-        if not self.failure and (recent or too_many_missed):
-            self.failure = self._too_many_overruns() or too_many_missed
-        self._is_calm = not (recent or self.failure) and (
-            self._missed is None or self._missed.is_calm
+        if not missed and not self._x.missed and not self._x.overruns:
+            self._calm_ticks += 1  # the rings hold zeros alone
+            return not self.failure
+        self._skipped_before = timer.skipped
+        rule, calm = self._rule, self._calm_ticks
+        x = self._x._replace(ticks=self._x.ticks + calm, periods=self._x.periods + calm)
+        self._calm_ticks = 0
+        counted = counted_periods(rule, missed)
+        overruns_left = _replaced(self._overran, x.ticks, 1 if counted else 0)
+        missed_left = sum(
+            _replaced(self._was_missed, x.periods + index, 1 if index else 0)
+            for index in range(1 + counted)
         )
+        self._x = x = overrun_step(x, counted, overruns_left, missed_left)
+        if not self.failure and not keeps_rate(rule, x):
+            self.failure = _in_words(rule, x)
         return not self.failure
 
-    def _too_many_overruns(self) -> str:
-        if len(self._recent) <= self._overruns_max:
-            return ""
+
+def _replaced(ring: bytearray, index: int, value: int) -> int:
+    """Put a value into a ring; returns the one in its place."""
+    place = index % len(ring)
+    left, ring[place] = ring[place], value
+    return left
+
+
+def _in_words(p: OverrunRule, x: Overruns) -> str:
+    """Return which limit is exceeded."""
+    if x.overruns > p.overruns_max:
         return (
-            f"{len(self._recent)} of the last {min(self._ticks, self._window_ticks)} ticks overran,"
-            f" allowed are {self._overruns_max} of {self._window_ticks}"
+            f"{x.overruns} of the last {min(x.ticks, p.window_ticks)} ticks overran, allowed are "
+            f"{p.overruns_max} of {p.window_ticks}"
         )
+    return (
+        f"{x.missed} of the last {min(x.periods, p.window_periods)} periods were missed, a "
+        f"stall counted as {p.stall_periods_max} at most, allowed are {p.missed_periods_max} of "
+        f"{p.window_periods}"
+    )
