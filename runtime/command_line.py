@@ -14,13 +14,12 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from .exit_status import ExitStatus, UserError, cause_of
-from .former_names import FORMER_OPTIONS
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
@@ -38,17 +37,7 @@ class _OneScreen(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Answers a former or unknown option in one line with the present one."""
-
-    former: Mapping[str, str] = FORMER_OPTIONS
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse as argparse does, after a look for options of the release before."""
-        for word in sys.argv[1:] if args is None else args:
-            option = str(word).partition("=")[0]
-            if option in self.former and option not in self._option_string_actions:
-                self.error(f"{option} is now: {self.former[option]}")
-        return super().parse_known_args(args, namespace)
+    """Answers an unknown option in one line with the nearest that there is."""
 
     def error(self, message: str) -> NoReturn:
         """End with status 2 and one line, with a suggestion for an unknown option."""

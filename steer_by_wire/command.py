@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from . import __version__
 from .completion import answer_from_cache, keep, offer_values
-from .runtime.former_names import FORMER_COMMANDS
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser
@@ -107,9 +106,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
             return start(name, further)
-        case [name, *_] if name in FORMER_COMMANDS:
-            print(f"{name} is now: {FORMER_COMMANDS[name]}", file=sys.stderr)
-            return STATUS_USAGE
     return _refuse(NAME, f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
 
 

@@ -31,7 +31,7 @@ from steer_by_wire.tools.faults.campaign.execution import RESULTS, keep_only, re
 from steer_by_wire.tools.faults.campaign.presentation import campaign_page, table_lines, write_csv
 from steer_by_wire.tools.faults.campaign.virtual_trial import Detection, RunResult, run_trial
 from tests.fuzz.settings_targets import begin_campaign, settled, toml_value
-from tests.fuzz.traffic import Choices, promise
+from tests.fuzz.traffic import Choices
 
 TABLES_MAX = 3
 LINES_MAX = 8
@@ -95,7 +95,7 @@ def fuzz_results(data: bytes) -> None:
         results = [result for _, result in read_stored(now, "a").results]
         keep_only(now, "a", results)
         again = [result for _, result in read_stored(now, "a").results]
-        promise(again == results, f"{results} become {again}")
+        assert again == results, f"{results} become {again}"
         write_csv(now / "results.csv", results)
     _present(results)
 
@@ -105,7 +105,7 @@ def _present(results: Sequence[RunResult]) -> None:
     findings = findings_of(results, 150.0)
     lines = [*table_lines(groups), *finding_lines(findings)]
     for line in lines:
-        promise(not line or line.isprintable(), f"not printable: {line!r}")
+        assert not line or line.isprintable(), f"not printable: {line!r}"
     campaign_page(CampaignSettings(), results, groups, findings, [])
 
 

@@ -22,7 +22,7 @@ from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
 from tests.fuzz.log_targets import faultless_log
-from tests.fuzz.traffic import Choices, promise
+from tests.fuzz.traffic import Choices
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {
@@ -105,13 +105,13 @@ def fuzz_command_line(data: bytes) -> None:
 
 
 def judge(module: str, words: Sequence[str], outcome: Outcome) -> None:
-    """Raise BrokenPromiseError for an end that no user should see."""
+    """Raise AssertionError for an end that no user should see."""
     status, _, err = outcome
-    promise("Traceback" not in err, f"{module} {words}: {err}")
+    assert "Traceback" not in err, f"{module} {words}: {err}"
     if status is None:
         return
-    promise(status in range(256), f"{module} {words}: status {status}")
-    promise(status == 0 or bool(err.strip()), f"{module} {words}: status {status} without a word")
+    assert status in range(256), f"{module} {words}: status {status}"
+    assert status == 0 or bool(err.strip()), f"{module} {words}: status {status} without a word"
 
 
 def run_program(module: str, words: Sequence[str]) -> Outcome:
@@ -123,7 +123,7 @@ def run_program(module: str, words: Sequence[str]) -> Outcome:
             status = main(list(words))
         except SystemExit as end:
             status = end.code
-            promise(status in (0, 2), f"{module} {words}: exits with {status}")
+            assert status in (0, 2), f"{module} {words}: exits with {status}"
         except _Reached:
             status = None
     return Outcome(None if status is None else int(status), _text(out), _text(err))

@@ -7,7 +7,6 @@ from steer_by_wire.runtime.emulated_bus import protocol
 from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
-from tests.fuzz.traffic import promise
 from tests.support.programs.broker_bench import Bench, send
 
 CHANNEL = "can0"
@@ -41,8 +40,8 @@ class FuzzedBus:
         """Let the broker process what is pending."""
         self._bench.now_ns += elapsed_ns
         broker = self._bench.broker
-        promise(broker.serve(0.0), "the broker has ended")
-        promise(broker.clients.figures.connected <= CLIENTS_MAX, "too many clients")
+        assert broker.serve(0.0), "the broker has ended"
+        assert broker.clients.figures.connected <= CLIENTS_MAX, "too many clients"
         self._listen()
 
     def say(self) -> None:
@@ -60,21 +59,21 @@ class FuzzedBus:
             if self._received == self._said:
                 return
             self.turn(NS_PER_MS // 4)
-        promise(False, f"said {len(self._said)} frames, received {len(self._received)}")
+        raise AssertionError(f"said {len(self._said)} frames, received {len(self._received)}")
 
     def _listen(self) -> None:
         with suppress(BlockingIOError):
-            promise(bool(self._speaker.recv(1 << 16)), "the broker has dropped the sender")
+            assert self._speaker.recv(1 << 16), "the broker has dropped the sender"
         with suppress(BlockingIOError):
             received = self._listener.recv(1 << 16)
-            promise(bool(received), "the broker has dropped the receiver")
+            assert received, "the broker has dropped the receiver"
             self._raw += received
         record = protocol.CLASSIC_RECORD
         while len(self._raw) >= record.size:
             frame, _ = protocol.unpack_delivery(record, self._raw[: record.size])
             self._raw = self._raw[record.size :]
             if not isinstance(frame, Frame):
-                promise(False, f"a client that sends nothing receives {frame}")
+                raise AssertionError(f"a client that sends nothing receives {frame}")
                 return
             protocol.check_frame(frame)
             if self._is_ours(frame):

@@ -27,7 +27,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
-from tests.fuzz.traffic import Choices, Sender, promise
+from tests.fuzz.traffic import Choices, Sender
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (
@@ -53,8 +53,8 @@ def fuzz_log(data: bytes) -> None:
             figures, _ = analyse_files([file])
         except LogError as error:
             text = str(error)
-            promise(len(text.splitlines()) == 1, f"not one line: {text!r}")
-            promise(text.startswith(str(file)), f"does not begin with the file: {text}")
+            assert len(text.splitlines()) == 1, f"not one line: {text!r}"
+            assert text.startswith(str(file)), f"does not begin with the file: {text}"
             return
     _look(figures)
     report_html("fuzzed", figures, ())
@@ -65,7 +65,7 @@ def _look(figures: Mapping[str, Any]) -> None:
     messages = figures["messages"].values()
     counted = figures["foreign_frames"] + figures["error_frames"]
     counted += sum(m["accepted"] + m["late"] + sum(m["refused"].values()) for m in messages)
-    promise(counted == figures["frames"] > 0, f"{figures['frames']} frames, {counted} counted")
+    assert counted == figures["frames"] > 0, f"{figures['frames']} frames, {counted} counted"
 
 
 def _content(choices: Choices, suffix: str) -> bytes:

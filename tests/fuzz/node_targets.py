@@ -55,7 +55,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S, Node, ReportingNode
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings
-from tests.fuzz.traffic import DATA_IDS, Choices, Sender, promise, wake_ups
+from tests.fuzz.traffic import DATA_IDS, Choices, Sender, wake_ups
 
 TICKS_MAX = 10
 """Ticks at one time after which a node must have moved its deadline."""
@@ -137,8 +137,8 @@ class CommandLimits:
         if not isinstance(message, SteeringCommand):
             return
         step_rad = abs(message.steer_rad - self._last_rad)
-        promise(abs(message.steer_rad) <= self._steer_rad_max, f"beyond the limit: {message}")
-        promise(step_rad <= self._step_rad_max, f"a step of {step_rad} rad: {message}")
+        assert abs(message.steer_rad) <= self._steer_rad_max, f"beyond the limit: {message}"
+        assert step_rad <= self._step_rad_max, f"a step of {step_rad} rad: {message}"
         self._last_rad = message.steer_rad
 
 
@@ -161,20 +161,20 @@ class Outgoing:
         self._judge = judge
 
     def look(self, frames: Sequence[Frame]) -> None:
-        """Raise BrokenPromiseError for a frame that must not leave."""
+        """Raise AssertionError for a frame that must not leave."""
         for frame in frames:
-            promise(frame.can_id in self._sends, f"not for this node to send: {frame}")
+            assert frame.can_id in self._sends, f"not for this node to send: {frame}"
             # Only the values may be missing, in a frame that is right otherwise.
             decoded = decode(frame)
             if decoded is not Rejection.NOT_AVAILABLE:
-                promise(isinstance(decoded, Decoded), f"{frame} is {decoded}")
+                assert isinstance(decoded, Decoded), f"{frame} is {decoded}"
             if isinstance(decoded, Decoded):
                 for value in decoded.message:
-                    promise(math.isfinite(value), f"not finite: {decoded}")
+                    assert math.isfinite(value), f"not finite: {decoded}"
                 self._judge(decoded.message)
             if frame.can_id in self._next:
                 wanted, counter = self._next[frame.can_id], frame.data[2]
-                promise(counter == wanted, f"counter {counter} where {wanted} is due: {frame}")
+                assert counter == wanted, f"counter {counter} where {wanted} is due: {frame}"
                 self._next[frame.can_id] = (counter + 1) % COUNTERS
 
 
@@ -210,13 +210,13 @@ def drive(
             outgoing.look(sent)
             if frame.can_id in ids:
                 taken += 1
-                promise(list(twin.on_frame(frame, now_ns)) == sent, "it depends on other traffic")
+                assert list(twin.on_frame(frame, now_ns)) == sent, "it depends on other traffic"
         sent = _tick(node, now_ns)
         outgoing.look(sent)
-        promise(_tick(twin, now_ns) == sent, "it depends on traffic that is not for it")
+        assert _tick(twin, now_ns) == sent, "it depends on traffic that is not for it"
     report = node.report()
     counted = report["accepted"] + sum(report["rejected"].values())
-    promise(counted == taken, f"{taken} frames came, {counted} were counted: {report}")
+    assert counted == taken, f"{taken} frames came, {counted} were counted: {report}"
     json.dumps(report)
 
 
@@ -226,7 +226,7 @@ def _tick(node: Node, now_ns: int) -> list[Frame]:
         if node.deadline_ns > now_ns:
             return sent
         sent += node.on_tick(now_ns)
-    promise(False, f"the deadline stays at {node.deadline_ns}, now is {now_ns}")
+    raise AssertionError(f"the deadline stays at {node.deadline_ns}, now is {now_ns}")
     return sent
 
 
@@ -252,17 +252,17 @@ def fuzz_authentication(data: bytes) -> None:
             before = node.report()["authentication"]["verified"]
             answers = node.on_frame(sent, now_ns)
             verified = node.report()["authentication"]["verified"] - before
-            promise(not answers, "it answers at once")
-            promise(is_genuine or not verified, f"believed, but not genuine: {sent}")
+            assert not answers, "it answers at once"
+            assert is_genuine or not verified, f"believed, but not genuine: {sent}"
             ours += sent.can_id in _OUR_IDS
         if node.deadline_ns <= now_ns:
             for frame in node.on_tick(now_ns):
-                promise(is_secured(frame), f"leaves unsecured: {frame}")
+                assert is_secured(frame), f"leaves unsecured: {frame}"
                 if choices.chance(200):  # or the network loses it
                     peer.verify(frame)
     counted = node.report()["authentication"]
     total = counted["verified"] + sum(counted["refused"].values())
-    promise(total == ours, f"{ours} frames came, {total} were counted: {counted}")
+    assert total == ours, f"{ours} frames came, {total} were counted: {counted}"
 
 
 def _on_the_wire(

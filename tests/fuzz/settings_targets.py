@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -24,7 +23,6 @@ from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_MS, Node, ReportingNode
-from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import (
     Settings,
     SettingsError,
@@ -34,23 +32,13 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
-from steer_by_wire.tools.faults.campaign.campaign_file import CampaignSettings
-from steer_by_wire.tools.faults.campaign.campaign_runs import (
-    Scenario,
-    controller_settings_of,
-    scenarios_of,
-)
-from steer_by_wire.tools.faults.campaign.watched_pair import make_pair
 from tests.fuzz.node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
-from tests.fuzz.traffic import Choices, promise
+from tests.fuzz.traffic import Choices
 
 ENTRIES_MAX = 6
 """Settings that one input changes."""
 MOTION_NS = 300 * NS_PER_MS
 STEP_NS = 10 * NS_PER_MS
-BEGUN_MAX = 2
-"""Runs of one campaign that are begun, and one more."""
-_SCENARIOS_MAX = 300
 _EXPONENT_MAX = 40
 
 
@@ -98,7 +86,7 @@ def fuzz_waypoints(data: bytes) -> None:
     if path is None:
         return
     values = [*path.start_m, *path.curvature_1_m, *path.curvature_slope_1_m2, path.length_m]
-    promise(all(map(math.isfinite, values)), "a path that is not finite")
+    assert all(map(math.isfinite, values)), "a path that is not finite"
 
 
 def fuzz_trace(data: bytes) -> None:
@@ -116,7 +104,7 @@ def fuzz_trace(data: bytes) -> None:
         trace = read_trace(file)
     for frame, time_s in ((0, 0.0), (1, 0.01), (10**9, 1e9)):
         latency_s = trace.latency_s(frame, time_s)
-        promise(0.0 <= latency_s <= 10.0, f"a latency of {latency_s} s")
+        assert 0.0 <= latency_s <= 10.0, f"a latency of {latency_s} s"
 
 
 def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
@@ -124,12 +112,13 @@ def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
     try:
         return read()
     except SettingsError as error:
-        promise(bool(error.mistakes), "an error without a text")
-        for mistake in error.mistakes:
-            promise(len(mistake.splitlines()) == 1, f"not one line: {mistake!r}")
-            is_placed = mistake.startswith((*begins, "and "))
-            promise(is_placed, f"does not begin with {begins}: {mistake}")
-        return None
+        mistakes = error.mistakes
+    assert mistakes
+    for mistake in mistakes:
+        assert len(mistake.splitlines()) == 1, f"not one line: {mistake!r}"
+        is_placed = mistake.startswith((*begins, "and "))
+        assert is_placed, f"does not begin with {begins}: {mistake}"
+    return None
 
 
 @lru_cache
@@ -141,7 +130,6 @@ def subjects() -> Sequence[Subject]:
         Subject(StudySettings, None, lambda _settings: None),
         Subject(VehicleFile, None, lambda settings: settings.box),
         Subject(Specification, None, lambda _settings: None),
-        Subject(CampaignSettings, "steer_by_wire.tools.faults", begin_campaign),
     )
 
 
@@ -208,22 +196,6 @@ def _table(choices: Choices, header: str) -> bytes:
         cells = [f"{choices.number():.17g}" for _ in range(columns)]
         lines.append(",".join(cells) if not choices.chance(8) else choices.text())
     return "\n".join(lines).encode("utf-8", errors="surrogateescape")
-
-
-def begin_campaign(spec: CampaignSettings) -> None:
-    """Begin some runs of a campaign; raises SettingsError for an unknown law."""
-    for law in spec.laws:
-        controller_settings_of(law)
-    scenarios = [*islice(scenarios_of(spec), _SCENARIOS_MAX)]
-    names = {scenario.name for scenario in scenarios}
-    promise(len(names) == len(scenarios), "two runs have one name")
-    for scenario in (*scenarios[-BEGUN_MAX:], *scenarios[:1]):
-        _begin(scenario)
-
-
-def _begin(scenario: Scenario) -> None:
-    pair = make_pair(scenario)
-    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(5 * STEP_NS)
 
 
 def _run_controller(settings: ControllerSettings) -> None:

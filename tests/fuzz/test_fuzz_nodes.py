@@ -13,7 +13,7 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from tests.fuzz.node_targets import CONTROLLERS, PLANTS, controller_settings, plant_settings
-from tests.fuzz.traffic import BrokenPromiseError, Choices, Sender, promise
+from tests.fuzz.traffic import Choices, Sender
 
 PERIOD_NS = 10 * NS_PER_MS
 OUR_MODULES = "steer_by_wire."
@@ -140,9 +140,3 @@ def test_a_plant_goes_on_after_five_minutes_without_a_call(number: int) -> None:
         assert node.deadline_ns > now_ns
         now_ns += PERIOD_NS
     assert node.report()["skipped_samples"] > 0
-
-
-def test_a_broken_promise_says_what_it_was() -> None:
-    promise(True, "never said")
-    with pytest.raises(BrokenPromiseError, match="the deadline stays"):
-        promise(False, "the deadline stays")

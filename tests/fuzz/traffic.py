@@ -15,17 +15,6 @@ from steer_by_wire.dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 
-
-class BrokenPromiseError(AssertionError):
-    """Something happened that must not, whatever the input."""
-
-
-def promise(holds: bool, otherwise: str) -> None:
-    """Raise BrokenPromiseError unless ``holds``."""
-    if not holds:
-        raise BrokenPromiseError(otherwise)
-
-
 T = TypeVar("T")
 
 TELLING_NUMBERS = (

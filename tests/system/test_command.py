@@ -18,7 +18,6 @@ import steer_by_wire
 from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
-from steer_by_wire.runtime.former_names import FORMER_COMMANDS
 from tests.support.programs.running_program import PATIENCE_S
 from tests.support.suite.no_jitter import no_jitter as no_jitter
 from tests.support.suite.unrendered import unrendered as unrendered
@@ -97,39 +96,6 @@ def test_the_command_lists_every_program_on_one_screen(capsys: pytest.CaptureFix
     assert all(re.search(rf"^  {name} ", text, re.MULTILINE) for name in PROGRAMS)
     assert len(text.splitlines()) <= SCREEN_LINES
     assert max(map(len, text.splitlines())) <= 80
-
-
-@pytest.mark.parametrize("name", FORMER_COMMANDS)
-def test_a_former_name_answers_in_one_line_with_what_replaces_it(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([name, "--any-option"]) == 2
-    printed = capsys.readouterr()
-    assert (printed.out, printed.err) == ("", f"{name} is now: {FORMER_COMMANDS[name]}\n")
-    assert name not in PROGRAMS
-    first, program, *_ = FORMER_COMMANDS[name].split()
-    assert first != "steer-by-wire" or program in PROGRAMS
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (["run", "--plant-set", "seed=3"], "--plant-set is now: --set plant.TABLE.KEY=VALUE"),
-        (["run", "--controller-preset=paper_pd"], "--controller-preset is now: --preset NAME"),
-        (["study", "bus", "--threads", "2"], "--threads is now: --workers N"),
-        (["faults", "--processes", "2"], "--processes is now: --workers N"),
-        (["doctor", "--measure", "--seconds=3"], "--seconds is now: --duration SECONDS"),
-        (["plant", "--report", "r.json"], "--report is now: --json FILE"),
-    ],
-)
-def test_a_former_option_answers_in_one_line_with_what_replaces_it(
-    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(words)
-    assert end.value.code == 2
-    printed = capsys.readouterr().err.splitlines()[-1]
-    assert printed == f"steer-by-wire {words[0]}: error: {line}"
 
 
 def test_help_of_a_name_is_its_help(capsys: pytest.CaptureFixture[str]) -> None:
