@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.node_in_dialect import in_dialect
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
-from ..dbc.secoc.key_option import Program, add_key_file_argument
+from ..dbc.bus_language import add_dialect_argument, read_language
+from ..dbc.edge import add_key_file_argument, open_edge
 from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ..runtime.node import ReportingNode
 from ..runtime.node.end import End
@@ -28,6 +27,7 @@ from ..runtime.program.node_options import (
     make_parser,
 )
 from ..runtime.program.report import show_or_write
+from ..runtime.program.run_node import run_node
 from ..runtime.settings import SettingsError
 from .analysis.check_figures import check_figures
 from .analysis.check_in_words import check_text
@@ -43,7 +43,6 @@ from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text, "verdict == no effect")
-PROGRAM = Program(NAME, End.CONTROLLER, (*RECEIVED, *SENT), ENDING)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
@@ -114,16 +113,16 @@ def _run(options: argparse.Namespace) -> int:
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)
-    dialect = dialect_of(options.dialect)
-    if dialect is not None:
-        dialect.refuse_law(settings.law_that_reads_the_vehicle)
+    language = read_language(options.dialect)
+    language.refuse_law(settings.law_that_reads_the_vehicle)
 
     def make_node(start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
-        return in_dialect(node, dialect, End.CONTROLLER, start_ns)
+        return language.at_edge(node, End.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)
-    return run_in_dialect(PROGRAM, options, settings, make_node, concluded, dialect)
+    edge = open_edge(End.CONTROLLER, (*RECEIVED, *SENT), options, language)
+    return run_node(NAME, options, settings, make_node, concluded, edge, ENDING)
 
 
 def _check(name: str, options: argparse.Namespace) -> int:

@@ -9,20 +9,20 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.dialect.node_in_dialect import in_dialect
-from ..dbc.dialect.option import add_dialect_argument, dialect_of, run_in_dialect
-from ..dbc.secoc.key_option import Program, add_key_file_argument
+from ..dbc.bus_language import add_dialect_argument, read_language
+from ..dbc.edge import add_key_file_argument, open_edge
 from ..runtime.command_line import output_file, run_main, say
 from ..runtime.exit_status import ExitStatus
 from ..runtime.node import ReportingNode
 from ..runtime.node.end import End
 from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
+from ..runtime.program.run_node import run_node
 from .check_option import check_text
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
 from .fail_if_quantities import QUANTITIES
-from .faults.messages_in_dialect import messages_on, naming
+from .faults.messages_on_bus import messages_in, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
 from .path.drivability import undrivable
@@ -32,7 +32,6 @@ from .vehicle.motion_parameters import motion_params
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
-PROGRAM = Program(NAME, End.PLANT, (*RECEIVED, *SENT), ENDING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,9 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
-    dialect = dialect_of(options.dialect)
+    language = read_language(options.dialect)
     settings = load_program_settings(
-        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle), naming(dialect)
+        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle), naming(language)
     )
     if options.check:
         print(check_text(settings), end="")
@@ -77,11 +76,12 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = PlantNode(settings, start_ns, params, samples_max)
-        spoken = in_dialect(node, dialect, End.PLANT, start_ns)
-        return with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
+        spoken = language.at_edge(node, End.PLANT, start_ns)
+        return with_faults(spoken, settings.faults, settings.seed, messages_in(language))
 
     conclude = partial(_conclude, options)
-    return run_in_dialect(PROGRAM, options, settings, make_node, conclude, dialect)
+    edge = open_edge(End.PLANT, (*RECEIVED, *SENT), options, language)
+    return run_node(NAME, options, settings, make_node, conclude, edge, ENDING)
 
 
 def _conclude(options: argparse.Namespace, node: PlantNode) -> None:

@@ -29,7 +29,7 @@ from steer_by_wire.runtime.command_line import output_file, run_main
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Wrapper
 from steer_by_wire.runtime.program.node_options import load_program_settings, make_parser
-from steer_by_wire.runtime.program.run_node import run_node
+from steer_by_wire.runtime.program.run_node import Edge, run_node
 from steer_by_wire.tools.doctor.wake_ups import measurements
 
 NAME = "watched-controller"
@@ -145,14 +145,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     settings = load_program_settings(ControllerSettings, PRESETS, options)
-    answer = ANSWERS[options.answer]
+    nodes = list[Watched]()
+
+    def make_node(start_ns: int) -> Watched:
+        nodes.append(ANSWERS[options.answer](ControllerNode(settings, start_ns)))
+        return nodes[0]
+
+    edge = Edge([CAN_IDS[message_type] for message_type in RECEIVED])
     return run_node(
-        NAME,
-        options,
-        settings,
-        lambda start_ns: answer(ControllerNode(settings, start_ns)),
-        lambda node: _write_ticks(options.ticks, node),
-        [CAN_IDS[message_type] for message_type in RECEIVED],
+        NAME, options, settings, make_node, lambda _: _write_ticks(options.ticks, nodes[0]), edge
     )
 
 

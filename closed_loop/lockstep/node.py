@@ -2,21 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.node_in_dialect import in_dialect
+from ...dbc.bus_language import BusLanguage
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
 from ...runtime.node.end import End
 from ..processes.process_group import ProcessError
 from .program import LockstepProgram
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.dialect import Dialect
-
 
 WAKES_MAX = 100_000
 """In a second of the run: with more, deadlines a nanosecond apart would never let it end."""
@@ -116,8 +112,9 @@ def controller_node(
 
 
 def controller_in(
-    dialect: "Dialect | None", controller: ControllerNode | LockstepNode
+    language: BusLanguage, controller: ControllerNode | LockstepNode
 ) -> ReportingNode:
-    """Return the controller as it is on a bus in a dialect; a program speaks it of itself."""
-    own = dialect if isinstance(controller, ControllerNode) else None
-    return in_dialect(controller, own, End.CONTROLLER, 0)
+    """Return the controller as it is on a bus; a program speaks a car's language of itself."""
+    if isinstance(controller, LockstepNode):
+        return controller
+    return language.at_edge(controller, End.CONTROLLER, 0)

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.node_in_dialect import in_dialect
+from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
-from ...plant_emulator.faults.messages_in_dialect import messages_on
+from ...plant_emulator.faults.messages_on_bus import messages_in
 from ...plant_emulator.faults.stage import with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
@@ -22,9 +22,6 @@ from ...runtime.program.garbage_collection import no_collections
 from ...runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
-
-if TYPE_CHECKING:
-    from ...dbc.dialect.dialect import Dialect
 
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60
@@ -58,12 +55,12 @@ def make_virtual_pair(
 
 
 def make_virtual_plant(
-    settings: PlantSettings, samples_max: int = SAMPLES_MAX, dialect: "Dialect | None" = None
+    settings: PlantSettings, samples_max: int = SAMPLES_MAX, language: BusLanguage = OUR_LANGUAGE
 ) -> tuple[PlantNode, ReportingNode]:
-    """Make the plant, and its node on the bus: in a dialect, behind the faults of its settings."""
+    """Make the plant, and its node on the bus, behind the faults of its settings."""
     plant = PlantNode(settings, 0, samples_max=samples_max)
-    spoken = in_dialect(plant, dialect, End.PLANT, 0)
-    return plant, with_faults(spoken, settings.faults, settings.seed, messages_on(dialect))
+    spoken = language.at_edge(plant, End.PLANT, 0)
+    return plant, with_faults(spoken, settings.faults, settings.seed, messages_in(language))
 
 
 def run_virtual_pair(

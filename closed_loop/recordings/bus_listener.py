@@ -17,7 +17,7 @@ from ...dbc.codec.sequence_and_second_sender import (
     SequenceResult,
     SequenceRule,
 )
-from ...dbc.dialect.listening import OURS, Listening, MessageCounts
+from ...dbc.listening import OUR_MESSAGES, Listening, MessageCounts
 from ...dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -97,7 +97,7 @@ class BusListener:
     ``error_frames``    which the listener's own CAN controller generates
     """
 
-    def __init__(self, listening: Listening = OURS) -> None:
+    def __init__(self, listening: Listening = OUR_MESSAGES) -> None:
         self.listening = listening
         self._checks = {
             name: SequenceCheck(RULE, PERIOD_NS_MIN)

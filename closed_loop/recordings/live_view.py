@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import (
     COMMAND_COUNTERS,
     ControllerSafety,
@@ -260,7 +260,7 @@ class BusWatch:
     ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
     """
 
-    def __init__(self, start_ns: int, listening: Listening = OURS) -> None:
+    def __init__(self, start_ns: int, listening: Listening = OUR_MESSAGES) -> None:
         self._start_ns = start_ns
         self._listener = BusListener(listening)
         self._frames = 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ...dbc import messages
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -92,7 +92,7 @@ class LogAnalysis:
         self,
         rules: VerdictRules | None = None,
         preview_m: float = PREVIEW_M,
-        listening: Listening = OURS,
+        listening: Listening = OUR_MESSAGES,
     ) -> None:
         self._held_path = HeldPath(rules or VerdictRules())
         self.listener = BusListener(listening)
@@ -336,7 +336,7 @@ def analyse_files(
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
     rules: VerdictRules | None = None,
     preview_m: float = PREVIEW_M,
-    listening: Listening = OURS,
+    listening: Listening = OUR_MESSAGES,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 

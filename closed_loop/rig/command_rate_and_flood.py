@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ...dbc.dialect.listening import Listening
+from ...dbc.listening import Listening
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan
 from ...runtime.node import NS_PER_S
 from ..recordings.log_file import LogError, open_log

@@ -200,9 +200,9 @@ class Outcome(NamedTuple):
             yield f"the plant is in its safe state: {self.report['failure']}"
 
     def _sent(self) -> Sent:
-        from ...dbc.dialect.option import listening_in
+        from ...dbc.bus_language import read_language
 
-        return sent_in(self.files.candump_log, listening_in(self.dialect))
+        return sent_in(self.files.candump_log, read_language(self.dialect).listening())
 
     def _demand_whole_log(self) -> None:
         if self.dialect is not None:

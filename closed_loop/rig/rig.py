@@ -23,9 +23,8 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.node_in_dialect import in_dialect
-from ...dbc.dialect.option import dialect_of
-from ...plant_emulator.faults.messages_in_dialect import naming
+from ...dbc.bus_language import read_language
+from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NS_PER_S, ReportingNode
@@ -79,9 +78,8 @@ class Rig:
         if bus not in BUSES:
             raise SettingsError(f"bus {bus}: there is none of this name ({hint(bus, BUSES)})")
         values = {**overrides, **({} if seed is None else {"seed": seed})}
-        self._dialect_file = None if dialect is None else Path(dialect)
-        self._dialect = dialect_of(self._dialect_file)
-        self.settings = settings_of(PlantSettings, plant, values, context=naming(self._dialect))
+        self._language = read_language(dialect)
+        self.settings = settings_of(PlantSettings, plant, values, context=naming(self._language))
         self.bus = bus
         self.outcomes: list[Outcome] = []
         self._folder = folder
@@ -106,9 +104,8 @@ class Rig:
             outcome = self._run(controller, overrides, in_real_time, lockstep)
         except (SettingsError, ProcessError) as error:
             raise error.with_traceback(None) from None
-        if self._dialect is not None:
-            rate_hz = self._dialect.command_rate_hz
-            outcome = outcome._replace(dialect=self._dialect_file, rate_hz=rate_hz)
+        if (car := self._language.car) is not None:
+            outcome = outcome._replace(dialect=self._language.file, rate_hz=car.command_rate_hz)
         self.outcomes.append(outcome)
         return outcome
 
@@ -131,8 +128,7 @@ class Rig:
                 node = partial(LockstepNode, program)
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
-        if self._dialect is not None:
-            self._dialect.refuse_law(settings.law_that_reads_the_vehicle)
+        self._language.refuse_law(settings.law_that_reads_the_vehicle)
         plant = judged_like(self.settings, settings)
         files.write_settings(plant, settings)
         if in_real_time:
@@ -143,12 +139,12 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
-        return in_dialect(node, self._dialect, End.CONTROLLER, start_ns)
+        return self._language.at_edge(node, End.CONTROLLER, start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
     ) -> Outcome:
-        plant, edge = make_virtual_plant(settings, dialect=self._dialect)
+        plant, edge = make_virtual_plant(settings, language=self._language)
         bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
         controller = make_node(0)
         run_virtual_nodes(edge, controller, bus, log, waits_in_vain(plant, START_S_MAX))
@@ -165,8 +161,7 @@ class Rig:
         with open_channels(self.bus, ["rig"], files.folder / "bus.txt") as channels:
             (bus,) = channels.buses
             command = None if words is None else Program(_COMMAND, _filled(words, bus))
-            spoken = [] if self._dialect_file is None else ["--dialect", str(self._dialect_file)]
-            options = dict.fromkeys((PLANT_PROGRAM, CONTROLLER_PROGRAM), spoken)
+            options = dict.fromkeys((PLANT_PROGRAM, CONTROLLER_PROGRAM), self._language.options)
             with LivePair(bus, files, controller=command, options=options) as pair:
                 ending = self._wait(pair.programs)
             report = pair.report(PLANT_PROGRAM)["node"]

@@ -8,8 +8,6 @@ from typing import Any
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
-from ...dbc.dialect.option import dialect_of
-from ...plant_emulator.faults.messages_in_dialect import naming
 from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
@@ -32,14 +30,6 @@ NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
     "practical_ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
 }
 """The paths of SAE 2018-01-1086, and those on which the practical presets were measured."""
-
-
-def naming_in(dialect: str) -> Tables:
-    """Return the context in which a plant is validated that speaks a dialect's file, if any.
-
-    Raises SettingsError with the mistakes in the file.
-    """
-    return naming(dialect_of(Path(dialect)) if dialect else None)
 
 
 def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -> Tables:

@@ -7,16 +7,13 @@ may be a program in lockstep: its commands are known from the bus.
 
 from contextlib import suppress
 from itertools import repeat
-from pathlib import Path as FilePath
 from typing import NamedTuple
 
 import numpy as np
 
 from ...controller.node.node import ControllerNode
 from ...dbc import messages
-from ...dbc.dialect.dialect import read_dialect
-from ...dbc.dialect.listening import OURS
-from ...dbc.dialect.overheard import Overheard
+from ...dbc.bus_language import read_language
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
@@ -132,9 +129,9 @@ def _ran(pair: Pair, bus: BusSettings) -> Ran:
 
 
 def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
-    dialect = read_dialect(FilePath(pair.dialect)) if pair.dialect else None
-    plant, edge = make_virtual_plant(pair.plant, dialect=dialect)
-    listening = OURS if dialect is None else Overheard(dialect)
+    language = read_language(pair.dialect)
+    plant, edge = make_virtual_plant(pair.plant, language=language)
+    listening = language.listening()
     sent_rad: list[float] = []
 
     def on_wire(time_ns: int, _sender: int, frame: Frame) -> None:
@@ -146,7 +143,7 @@ def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
                 sent_rad.append(decoded.message.steer_rad)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        nodes = with_clocks(edge, controller_in(dialect, controller), bus)
+        nodes = with_clocks(edge, controller_in(language, controller), bus)
         in_vain = waits_in_vain(plant, START_S_MAX)
         run_virtual_nodes(*nodes, wire, None, in_vain, on_wire)
     return Ran(plant, controller, sent_rad)

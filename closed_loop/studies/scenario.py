@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,13 +16,14 @@ from pydantic import ValidationError
 
 from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.dialect import read_dialect
+from ...dbc.bus_language import read_language
+from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..pair.agreed_point import judged_like
-from .base_settings import Tables, naming_in
+from .base_settings import Tables
 from .factors import Label
 from .study import Study
 from .study_file import REPLICATES_MAX
@@ -79,7 +79,8 @@ class Scenarios:
         self.study = study
         self.controllers = tuple(study.controllers)
         self.plant_of = study.plant_of
-        self._naming = naming_in(study.dialect)
+        self._language = read_language(study.dialect)
+        self._naming = naming(self._language)
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
@@ -179,9 +180,8 @@ class Scenarios:
     def _check_design(self, controller: ControllerSettings, name: str) -> None:
         try:
             design_law(controller)
-            if self.study.dialect and name not in self.study.commands:
-                law = controller.law_that_reads_the_vehicle
-                read_dialect(Path(self.study.dialect)).refuse_law(law)
+            if name not in self.study.commands:
+                self._language.refuse_law(controller.law_that_reads_the_vehicle)
         except SettingsError as error:
             raise SettingsError(
                 *(f"{self.study.file}: controller {name}: {line}" for line in error.mistakes)

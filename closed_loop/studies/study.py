@@ -16,14 +16,14 @@ from typing import Any, NamedTuple
 
 from ...controller.laws import LAWS
 from ...controller.laws.plugin_law import place_of
-from ...dbc.dialect.settings import DialectSettings
+from ...dbc.bus_language import read_language
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
-from ...runtime.settings import SettingsError, load_settings
+from ...plant_emulator.faults.messages_on_bus import naming
+from ...runtime.settings import SettingsError
 from .base_settings import (
     Tables,
     bus_tables,
     controller_tables,
-    naming_in,
     plant_of_variant,
     plant_tables,
 )
@@ -87,7 +87,7 @@ class Study(NamedTuple):
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
         databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
-        databases += [{"file": str(file)} for file in _dialect_files(self.dialect)]
+        databases += [{"file": str(file)} for file in read_language(self.dialect).files]
         programs = [{"file": word} for words in self.commands.values() for word in words]
         tables = [self.plant, *self.plant_of.values(), *self.controllers.values()]
         files = _digests([*tables, *_values(self.design), *databases, *programs])
@@ -135,7 +135,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     study = Study(
         file=file,
         settings=settings,
-        plant=plant_tables(settings.base, file, folder, naming_in(dialect)),
+        plant=plant_tables(settings.base, file, folder, naming(read_language(dialect))),
         controllers={
             name: controller_tables(settings.base, name, file, folder)
             for name in settings.base.names
@@ -176,14 +176,6 @@ def _refuse_own_verdict(study: Study) -> None:
         raise SettingsError(
             f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
         )
-
-
-def _dialect_files(dialect: str) -> tuple[Path, ...]:
-    """Return the file of a dialect and its database; none without a dialect."""
-    if not dialect:
-        return ()
-    file = Path(dialect)
-    return file, file.parent / load_settings(DialectSettings, file=file).dbc
 
 
 def _refuse_unread(study: Study) -> None:

@@ -24,6 +24,7 @@ class Dialect(NamedTuple):
 
     messages: tuple[CarMessage, ...]
     kept_ids: frozenset[int]
+    database: Path
 
     def sent_by(self, sender: End) -> list[CarMessage]:
         """Return the messages of one end."""
@@ -58,7 +59,8 @@ class Dialect(NamedTuple):
 def read_dialect(file: Path) -> Dialect:
     """Return the dialect of a file; raises SettingsError with a line for each mistake."""
     settings = load_settings(DialectSettings, file=file)
-    known = read_database(file.parent / settings.dbc, f"{file}: dbc")
+    database = file.parent / settings.dbc
+    known = read_database(database, f"{file}: dbc")
     mistakes = [
         f"keep: {name} is no message of ours ({hint(name, MESSAGE_TYPES)})"
         for name in settings.keep
@@ -90,7 +92,7 @@ def read_dialect(file: Path) -> Dialect:
             found += [f"{where}{why}"] if (why := refuses_itself(made)) else []
             messages.append(made)
         mistakes += found
-    dialect = Dialect(tuple(messages), frozenset(kept))
+    dialect = Dialect(tuple(messages), frozenset(kept), database)
     if not mistakes and Quantity.STEER not in dialect.carried:
         mistakes.append("messages: no signal carries steer_rad, so that nobody can steer")
     if mistakes:

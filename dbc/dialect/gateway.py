@@ -115,9 +115,3 @@ class Gateway(Wrapper[N]):
                 self._values |= values
                 self._known_until_ns |= dict.fromkeys(values, now_ns + HOLD_NS)
         return [frame for frame in frames if frame.can_id in self._kept_ids]
-
-
-def dialect_text(figures: Mapping[str, Any]) -> str:
-    """Return the figures of a gateway in words."""
-    causes = ", ".join(f"{count} {why}" for why, count in figures["refused"].items()) or "none"
-    return f"{figures['sent']} frames sent, {figures['accepted']} accepted, refused: {causes}"

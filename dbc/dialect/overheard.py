@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
+from ..listening import Heard, Listed, MessageCounts, OurMessages
 from .car_message import Refused
 from .dialect import Dialect
-from .listening import Heard, Listed, MessageCounts, OurMessages
 from .quantities import SAID_BY
 from .reader import CarReader
 

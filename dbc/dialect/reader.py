@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
+from ..listening import MessageCounts
 from .car_message import CarMessage, Reading, Refused
 from .dialect import Dialect
-from .listening import MessageCounts
 from .translation import FromController, FromPlant
 
 

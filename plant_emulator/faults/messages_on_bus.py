@@ -7,9 +7,10 @@ faulty sender would. A value beyond its signal's range is sent as the end of tha
 import math
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 from ...dbc import messages
+from ...dbc.bus_language import BusLanguage
 from ...dbc.codec.layout import MessageLayout
 from ...dbc.codec.protection import COUNTERS, protect
 from ...dbc.contract.generated_layout import LAYOUTS
@@ -17,6 +18,7 @@ from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
 from .settings import (
     MESSAGES_OF,
+    NAMES,
     OUR_NAMES,
     FaultDirection,
     FaultSettings,
@@ -103,7 +105,7 @@ def bits_of(fault: FaultSettings) -> int:
     return min(8 * layout.length for layout in LAYOUTS if layout.can_id in ids)
 
 
-class OurMessages:
+class _OurMessages:
     """Our own; as ``MessagesOnBus`` describes."""
 
     names = OUR_NAMES
@@ -159,4 +161,18 @@ def within(value: float, low: float, high: float) -> float:
     return low if math.isnan(value) else min(max(value, low), high)
 
 
-OURS = OurMessages()
+OURS = _OurMessages()
+
+
+def messages_in(language: BusLanguage) -> MessagesOnBus:
+    """Return the messages on a bus."""
+    if language.car is None:
+        return OURS
+    from .messages_of_car import MessagesOfCar  # needs cantools, which takes a while to import
+
+    return MessagesOfCar(language.car)
+
+
+def naming(language: BusLanguage) -> Mapping[str, Any]:
+    """Return the context in which settings of a plant on this bus are validated."""
+    return {NAMES: messages_in(language).names}

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ..bus_model.settings import ClockSettings
 from ..command_line import say
 from ..exit_status import BusError, ExitStatus, most_severe
-from ..node import NS_PER_S, NS_PER_US, N, Node
+from ..node import NS_PER_S, NS_PER_US, N, Node, ReportingNode, innermost
 from ..node.drifting_clock import DriftingClock
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
@@ -32,6 +32,24 @@ from .stop_request import StopRequest
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""
+
+
+class Edge(NamedTuple):
+    """The edge between a node and the bus in a program.
+
+    ``can_ids``      identifiers that the node receives; None: all
+    ``notice``       printed on standard error when the bus is open
+    ``at_edge``      returns the node with what stands there
+    ``say_figures``  prints what the run's report says of it, called with the program's name
+    """
+
+    can_ids: Collection[int] | None = None
+    notice: str = ""
+    at_edge: Callable[[ReportingNode], ReportingNode] = lambda node: node
+    say_figures: Callable[[str, Mapping[str, Any]], None] = lambda _name, _report: None
+
+
+BARE = Edge()
 
 
 class _Run(NamedTuple):
@@ -53,25 +71,27 @@ def run_node(
     name: str,
     options: argparse.Namespace,
     settings: Settings,
-    make_node: Callable[[int], N],
-    conclude: Callable[[N], None] = lambda _node: None,
-    can_ids: Collection[int] | None = None,
-    notice: str = "",
+    make_node: Callable[[int], ReportingNode],
+    conclude: Callable[[Any], None] = lambda _node: None,
+    edge: Edge = BARE,
     ending: Ending | None = None,
 ) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
     ``make_node``  called as ``make_node(start_ns)`` on the monotonic clock [ns]; must be quick,
                    because the first tick is due at this time
-    ``conclude``   writes and prints the program's own additions, after the report
-    ``can_ids``    identifiers the node receives; None: all
-    ``notice``     printed on standard error when the bus is open
+    ``conclude``   writes and prints the program's own additions, after the report; gets the node
+                   without its wrappers
     ``ending``     the verdict, printed last, and the quantities of ``--fail-if``
 
     Returns the exit status. A failing bus, node, part of another package or recording leaves a
     report too. Raises BusError if the bus cannot be opened, OSError if a file cannot be written.
     """
-    opened = open_port(options, can_ids, fast=options.fast_socketcan)
+
+    def make_at_edge(start_ns: int) -> ReportingNode:
+        return edge.at_edge(make_node(start_ns))
+
+    opened = open_port(options, edge.can_ids, fast=options.fast_socketcan)
     screen = Screen(name, sys.stderr)
     connection = Connection(
         opened, options.reconnect_limit if options.reconnect else 0.0, screen.line
@@ -89,13 +109,15 @@ def run_node(
                 lambda cause: screen.line(f"error: {options.record}: not recorded on: {cause}"),
             )
         stack.enter_context(stop.on_signals())
-        if notice:
-            say(name, notice, sys.stderr)
+        if edge.notice:
+            say(name, edge.notice, sys.stderr)
         say(name, f"ready on {opened.description}")
         if opened.hint:
             say(name, opened.hint)
         try:
-            node, run = _run_in_real_time(options, connection, stop, make_node, recording, screen)
+            node, run = _run_in_real_time(
+                options, connection, stop, make_at_edge, recording, screen
+            )
         finally:
             recorded = None if recording is None else recording.close()
         if run.failure:
@@ -116,7 +138,8 @@ def run_node(
             say(name, line)
         if recorded is not None and recorded.failure:
             say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
-        conclude(node)
+        edge.say_figures(name, figures)
+        conclude(innermost(node))
         status = ExitStatus.OK
         if ending is not None:
             conditions = ending.conditions(options.fail_if)

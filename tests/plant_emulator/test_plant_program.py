@@ -14,6 +14,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
+from steer_by_wire.dbc.edge import NOBODY
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -24,7 +25,6 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secoc.key_option import NOBODY
 from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus

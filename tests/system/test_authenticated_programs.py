@@ -10,6 +10,7 @@ import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.program import main as controller_main
+from steer_by_wire.dbc.edge import AUTHENTICATED, NOBODY
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerStatus,
@@ -18,7 +19,6 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.dbc.secoc.key_option import AUTHENTICATED, NOBODY
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame

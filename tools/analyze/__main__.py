@@ -28,8 +28,8 @@ from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_fi
 from steer_by_wire.closed_loop.recordings.log_file import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
-from steer_by_wire.dbc.dialect.listening import Listening
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
+from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
+from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
@@ -160,7 +160,7 @@ def _analyse(
     refuse_another_run(folder, {_SOURCE: source})
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
-            listening = listening_in(options.dialect)
+            listening = read_language(options.dialect).listening()
             exports = _exports(partial, options, listening)
             smoothed = _smoothed(partial, options)
             exports += smoothed

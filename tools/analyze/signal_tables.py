@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ...closed_loop.recordings.bus_listener import ReceivedMessage
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import MESSAGE_TYPES, resolutions
 from ...runtime.frame import Frame
 from ...runtime.output_file import open_text
@@ -21,7 +21,7 @@ from ...runtime.output_file import open_text
 class CsvTable:
     """Writes the table as CSV, of the messages that are on the bus."""
 
-    def __init__(self, path: Path, listening: Listening = OURS) -> None:
+    def __init__(self, path: Path, listening: Listening = OUR_MESSAGES) -> None:
         self._listening, self._columns = listening, list[str]()
         self._places, self._formats = dict[str, slice](), dict[str, list[Callable[[float], str]]]()
         for name in listening.listed:
@@ -61,7 +61,7 @@ class CsvTable:
         self._file.close()
 
 
-def columns_of(name: str, listening: Listening = OURS) -> list[str]:
+def columns_of(name: str, listening: Listening = OUR_MESSAGES) -> list[str]:
     """Return the columns of a message on the bus."""
     if name in listening.columns:
         return [f"{name}.{signal}" for signal in listening.columns[name]]

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.pair.live_bus import BUSES
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
+from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.dbc.messages import CAN_IDS, MESSAGE_TYPES
 from steer_by_wire.runtime.command_line import (
     command_parser,
@@ -109,11 +109,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     logging.getLogger("can").addHandler(logging.NullHandler())
+    language = read_language(options.dialect)
     if options.recordings:
         if options.beside and len(options.recordings) > LANES_MAX:
             raise SettingsError(f"--beside shows up to {LANES_MAX} recordings; leave some out")
         read = read_replays if options.beside else read_replay
-        block = read(options.recordings, options.log_channel, listening_in(options.dialect))
+        block = read(options.recordings, options.log_channel, language.listening())
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             write_text(options.export, single_page(block, title))
@@ -126,24 +127,24 @@ def _run(options: argparse.Namespace) -> int:
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
         first = scenario_titled(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
-        _say_what_is_missing(options.dialect)  # so is one in a dialect
-        lanes = OwnLanes(options.bus, settings, options.dialect)
+        _say_what_is_missing(language)  # so is one in a dialect
+        lanes = OwnLanes(options.bus, settings, language)
         desk = Desk(lanes, None, "", may_control=True)
         return asyncio.run(_serve(options, desk, None, first))
     if not settings.is_quiet:
         raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")
     opened = open_port(options)
-    lane = Lane(opened.port, time.monotonic_ns(), listening=listening_in(options.dialect))
+    lane = Lane(opened.port, time.monotonic_ns(), listening=language.listening())
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)
     return asyncio.run(_serve(options, desk, None))
 
 
-def _say_what_is_missing(dialect: Path | None) -> None:
+def _say_what_is_missing(language: BusLanguage) -> None:
     """Say which messages of ours a dialect does not keep, and what that costs."""
-    kept_ids = listening_in(dialect).kept_ids
+    kept_ids = language.listening().kept_ids
     for name, cost in _COSTS.items():
         if CAN_IDS[MESSAGE_TYPES[name]] not in kept_ids:
-            say(NAME, f"{dialect}: keep = [...] without {name}: {cost}")
+            say(NAME, f"{language.file}: keep = [...] without {name}: {cost}")
 
 
 async def _serve(

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...dbc.dialect.node_in_dialect import in_dialect
-from ...dbc.dialect.option import add_dialect_argument, dialect_of
+from ...dbc.bus_language import add_dialect_argument, read_language
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
@@ -92,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
         hand: Any = HandNode(HandFile(options.file), start_ns)  # nobody asks it for a report
-        node = in_dialect(hand, dialect_of(options.dialect), End.CONTROLLER, start_ns)
+        node = read_language(options.dialect).at_edge(hand, End.CONTROLLER, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0
 

@@ -13,7 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from ...closed_loop.recordings.live_reading import LATE_NS, LiveReader
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...plant_emulator.path.path import Path
 from ...runtime.exit_status import BusError, cause_of
 from ...runtime.frame import Frame
@@ -42,7 +42,7 @@ class Lane:
         start_ns: int,
         path: Path | None = None,
         ghosts: Ghosts | None = None,
-        listening: Listening = OURS,
+        listening: Listening = OUR_MESSAGES,
     ) -> None:
         self._port = port
         self._reader = LiveReader(port)

@@ -7,7 +7,6 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path as FilePath
 from typing import Literal, NamedTuple
 
 from ...closed_loop.pair.live_bus import open_channels
@@ -16,7 +15,7 @@ from ...closed_loop.pair.live_pair import Program as StartedProgram
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ...closed_loop.pair.virtual_bus import QUIET_BUS
 from ...closed_loop.processes.private_folder import private_folder
-from ...dbc.dialect.option import listening_in
+from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
@@ -26,7 +25,7 @@ from ...runtime.port.python_can import BusPort
 from .hand import HandFile
 from .lane import Lane
 from .sampler import ghosts_of
-from .scenario import LaneSettings, Scenario, lane_settings
+from .scenario import Scenario, lane_settings
 
 _POINT_M = 0.5
 _OPEN_END_M = 400.0
@@ -82,7 +81,7 @@ class OwnLanes:
 
     ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
     ``settings``  of an emulated bus
-    ``dialect``   file of the car whose messages are on the bus; None for our own
+    ``language``  of the bus
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
@@ -90,9 +89,9 @@ class OwnLanes:
     """
 
     def __init__(
-        self, wanted: str, settings: BusSettings = QUIET_BUS, dialect: FilePath | None = None
+        self, wanted: str, settings: BusSettings = QUIET_BUS, language: BusLanguage = OUR_LANGUAGE
     ) -> None:
-        self._wanted, self._settings, self._dialect = wanted, settings, dialect
+        self._wanted, self._settings, self._language = wanted, settings, language
         self._stack = ExitStack()
         self._pairs: Sequence[LivePair] = ()
         self._paused: set[tuple[int, Program]] = set()
@@ -104,8 +103,9 @@ class OwnLanes:
     def start(self, scenario: Scenario) -> None:
         """Start a scenario anew; raises SettingsError, BusError or OSError."""
         settings = lane_settings(scenario)
-        dialect = [] if self._dialect is None else ["--dialect", str(self._dialect)]
-        self._refuse_laws(settings)
+        for lane in settings:
+            if lane.controller:
+                self._language.refuse_law(lane.controller.law_that_reads_the_vehicle)
         self.stop()
         with ExitStack() as stack:
             folder = stack.enter_context(private_folder("cockpit"))
@@ -120,35 +120,24 @@ class OwnLanes:
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
                 ghosts = None if lane.controller else ghosts_of(lane.plant)
-                port, listening = BusPort(bus.open()), listening_in(self._dialect)
+                port, listening = BusPort(bus.open()), self._language.listening()
                 lanes.append(Lane(port, time.monotonic_ns(), path, ghosts, listening))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
                 files.write_settings(lane.plant, lane.controller)
-                words = [str(hand), *dialect, *bus.options]
+                words = [str(hand), *self._language.options, *bus.options]
                 steers = StartedProgram("steer_by_wire.tools.cockpit.hand", words)
                 pair = LivePair(
                     bus,
                     files,
                     controller=None if lane.controller else steers,
-                    options=dict.fromkeys(_PROGRAMS.values(), dialect),
+                    options=dict.fromkeys(_PROGRAMS.values(), self._language.options),
                     is_recorded=False,
                 )
                 pairs.append(stack.enter_context(pair))
             self._stack = stack.pop_all()
         self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
         self._pairs, self.bus = pairs, channels.description
-
-    def _refuse_laws(self, settings: Sequence[LaneSettings]) -> None:
-        """Raise SettingsError if no signal of the car carries what a law reads."""
-        if self._dialect is None:
-            return
-        from ...dbc.dialect.dialect import read_dialect
-
-        dialect = read_dialect(self._dialect)
-        for lane in settings:
-            if lane.controller:
-                dialect.refuse_law(lane.controller.law_that_reads_the_vehicle)
 
     def stop(self) -> None:
         """End all processes and the bus, and close the lanes."""

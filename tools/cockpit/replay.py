@@ -16,7 +16,7 @@ from typing import Any
 
 from ...closed_loop.recordings.log_file import LogError, open_log
 from ...closed_loop.recordings.status_lights import Light
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lanes import lane_facts
@@ -31,7 +31,7 @@ _LIGHT_CHANGES_MAX = 20_000
 
 
 def read_replay(
-    files: Sequence[Path], channel: str | None = None, listening: Listening = OURS
+    files: Sequence[Path], channel: str | None = None, listening: Listening = OUR_MESSAGES
 ) -> bytes:
     """Return the block of one recording, which may be several files; raises LogError.
 
@@ -42,7 +42,7 @@ def read_replay(
 
 
 def read_replays(
-    files: Sequence[Path], channel: str | None = None, listening: Listening = OURS
+    files: Sequence[Path], channel: str | None = None, listening: Listening = OUR_MESSAGES
 ) -> bytes:
     """Return the block of recordings beside each other, each from its first frame on."""
     replays = [_replay([file], channel, listening) for file in files]

@@ -21,7 +21,7 @@ from ...closed_loop.recordings.status_lights import Known, Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
-from ...dbc.dialect.listening import OURS, Listening
+from ...dbc.listening import OUR_MESSAGES, Listening
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -127,7 +127,7 @@ class Sampler:
         start_ns: int,
         path: Path | None = None,
         ghosts: Ghosts | None = None,
-        listening: Listening = OURS,
+        listening: Listening = OUR_MESSAGES,
     ) -> None:
         self.start_ns = start_ns
         self._listening = listening

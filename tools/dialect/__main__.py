@@ -24,10 +24,11 @@ from steer_by_wire.closed_loop.pair.virtual_pair import (
 )
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.bus_language import BusLanguage
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_dialect
-from steer_by_wire.dbc.dialect.gateway import dialect_text
 from steer_by_wire.dbc.dialect.proposal import proposal
 from steer_by_wire.dbc.dialect.settings import Quantity
+from steer_by_wire.dbc.edge import translated_text
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.command_line import add_subcommand, command_parser, output_file, run_main
@@ -72,17 +73,18 @@ def _new(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     dialect = read_dialect(options.dialect)
+    language = BusLanguage(options.dialect, dialect)
     Console(width=100).print(_table(dialect))
     missing = [one for one in _NEEDED_BY if one not in dialect.carried]
     for quantity in missing:
         print(f"missing: {quantity}: needed by {_NEEDED_BY[quantity]}")
     plant = PlantSettings(duration_s=MOTION_S)
-    node, edge = make_virtual_plant(plant, dialect=dialect)
-    controller = controller_in(dialect, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
+    node, edge = make_virtual_plant(plant, language=language)
+    controller = controller_in(language, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
     bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
     run_virtual_nodes(edge, controller, bus, options.out, in_vain)
     for program, gateway in ((PLANT_PROGRAM, edge), (CONTROLLER_PROGRAM, controller)):
-        print(f"{program.replace('_', ' ')}: {dialect_text(gateway.report()['dialect'])}")
+        print(f"{program.replace('_', ' ')}: {translated_text(gateway.report()['dialect'])}")
     return ExitStatus.OK
 
 

@@ -18,7 +18,7 @@ from rich.live import Live
 
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, listening_in
+from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
 from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    listening = listening_in(options.dialect)
+    listening = read_language(options.dialect).listening()
     opened = open_port(options)
     stop = StopRequest()
     with ExitStack() as stack:

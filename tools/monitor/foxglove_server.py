@@ -11,7 +11,7 @@ from typing import Any
 from ...closed_loop.recordings.bus_listener import ReceivedMessage, Taken
 from ...closed_loop.recordings.live_view import BusWatch
 from ...closed_loop.recordings.message_as_json import json_content, json_schema
-from ...dbc.dialect.listening import Listening
+from ...dbc.listening import Listening
 from ...runtime.command_line import installation
 from ...runtime.frame import Frame
 from ...runtime.settings import SettingsError

@@ -26,10 +26,9 @@ from steer_by_wire.controller.node.contradicted_settings import sparse_measureme
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
-from steer_by_wire.dbc.dialect.dialect import Dialect
-from steer_by_wire.dbc.dialect.option import add_dialect_argument, dialect_of
+from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
-from steer_by_wire.plant_emulator.faults.messages_in_dialect import naming
+from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 from steer_by_wire.plant_emulator.path.drivability import undrivable
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
@@ -127,8 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    dialect = dialect_of(options.dialect)
-    plant_settings, controller = _plant_settings(options, dialect), _controller(options)
+    language = read_language(options.dialect)
+    plant_settings, controller = _plant_settings(options, language), _controller(options)
     period_s = plant_settings.sensor_period_ns / NS_PER_S
     ours = controller if isinstance(controller, ControllerSettings) else None
     if ours is not None:
@@ -150,10 +149,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.interface and ours is not None:
         run = run_in_real_time(plant_settings, ours, log)
     else:
-        if dialect is not None and ours is not None:
-            dialect.refuse_law(ours.law_that_reads_the_vehicle)
+        if ours is not None:
+            language.refuse_law(ours.law_that_reads_the_vehicle)
         run = run_in_virtual_time(
-            plant_settings, controller, bus, log, is_ideal=options.ideal_wire, dialect=dialect
+            plant_settings, controller, bus, log, is_ideal=options.ideal_wire, language=language
         )
     reports = reports_of(run, plant_settings, controller)
     lines = summary(run, reports)
@@ -173,14 +172,14 @@ def _run(options: argparse.Namespace) -> int:
     return status
 
 
-def _plant_settings(options: argparse.Namespace, dialect: Dialect | None) -> PlantSettings:
+def _plant_settings(options: argparse.Namespace, language: BusLanguage) -> PlantSettings:
     name = preset_name(options, PLANT_SIDE)
     preset = read_preset(PLANT_PRESETS, name) if name else None
     short = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     vehicle, own = plant_vehicle(options.vehicle), of_side(options.overrides, PLANT_SIDE)
     given = [*own, *overrides]
-    return load_settings(PlantSettings, preset, options.plant, given, vehicle, naming(dialect))
+    return load_settings(PlantSettings, preset, options.plant, given, vehicle, naming(language))
 
 
 def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:

@@ -10,7 +10,7 @@ from ...controller import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.dialect.gateway import dialect_text
+from ...dbc.edge import translated_text
 from ...plant_emulator import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.node.node import PlantNode
@@ -100,7 +100,7 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     for program in PROGRAMS:
         if "dialect" not in reports[program]["node"]:
             continue
-        text = dialect_text(reports[program]["node"]["dialect"])
+        text = translated_text(reports[program]["node"]["dialect"])
         lines.append(("dialect", f"{program.replace('_', ' ')}: {text}"))
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))

@@ -21,7 +21,7 @@ from ...closed_loop.pair.virtual_pair import (
 )
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings, on_bus
-from ...dbc.dialect.dialect import Dialect
+from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.faults.stage import with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
@@ -49,15 +49,15 @@ def run_in_virtual_time(
     candump_log: Path | None,
     *,
     is_ideal: bool,
-    dialect: Dialect | None = None,
+    language: BusLanguage = OUR_LANGUAGE,
 ) -> Run:
     """Run plant and controller on a bus with these settings.
 
     ``controller``  its settings, or the words of a command that speaks the lockstep protocol
     ``is_ideal``    if frames are to take no time
-    ``dialect``     of the bus; a program speaks it of itself
+    ``language``    of the bus; a program speaks a car's of itself
     """
-    plant, edge = make_virtual_plant(plant_settings, dialect=dialect)
+    plant, edge = make_virtual_plant(plant_settings, language=language)
     is_in_vain = waits_in_vain(plant, START_S_MAX)
     bitrate = settings.bitrate_bit_s
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
@@ -65,7 +65,7 @@ def run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         try:
-            edges = edge, controller_in(dialect, node)
+            edges = edge, controller_in(language, node)
             nodes = with_clocks(*edges, settings)
             run_virtual_nodes(*nodes, bus, candump_log, lambda: stop() or is_in_vain())
         except BusOverflowError as error:

@@ -8,26 +8,29 @@ import pytest
 
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant
 from steer_by_wire.closed_loop.rig import Rig
+from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.plant_emulator.faults.messages_in_dialect import messages_on, naming
+from steer_by_wire.plant_emulator.faults.messages_on_bus import messages_in, naming
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from tests.dbc.dialect.test_gateway import CAR, DATABASE, request
 
-DIALECT = read_dialect(CAR)
+LANGUAGE = read_language(CAR)
 ANGLE_ID, MOTION_ID, LANE_ID = 0x200, 0x201, DATABASE.get_message_by_name("LANE").frame_id
 
 
 def settings(*faults: str) -> PlantSettings:
     tables = ", ".join(f"{{onset_s = 0.5, {fault}}}" for fault in faults)
-    return load_settings(PlantSettings, overrides=[f"faults = [{tables}]"], context=naming(DIALECT))
+    return load_settings(
+        PlantSettings, overrides=[f"faults = [{tables}]"], context=naming(LANGUAGE)
+    )
 
 
 def sent(*faults: str) -> list[tuple[int, Frame]]:
     """Return the frames of a plant that gets the car's request every 10 ms, with their times."""
-    _, edge = make_virtual_plant(settings(*faults), dialect=DIALECT)
+    _, edge = make_virtual_plant(settings(*faults), language=LANGUAGE)
     frames: list[tuple[int, Frame]] = []
     for number in range(100):
         now_ns = 10 * NS_PER_MS * number
@@ -160,11 +163,11 @@ def test_settings_with_our_names_are_refused_in_a_dialect() -> None:
         overrides=['faults = [{kind = "drop", direction = "uplink", message = "LATERAL_ERROR"}]'],
     )
     with pytest.raises(SettingsError, match="must be STEER_ANGLE, MOTION, LANE or all"):
-        make_virtual_plant(ours, dialect=DIALECT)
+        make_virtual_plant(ours, language=LANGUAGE)
 
 
 def test_bits_of_no_signal_stay_as_they_are() -> None:
-    message = next(one for one in DIALECT.messages if one.name == "STEER_REQUEST")
+    message = next(one for one in read_dialect(CAR).messages if one.name == "STEER_REQUEST")
     padded = bytearray(request(2.0, 3).data)
     padded[5:7] = b"\xa5\x5a"
     padded[7] = (sum(padded[:7]) + 1 + len(padded)) % 256  # 1: the bytes of 0x100
@@ -177,12 +180,12 @@ def test_bits_of_no_signal_stay_as_they_are() -> None:
 
 
 def test_a_moved_frame_has_the_format_of_its_new_identifier() -> None:
-    moved = messages_on(DIALECT).moved(Frame(LANE_ID, bytes(8), EXTENDED))
+    moved = messages_in(LANGUAGE).moved(Frame(LANE_ID, bytes(8), EXTENDED))
     assert moved == Frame(ANGLE_ID, bytes(8))
 
 
 def test_onsets_count_from_the_first_request_that_the_car_takes() -> None:
-    messages = messages_on(DIALECT)
+    messages = messages_in(LANGUAGE)
     refused = (request(0.0, 0, active=0), request(0.0, 1, spoilt=1), Frame(7, bytes(8)))
     assert not any(messages.starts(frame, 0) for frame in refused)
     assert messages.starts(request(0.0, 2), 0)

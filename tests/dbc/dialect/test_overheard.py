@@ -24,9 +24,9 @@ from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.status_lights import Known, lights_of
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.node_in_dialect import in_dialect
 from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import (
@@ -105,7 +105,7 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
 
 def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
-    node = in_dialect(HandNode(hand, 0), read_dialect(CAR), End.CONTROLLER, 0)
+    node = read_language(CAR).at_edge(HandNode(hand, 0), End.CONTROLLER, 0)
     overheard, steers_rad = listening(), []
     while node.deadline_ns < 50 * NS_PER_MS:
         now_ns = node.deadline_ns

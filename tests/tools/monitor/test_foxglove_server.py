@@ -13,7 +13,7 @@ import aiohttp
 import pytest
 
 from steer_by_wire.dbc.codec.protection import COUNTERS
-from steer_by_wire.dbc.dialect.listening import OURS
+from steer_by_wire.dbc.listening import OUR_MESSAGES
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
@@ -55,7 +55,9 @@ async def first_message(address: str) -> tuple[Any, int, Any]:
 
 
 async def heard_by_a_client(server: FoxgloveServer) -> tuple[Any, int, Any]:
-    sending = asyncio.create_task(keep_sending(ServedWatch(time.monotonic_ns(), OURS, server)))
+    sending = asyncio.create_task(
+        keep_sending(ServedWatch(time.monotonic_ns(), OUR_MESSAGES, server))
+    )
     try:
         return await first_message(server.address)
     finally:

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.dbc.dialect.option import add_dialect_argument
+from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
@@ -89,7 +89,7 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.OK
     faults = _faults(options)
     recording = _recording(options, faults)
-    forged = _forged(options.dialect)
+    forged = _forged(read_language(options.dialect))
     stop = StopRequest()
     with ExitStack() as stack:
         port = None
@@ -141,14 +141,13 @@ def _faults(options: argparse.Namespace) -> list[LiveFault]:
         raise SettingsError(str(error)) from error
 
 
-def _forged(dialect: Path | None) -> ForgedFrames:
-    if dialect is None:
+def _forged(language: BusLanguage) -> ForgedFrames:
+    if language.car is None:
         return OurFrames()
     # Only a dialect needs cantools, which takes a while to import.
-    from steer_by_wire.dbc.dialect.dialect import read_dialect
     from steer_by_wire.tools.faults.injection.forged_car_frames import CarFrames
 
-    return CarFrames(read_dialect(dialect))
+    return CarFrames(language.car)
 
 
 def _received(forged: ForgedFrames) -> frozenset[int] | None:

@@ -1,15 +1,15 @@
-"""What one who only listens makes of the frames on a bus; here of a bus with our own messages.
+"""How a passive listener decodes a bus; here one with our own messages.
 
-``overheard.py`` has the bus of a car. Programs that show a bus take either, and name the messages
-as ``listed`` does.
+``dialect.overheard`` decodes the bus of a car. Programs that show a bus take either, and name the
+messages as ``listed`` does.
 """
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
-from ...runtime.frame import Frame
-from ..messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
+from ..runtime.frame import Frame
+from .messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
 
 
 class Listed(NamedTuple):
@@ -49,7 +49,7 @@ class Heard(NamedTuple):
 
 
 class Listening(Protocol):
-    """Understands a bus.
+    """How a bus is decoded.
 
     ``listed``      the messages on it, by their names there
     ``from_plant``  identifiers of the plant's frames
@@ -111,5 +111,5 @@ class OurMessages:
         return ""
 
 
-OURS: Listening = OurMessages()
+OUR_MESSAGES: Listening = OurMessages()
 """The one such bus: it counts nothing, so that all who listen may share it."""

@@ -1,0 +1,101 @@
+"""The edge between a node and its bus: plain, authenticated (``--key-file``) or of a car.
+
+The key itself is never an option, because every user of a machine can read command lines.
+"""
+
+import argparse
+import sys
+from collections.abc import Collection, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..runtime.command_line import say
+from ..runtime.frame import EXTENDED, FD
+from ..runtime.node.end import End
+from ..runtime.program.report import causes_line
+from ..runtime.program.run_node import Edge
+from ..runtime.recording.recording import fd_obstacle
+from ..runtime.settings import SettingsError
+from .bus_language import BusLanguage
+from .messages import CAN_IDS, Message
+from .secoc.secured_frame import STATUS_SENT_BY, Refused
+
+if TYPE_CHECKING:
+    from .dialect.dialect import Dialect
+
+NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --key-file)"
+"""Printed on start by a program without a key."""
+AUTHENTICATED = "authenticated CAN FD: only frames made with the key are accepted"
+
+
+def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--key-file``."""
+    parser.add_argument(
+        "--key-file", type=Path, metavar="FILE",
+        help="authenticate every frame, as CAN FD, with this key",
+    )  # fmt: skip
+
+
+def open_edge(
+    end: End,
+    known: Collection[type[Message]],
+    options: argparse.Namespace,
+    language: BusLanguage,
+) -> Edge:
+    """Return the edge that the options ask for; sets ``options.fd`` where its frames need that.
+
+    ``known``  the messages that the node receives, and those that only it may send
+
+    Raises SettingsError for a key file that cannot be used, and a recording that would stay empty.
+    """
+    if language.car is not None:
+        return _of_car(end, options, language.car)
+    can_ids = {CAN_IDS[message_type] for message_type in known}
+    if options.key_file is None:
+        return Edge(can_ids, NOBODY, say_figures=_say_refused)
+    if options.record is not None and (obstacle := fd_obstacle(options.record)):
+        raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
+    # Not at the top: they read the DBC once more, which classic CAN does not need.
+    from .secoc.authenticated_node import AuthenticatedNode
+    from .secoc.key_file import open_authentication
+
+    authentication = open_authentication(options.key_file, end)
+    options.fd = True
+    can_ids.add(CAN_IDS[STATUS_SENT_BY[end.peer]])
+    secured = partial(AuthenticatedNode, authentication=authentication)
+    return Edge(can_ids, AUTHENTICATED, secured, _say_refused)
+
+
+def _of_car(end: End, options: argparse.Namespace, car: "Dialect") -> Edge:
+    if options.key_file is not None:
+        raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
+    received = car.sent_by(end.peer)
+    if any(one.flags & FD for one in car.messages):
+        options.fd = True
+    has_extended = any(one.flags & EXTENDED for one in received)
+    can_ids = {*car.kept_ids, *(one.can_id for one in received)}
+    notice = f"speaks {options.dialect.name}; frames of a car are not authenticated"
+    return Edge(None if has_extended else can_ids, notice, say_figures=_say_translated)
+
+
+def _say_refused(name: str, report: Mapping[str, Any]) -> None:
+    """Name refused frames, and messages that had two senders during the run."""
+    if secured := report["rejected"].get(Refused.NO_KEY.value):
+        why = "their sender has a key, this end has none"
+        say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
+    if refused := report.get("authentication", {}).get("refused"):
+        say(name, f"frames refused by authentication: {causes_line(refused)}", sys.stderr)
+    if messages := report["second_senders"]:
+        what = "two nodes on the bus send what only one may"
+        say(name, f"second sender of {', '.join(messages)}: {what}", sys.stderr)
+
+
+def _say_translated(name: str, report: Mapping[str, Any]) -> None:
+    say(name, f"dialect: {translated_text(report['dialect'])}")
+
+
+def translated_text(figures: Mapping[str, Any]) -> str:
+    """Return the figures of a gateway to a car's bus in words."""
+    causes = ", ".join(f"{count} {why}" for why, count in figures["refused"].items()) or "none"
+    return f"{figures['sent']} frames sent, {figures['accepted']} accepted, refused: {causes}"
