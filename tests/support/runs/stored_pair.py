@@ -4,8 +4,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from steer_by_wire.closed_loop.studies.base_settings import naming_in
 from steer_by_wire.closed_loop.studies.scenario import Pair, pair_tables
+from steer_by_wire.dbc.bus_language import read_language
+from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 
 
 def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
@@ -19,4 +20,4 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
     tables = pair_tables(*given, command, dialect, overrides)
     text = json.dumps(tables)
-    return Pair.model_validate_json(text, strict=True, context=naming_in(dialect))
+    return Pair.model_validate_json(text, strict=True, context=naming(read_language(dialect)))
