@@ -9,13 +9,13 @@ and each follows from its number.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from ...runtime.settings import SettingsError, read_preset
+from ...runtime.settings import SettingsError
 from .base_settings import PATH, leaves, named_path
 from .study_file import (
     DistributionSettings,
@@ -24,13 +24,10 @@ from .study_file import (
     Normal,
     SamplingKind,
     SamplingSettings,
-    Shorthand,
     Triangular,
     Uniform,
 )
 
-CORNERS = ("a", "b", "c", "d")
-BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 _MOTIONS_KEPT = 24
 """Vehicles and paths that may vary fastest in a grid: the compiled engine caches a few more."""
@@ -75,32 +72,28 @@ class Factor(NamedTuple):
         return Level(value, tuple((key, value) for key in self.keys))
 
 
-def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
-    """Return the factors that one table stands for.
+def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
+    """Return the factor of one table.
 
     ``is_grid``  whether every level is run; a range then has levels, else values are drawn from it
     ``where``    the table, for the error message
 
     Raises SettingsError.
     """
-    if settings.use is Shorthand.PAPER_CORNERS:
-        return [_corners(settings.name or "corner")]
-    if settings.use is Shorthand.PAPER_BOX:
-        return _box(settings, is_grid, where)
     if settings.levels is not None:
         levels = tuple(
             Level(label, tuple(_with_path(*leaf) for leaf in leaves(table, whole="kind")))
             for label, table in settings.levels.items()
         )
         keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
-        return [Factor(settings.name or "level", keys, levels, None)]
+        return Factor(settings.name or "level", keys, levels, None)
     keys = settings.keys or (settings.key or "",)
     name = settings.name or keys[0].rpartition(".")[2]
     if settings.values is not None:
         levels = tuple(_level(value, keys) for value in settings.values)
         if len({level.label for level in levels}) < len(levels):
             raise SettingsError(f"{where}: values of factor {name} must differ from each other")
-        return [Factor(name, keys, levels, None)]
+        return Factor(name, keys, levels, None)
     if settings.distribution is not None:
         if is_grid:
             raise SettingsError(
@@ -109,8 +102,8 @@ def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Fa
             )
         drawn = settings.distribution
         is_endless = isinstance(drawn, Normal) and (drawn.low is None or drawn.high is None)
-        return [Factor(name, keys, None, quantile_of(drawn), is_endless)]
-    return [_ranged(settings, name, keys, is_grid, where)]
+        return Factor(name, keys, None, quantile_of(drawn), is_endless)
+    return _ranged(settings, name, keys, is_grid, where)
 
 
 def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
@@ -175,37 +168,6 @@ def _ranged(
         return Factor(name, keys, None, lambda u: start + u * (stop - start))
     values = range_values(start, stop, settings.step, settings.count)
     return Factor(name, keys, tuple(_level(value, keys) for value in values), None)
-
-
-def corner_vehicle(corner: str) -> Mapping[str, float]:
-    """Return speed and virtual mass of a corner of the paper's box, as its preset has them."""
-    import tomllib
-
-    preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
-    vehicle = tomllib.loads(preset.text)["vehicle"]
-    return {"speed_m_s": vehicle["speed_m_s"], "mass_kg": vehicle["virtual_mass_kg"]}
-
-
-def _corners(name: str) -> Factor:
-    levels = tuple(
-        Level(
-            corner, tuple((BOX_KEYS[what], value) for what, value in corner_vehicle(corner).items())
-        )
-        for corner in CORNERS
-    )
-    return Factor(name, tuple(BOX_KEYS.values()), levels, None)
-
-
-def _box(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
-    if is_grid and settings.count is None:
-        raise SettingsError(f"{where}: paper_box needs count in a grid, values a side")
-    corners = [corner_vehicle(corner) for corner in CORNERS]
-    factors = []
-    for what, key in BOX_KEYS.items():
-        ends = [corner[what] for corner in corners]
-        side = FactorSettings(key=key, start=min(ends), stop=max(ends), count=settings.count)
-        factors.append(_ranged(side, what, (key,), is_grid, where))
-    return factors
 
 
 def _level(value: Any, keys: tuple[str, ...]) -> Level:

@@ -9,6 +9,7 @@ few tens of megabytes.
 
 import json
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
-from .compiled_figures import COUNTS
+from .compiled_figures import COLUMNS
 from .factors import Design
-from .result_files import RESULTS, are_numbers, cause_line, overrides_of, read_columns, read_json
-from .scenario import Case, Pair, Scenarios
+from .result_files import RESULTS, STUDY
+from .row_file import check, read_table
+from .scenario import Case, Scenarios
 from .study import Study
 from .study_file import ReportSettings, StudySettings
 
@@ -40,11 +42,13 @@ class FactorRecord(NamedTuple):
 class StudyRecord(NamedTuple):
     """The settings from which the results follow.
 
+    ``content``    of study.json
     ``scenarios``  makes settings of overrides, as the study did; it does not know its points
     ``runs``       of the complete study
     """
 
     folder: Path
+    content: bytes
     name: str
     title: str
     report: ReportSettings
@@ -114,34 +118,40 @@ _FIGURES = (
 
 def read_study(folder: Path) -> StudyRecord:
     """Return the record of the results in a folder; raises SettingsError."""
-    file = folder / "study.json"
+    file = folder / STUDY
     try:
-        record = read_json(file)
-        settings = StudySettings.model_validate(
-            {
-                "name": record["name"],
-                "base": {"controllers": list(record["controllers"])},
-                "sampling": record["sampling"],
-                "verdict": record["verdict"],
-            }
-        )
-        factors = tuple(_factor(*level) for level in record["levels"])
-        plant, controllers = _settings(record["plant"], record["controllers"])
-    except SettingsError:
-        raise
+        content = file.read_bytes()
     except OSError as error:
         raise SettingsError(
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
         ) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"is not the record of a study of this version: {cause_line(error)}"
-        raise SettingsError(f"{file}: {what}") from error
+    for results in _files(folder):
+        check(results, content)  # after this the record is as it was written
+    record = json.loads(content)
+    if [record.get("version"), record.get("columns")] != [
+        version("steer-by-wire-emulator"),
+        list(COLUMNS),
+    ]:
+        raise SettingsError(f"{file}: is not the record of a study of this version")
+    settings = StudySettings.model_validate(
+        {
+            "name": record["name"],
+            "base": {"controllers": list(record["controllers"])},
+            "sampling": record["sampling"],
+            "verdict": record["verdict"],
+        }
+    )
+    factors = tuple(
+        FactorRecord(name, tuple(keys), tuple(labels)) for name, keys, labels in record["levels"]
+    )
+    plant, controllers = record["plant"], record["controllers"]
     title, report = _presentation(folder)
     design, bus = Design((), 1, None), record.get("bus")
     scenarios = Scenarios(Study(str(file), settings, plant, controllers, design, bus=bus))
     points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
     return StudyRecord(
         folder=folder,
+        content=content,
         name=settings.name,
         title=title,
         report=report,
@@ -155,61 +165,31 @@ def read_study(folder: Path) -> StudyRecord:
     )
 
 
-def _settings(plant: Any, controllers: Mapping[str, object]) -> tuple[Any, dict[str, Any]]:
-    """Return the tables of the plant and of each controller, checked; raises ValueError."""
-    checked: dict[str, Any] = {}
-    # These name a car's messages, and its file may be elsewhere.
-    faults = plant["faults"]
-    plant = {**plant, "faults": []}
-    for name, tables in controllers.items():
-        text = json.dumps({"plant": plant, "controller": tables})
-        pair = Pair.model_validate_json(text, strict=True)
-        dumped = pair.model_dump(mode="json", exclude_none=True)
-        plant, checked[name] = dumped["plant"], dumped["controller"]
-    return {**plant, "faults": faults}, checked
-
-
-def _factor(name: object, keys: object, labels: object) -> FactorRecord:
-    """Return a factor of the record; raises TypeError for anything else."""
-    if not (isinstance(name, str) and isinstance(keys, list) and isinstance(labels, list)):
-        raise TypeError("a factor is a name, keys and labels")
-    if not all(isinstance(key, str) for key in keys):
-        raise TypeError("the keys of a factor are texts")
-    if not all(isinstance(label, str | int | float) for label in labels):
-        raise TypeError("the labels of a factor are texts and numbers")
-    return FactorRecord(name, tuple(keys), tuple(labels))
-
-
 def read_rows(study: StudyRecord) -> Rows:
     """Return the columns of the existing rows, sorted by id; raises SettingsError for none."""
-    names = [factor.name for factor in study.factors]
-    table = _table(study.folder, _types(study))
+    factors = [factor.name for factor in study.factors]
+    table = _table(study, ["id", "controller", "verdict", *_FIGURES, *factors])
     run = table["id"]
-    if len(np.unique(run)) < len(run) or np.any((run < 0) | (run >= study.runs)):
-        raise SettingsError(f"{study.folder}: holds rows of runs that this study does not have")
-    rows = Rows(
+    if not len(run):
+        raise SettingsError(f"{study.folder}: holds no results yet")
+    return Rows(
         id=run,
         case=run // len(study.names),
-        controller=_places(study, table, "controller", study.names),
-        verdict=_places(study, table, "verdict", [str(verdict) for verdict in VERDICTS]),
+        controller=_places(table["controller"], study.names),
+        verdict=_places(table["verdict"], [str(verdict) for verdict in VERDICTS]),
         **{name: table[name] for name in _FIGURES},
-        factors={name: table[name] for name in names},
+        factors={name: table[name] for name in factors},
     )
-    if not len(rows.id):
-        raise SettingsError(f"{study.folder}: holds no results yet")
-    return rows
 
 
 def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[str, Any]]:
     """Return the overrides by which each run differs from the base of the study, by dotted key."""
-    import pyarrow as pa
-
-    types = {"id": pa.int64(), "overrides": pa.string()}
     found: dict[int, dict[str, Any]] = {}
     for file in _files(study.folder):
-        table = read_columns(file, types, [("id", "in", list(runs))])
+        wanted = [("id", "in", list(runs))]
+        table = read_table(file, study.content, ["id", "overrides"], wanted)
         texts = zip(table["id"].to_pylist(), table["overrides"].to_pylist(), strict=True)
-        found |= {run: overrides_of(text, f"{file}: run {run}") for run, text in texts}
+        found |= {run: json.loads(text) for run, text in texts}
     return found
 
 
@@ -218,23 +198,14 @@ def case_of(overrides: Mapping[str, Any]) -> Case:
     return Case(0, 0, int(overrides["plant.seed"]), (), overrides)
 
 
-def _types(study: StudyRecord) -> dict[str, Any]:
-    import pyarrow as pa
-
-    types = {"id": pa.int64(), "controller": pa.string(), "verdict": pa.string()}
-    types |= {name: pa.int64() if name in COUNTS else pa.float64() for name in _FIGURES}
-    for factor in study.factors:
-        types[factor.name] = pa.float64() if are_numbers(factor.labels) else pa.string()
-    return types
-
-
-def _table(folder: Path, types: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+def _table(study: StudyRecord, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return columns as arrays, sorted by id; texts as objects that share their strings."""
     import pyarrow as pa
 
-    table = pa.concat_tables([read_columns(file, types) for file in _files(folder)]).sort_by("id")
+    tables = [read_table(file, study.content, names) for file in _files(study.folder)]
+    table = pa.concat_tables(tables).sort_by("id")
     arrays: dict[str, NDArray[Any]] = {}
-    for name in types:
+    for name in names:
         column = table[name]
         if pa.types.is_string(column.type):
             coded = column.combine_chunks().dictionary_encode()
@@ -253,15 +224,9 @@ def _files(folder: Path) -> list[Path]:
     return files
 
 
-def _places(
-    study: StudyRecord, table: Mapping[str, NDArray[Any]], column: str, known: Sequence[str]
-) -> IntArray:
+def _places(words: NDArray[Any], known: Sequence[str]) -> IntArray:
     place = {word: index for index, word in enumerate(known)}
-    words = table[column].tolist()
-    strange = sorted({*words} - place.keys())
-    if strange:
-        raise SettingsError(f"{study.folder}: no {column} of this study: {strange[0][:60]!r}")
-    return np.array([place[word] for word in words], dtype=np.int64)
+    return np.array([place[word] for word in words.tolist()], dtype=np.int64)
 
 
 def _presentation(folder: Path) -> tuple[str, ReportSettings]:

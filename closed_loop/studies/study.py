@@ -28,7 +28,7 @@ from .base_settings import (
     plant_tables,
 )
 from .compiled_figures import COLUMNS
-from .factors import Design, Factor, in_grid_order, make_design, make_factors
+from .factors import Design, Factor, in_grid_order, make_design, make_factor
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40
@@ -101,7 +101,6 @@ class Study(NamedTuple):
                 "plant": self.plant,
                 "controllers": self.controllers,
                 "columns": COLUMNS,
-                # The meaning of the factors' keys and shorthands in this version.
                 "levels": [
                     [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
                     for factor in self.design.factors
@@ -225,9 +224,8 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
     """Return the factors, in the order in which a grid varies them."""
     is_grid = settings.sampling.kind is SamplingKind.GRID
     factors = [
-        factor
+        make_factor(table, is_grid, f"{file}: factors[{index}]")
         for index, table in enumerate(settings.factors)
-        for factor in make_factors(table, is_grid, f"{file}: factors[{index}]")
     ]
     for index, factor in enumerate(factors):
         if factor.name in COLUMNS_TAKEN:

@@ -30,15 +30,6 @@ REPLICATES_MAX = 100_000
 LevelValue = bool | int | float | str | dict[str, Any]
 
 
-class Shorthand(StrEnum):
-    """What ``use`` stands for."""
-
-    PAPER_CORNERS = "paper_corners"
-    """The corners a, b, c, d of SAE 2018-01-1086, Fig. 2: slow or fast, light or laden."""
-    PAPER_BOX = "paper_box"
-    """The whole box between them: two factors, speed and virtual mass."""
-
-
 class Uniform(Settings):
     """Equally likely from ``low`` to ``high``."""
 
@@ -122,7 +113,6 @@ class FactorSettings(Settings):
     distribution: DistributionSettings | None = None
     levels: dict[str, dict[str, Any]] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
     """By label: tables ``plant`` and ``controller`` with all settings of the level."""
-    use: Shorthand | None = None
 
     @model_validator(mode="after")
     def _says_one_thing(self) -> Self:
@@ -132,23 +122,22 @@ class FactorSettings(Settings):
             "start and stop": ranged,
             "distribution": self.distribution is not None,
             "levels": self.levels is not None,
-            "use": self.use is not None,
         }
         given = [way for way, is_given in ways.items() if is_given]
         if len(given) != 1:
             found = f"both {' and '.join(given)}" if given else "none"
             raise ValueError(f"a factor has one of {', '.join(ways)}; this one has {found}")
         has_keys = (self.key is not None) + (self.keys is not None)
-        if self.levels is not None or self.use is not None:
+        if self.levels is not None:
             if has_keys:
-                raise ValueError(f"{given[0]} say which keys they set; leave out key and keys")
-            if self.levels is not None and self.name is None:
+                raise ValueError("levels say which keys they set; leave out key and keys")
+            if self.name is None:
                 raise ValueError("levels need a name")
         elif has_keys != 1:
             raise ValueError("a factor has either key or keys")
         if ranged:
             self._check_range()
-        elif self.step is not None or (self.count is not None and self.use != Shorthand.PAPER_BOX):
+        elif self.step is not None or self.count is not None:
             raise ValueError("step and count belong to start and stop")
         return self
 

@@ -16,7 +16,6 @@ from ...closed_loop.reports.page import Cell, Section, Table, number
 from ...closed_loop.studies.result_reader import Rows, StudyRecord
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.array_types import FloatArray
-from ...runtime.output_file import write_text
 from .axes import same_levels
 
 SEEDS_MIN = 100
@@ -26,12 +25,11 @@ GROUPS_MAX = 400
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 CONFIDENCE = 0.95
 LOST_M = VerdictRules().road_m
-"""A vehicle this far off is beside its lane, and how far no longer means anything."""
-MARKDOWN = "over_seeds.md"
+"""A vehicle this far off has left its lane, and how far no longer means anything."""
 
 
 def seeds_section(study: StudyRecord, rows: Rows) -> Section | None:
-    """Return the table, which is written as Markdown too; None where seeds are too few."""
+    """Return the table; None where seeds are too few."""
     replicates = int(study.sampling["replicates"])
     names = [factor.name for factor in study.factors]
     group = same_levels(rows.controller, rows, names)
@@ -57,8 +55,6 @@ def seeds_section(study: StudyRecord, rows: Rows) -> Section | None:
         *("RMS, 99 % [m]", "worst"),
         f"P(peak beyond {road_m:g} m) [%]",
     )
-    table = Table(headings, lines)
-    write_text(study.folder / MARKDOWN, markdown(table))
     return Section(
         "Over seeds",
         (
@@ -67,8 +63,7 @@ def seeds_section(study: StudyRecord, rows: Rows) -> Section | None:
             f"the {100 * CONFIDENCE:g} % interval of Clopper and Pearson. 'lost' is a peak beyond "
             f"{LOST_M:g} m, half a lane.",
         ),
-        tables=(table,),
-        notes=(f"The same table for a document: {MARKDOWN}.",),
+        tables=(Table(headings, lines),),
     )
 
 
@@ -95,10 +90,3 @@ def _metres(value_m: float) -> str:
 
 def _label(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def markdown(table: Table) -> str:
-    """Return a table as Markdown."""
-    lines = [table.headings, ["---"] * len(table.headings)]
-    lines += [[cell.text for cell in row] for row in table.rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)

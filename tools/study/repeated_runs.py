@@ -1,8 +1,8 @@
-"""Repeats a run of a study: compiled, and with the nodes in virtual time.
+"""One run of a study, repeated with the nodes in virtual time.
 
-In virtual time the nodes run on a wire that takes no time, as the study does. The same figures are
-computed from their samples and commands; every figure must equal the stored one, to the last digit.
-A run of a study with a bus is one of the nodes on that bus, and repeated as such.
+The nodes run on a wire that takes no time, as the compiled run does. Their figures are computed
+from their samples and commands, and every figure must equal the stored one, to the last digit. A
+run of a study with a bus is repeated on that bus.
 """
 
 import math
@@ -19,9 +19,7 @@ from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, followed_error_m
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
-from ...plant_emulator.evaluation.run_verdict import RunEnd
-from ...plant_emulator.path.path_from_settings import build_path
-from ...runtime.array_types import FloatArray
+from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
@@ -33,25 +31,21 @@ class Replay(NamedTuple):
     """One repeated run.
 
     ``stored``    the row; None where the study has not reached it yet
-    ``compiled``  figures by column, and the verdict, computed anew
-    ``virtual``   figures of the nodes; empty where there was nothing to run
+    ``expected``  what the nodes have to reproduce: the row, or the figures of a new run
+    ``nodes``     figures of the nodes; empty where there was nothing to run
     """
 
     pair: Pair
     files: PairFiles
     stored: Mapping[str, Any] | None
-    compiled: Mapping[str, Any]
-    virtual: Mapping[str, Any]
+    expected: Mapping[str, Any]
+    nodes: Mapping[str, Any]
 
     @property
     def differences(self) -> list[str]:
-        """Columns in which the three do not agree to the last digit."""
-        views = [view for view in (self.stored, self.virtual) if view]
-        return [
-            name
-            for name, value in self.compiled.items()
-            if any(name in view and not _same(view[name], value) for view in views)
-        ]
+        """Columns that the nodes do not reproduce to the last digit."""
+        found, expected = self.nodes, self.expected
+        return [name for name in found if not _same(found[name], expected[name])]
 
 
 def replay(store: Store, computer: Computer, run: int) -> Replay:
@@ -63,15 +57,15 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     pair = scenarios.pair(run)
     files = PairFiles(store.folder / "replay" / str(run))
     files.write_settings(pair.plant, pair.controller)
-    row = np.full(len(COLUMNS), np.nan)
-    end = computer.run(pair, row)
-    verdict = verdict_of(study.settings.verdict, end, row)
-    compiled = {**_named(row.tolist(), end), "verdict": str(verdict)}
+    stored = store.find(run)
     if pair.bus is not None:
         write_text(files.settings(BUS), dump_toml(pair.bus))
-        return Replay(pair, files, store.find(run), compiled, compiled)
-    virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
-    return Replay(pair, files, store.find(run), compiled, virtual)
+        nodes = _computed(computer, pair)
+        return Replay(pair, files, stored, stored or nodes, nodes)
+    expected = stored or _computed(computer, pair)
+    end = RunEnd(expected["ended_by"])
+    nodes = {} if end is RunEnd.NO_START else _virtual(pair, study.settings.verdict, expected, end)
+    return Replay(pair, files, stored, expected, nodes)
 
 
 def commands(pair: Pair, files: PairFiles) -> list[str]:
@@ -92,20 +86,33 @@ def commands(pair: Pair, files: PairFiles) -> list[str]:
     ]
 
 
+def _computed(computer: Computer, pair: Pair) -> dict[str, Any]:
+    """Return what the study stores of a run."""
+    row = np.full(len(COLUMNS), np.nan)
+    end = computer.run(pair, row)
+    values: dict[str, Any] = dict(zip(COLUMNS, row.tolist(), strict=True))
+    values |= {name: int(values[name]) for name in COUNTS}
+    verdict = verdict_of(computer.scenarios.study.settings.verdict, end, row)
+    return {"ended_by": str(end), **values, "verdict": str(verdict)}
+
+
 def _virtual(
-    computer: Computer, pair: Pair, compiled: Mapping[str, Any], end: RunEnd
+    pair: Pair, judged_by: VerdictRules, expected: Mapping[str, Any], end: RunEnd
 ) -> dict[str, Any]:
     """Return the figures of the two nodes, up to where the compiled run ended."""
     made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
     plant, controller = made.plant, made.controller
-    samples, ticks = compiled["samples"], compiled["commands_sent"]
-    is_complete = end is RunEnd.COMPLETE
+    samples, is_complete = expected["samples"], end is RunEnd.COMPLETE
     run_virtual_nodes(
         *(made.edge, controller, None, None),
         lambda: not is_complete and len(plant.samples) > samples > 0,
     )
-    sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
-    found = _figures(computer, pair, Trace.of_node(plant), samples, sent_rad, end)
+    commands_rad = [sample.sent_steer_rad for sample in controller.samples]
+    sent_rad = np.array(commands_rad[: expected["commands_sent"]])
+    rules, trace = rules_of(judged_by, pair.plant, pair.controller), Trace.of_node(plant)
+    followed_m = followed_error_m(plant.path, trace, rules.behind_preview_m)
+    figures = figures_of_trace(rules, pair.plant, trace, followed_m, samples, sent_rad)
+    found = {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
     if is_complete:
         report = plant.report()
         found["samples"] = len(plant.samples)
@@ -113,22 +120,6 @@ def _virtual(
         found["downlink_lost"] = report["downlink"]["lost"]
         found["uplink_lost"] = report["uplink"]["lost"]
     return found
-
-
-def _figures(
-    computer: Computer, pair: Pair, trace: Trace, samples: int, sent_rad: FloatArray, end: RunEnd
-) -> dict[str, Any]:
-    """Return the figures of the first samples of a trace, and the verdict."""
-    judged_by = computer.scenarios.study.settings.verdict
-    rules = rules_of(judged_by, pair.plant, pair.controller)
-    followed_m = followed_error_m(build_path(pair.plant.path), trace, rules.behind_preview_m)
-    figures = figures_of_trace(rules, pair.plant, trace, followed_m, samples, sent_rad)
-    return {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
-
-
-def _named(row: list[float], end: RunEnd) -> dict[str, Any]:
-    values: dict[str, Any] = dict(zip(COLUMNS, row, strict=True))
-    return {"ended_by": str(end), **values, **{name: int(values[name]) for name in COUNTS}}
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -142,7 +133,7 @@ def replay_lines(made: Replay) -> list[str]:
     lines = [f"{'':22}{'stored':>24}{'virtual time':>24}"]
     for name in ("verdict", "ended_by", *Figures._fields, *COUNTS):
         stored = "-" if made.stored is None else _text(made.stored[name])
-        virtual = _text(made.virtual[name]) if name in made.virtual else "-"
+        virtual = _text(made.nodes[name]) if name in made.nodes else "-"
         mark = "  DIFFERS" if name in made.differences else ""
         lines.append(f"{name:22}{stored:>24}{virtual:>24}{mark}")
     return lines

@@ -37,7 +37,6 @@ from .law_by_delay import (
     law_section,
     portions,
 )
-from .level_by_level import level_sections
 from .quantiles_over_seeds import seeds_section
 from .worst_runs import draw_worst, worst_runs, worst_section
 
@@ -58,7 +57,6 @@ def write(folder: Path) -> Path:
         *_laws(study, rows, axes),
         *_maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),
-        *level_sections(study, rows),
     ]
     if study.scenarios.study.bus is None:  # its runs are made again, compiled
         sections.append(_worst(study, rows))

@@ -1,4 +1,4 @@
-"""Levels of factors beside each other, effort, and hints."""
+"""Effort of the laws, settings on the page, and hints about distributions."""
 
 from pathlib import Path
 
@@ -12,7 +12,6 @@ from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.against_pd import comparisons
-from steer_by_wire.tools.study.level_by_level import compared_factors, level_ratios, level_sections
 from steer_by_wire.tools.study.report import study_section
 from tests.support.runs.small_study import make_scenarios, never
 
@@ -60,37 +59,6 @@ def rows(study: StudyRecord) -> Rows:
     return read_rows(study)
 
 
-def test_only_factors_without_a_network_are_compared(study: StudyRecord) -> None:
-    assert [factor.name for factor in compared_factors(study)] == ["noise", "filter"]
-
-
-def test_ratios_are_of_pairs_that_differ_in_one_factor_alone(
-    study: StudyRecord, rows: Rows
-) -> None:
-    noise, _ = compared_factors(study)
-    found = level_ratios(study, rows, noise)
-    assert [(one.controller, one.level) for one in found] == [
-        *((0, "0.0"), (0, "0.02")),
-        *((1, "0.0"), (1, "0.02")),
-    ]
-    for one in found[::2]:
-        assert (one.error, one.steer, one.steer_rate) == (1.0, 1.0, 1.0)
-    by_hand = []
-    for k in np.flatnonzero((rows.controller == 1) & (rows.factors["noise"] == 0.02)).tolist():
-        (same,) = [
-            j
-            for j in np.flatnonzero(
-                (rows.controller == 1) & (rows.factors["noise"] == 0.0)
-            ).tolist()
-            if all(rows.factors[n][j] == rows.factors[n][k] for n in ("filter", "mean_s"))
-            and rows.case[j] % 2 == rows.case[k] % 2
-        ]
-        by_hand.append(rows.steer_rate_rms_rad_s[k] / rows.steer_rate_rms_rad_s[same])
-    assert len(by_hand) == 8
-    assert found[3].steer_rate == pytest.approx(float(np.median(by_hand)))
-    assert found[3].steer_rate > 2.0
-
-
 def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Rows) -> None:
     pd, dob = comparisons(study, rows)
     for one in (pd, dob):
@@ -99,10 +67,8 @@ def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Row
         assert one.steer_rate_rms_rad_s > 0.0
 
 
-def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, rows: Rows) -> None:
-    sections = [study_section(study, rows), *level_sections(study, rows)]
-    text = page("levels", sections)
-    assert "<h2>Level by level</h2>" in text
+def test_the_page_folds_what_is_by_default(study: StudyRecord, rows: Rows) -> None:
+    text = page("levels", [study_section(study, rows)])
     shown = text.partition("Base of the plant")[2].partition("<details>")[0]
     assert "duration_s = 4.0" in shown
     assert "yaw_inertia" not in shown

@@ -8,12 +8,11 @@ import pytest
 from steer_by_wire.closed_loop import studies
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS, short_windows, verdicts
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.closed_loop.studies.factors import corner_vehicle
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RUN_ENDS, Verdict, VerdictRules
 from steer_by_wire.tools.study import __main__ as study_program
-from tests.support.runs.small_study import make_scenarios
+from tests.support.runs.small_study import CORNERS, make_scenarios
 from tests.support.runs.study_signals import TIME_S, figures, sine, verdict
 
 SHIPPED = Path(studies.__file__).parent
@@ -121,18 +120,15 @@ safety = { ftti_ms = "off" }
 [[factors]]
 key = "plant.latency.downlink.mean_s"
 values = [0.2, 0.6]
-[[factors]]
-use = "paper_corners"
 """
 
 
 def test_windows_too_short_for_a_rhythm_let_no_limit_cycle_hold(tmp_path: Path) -> None:
-    scenarios = make_scenarios(tmp_path, SHORT)
+    scenarios = make_scenarios(tmp_path, SHORT + CORNERS)
     found = [judged(scenarios, run) for run in range(8)]
     assert {one for one, _ in found[:4]} == {Verdict.HOLDS}
     assert all(at["limited_share"] > 0.5 for _, at in found[6:])
     assert {one for one, _ in found[6:]} == {Verdict.LIMIT_CYCLE}
-    assert [corner_vehicle(c)["speed_m_s"] for c in "cd"] == [7.0 / 3.6] * 2
 
 
 def test_what_is_metres_off_when_it_ends_does_not_hold(tmp_path: Path) -> None:

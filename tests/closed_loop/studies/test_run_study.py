@@ -153,8 +153,8 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
         assert pair_of_row(identity, row) == scenarios.pair(run)
         made = repeated_runs.replay(whole, Computer(scenarios), run)
         assert made.differences == []
-        assert made.virtual["rms_m"] == row["rms_m"]
-        assert {"samples", "commands_sent", "downlink_lost", "uplink_lost"} <= set(made.virtual)
+        assert made.nodes["rms_m"] == row["rms_m"]
+        assert {"samples", "commands_sent", "downlink_lost", "uplink_lost"} <= set(made.nodes)
         assert (
             load_settings(PlantSettings, file=made.files.settings("plant_emulator"))
             == made.pair.plant
@@ -213,7 +213,7 @@ def test_a_replay_that_differs_says_where(whole: Store) -> None:
     )
     assert made.stored is not None
     changed = dict(made.stored) | {"rms_m": np.nextafter(made.stored["rms_m"], 1.0)}
-    differing = made._replace(stored=changed)
+    differing = made._replace(stored=changed, expected=changed)
     assert differing.differences == ["rms_m"]
     marked = [line for line in repeated_runs.replay_lines(differing) if "DIFFERS" in line]
     assert [line.split()[0] for line in marked] == ["rms_m"]
@@ -304,7 +304,7 @@ def test_a_replay_that_differs_ends_with_a_status_of_its_own(
     def differing(store: Store, computer: Computer, run: int) -> repeated_runs.Replay:
         made = repeated_runs.replay(store, computer, run)
         assert made.stored is not None
-        return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
+        return made._replace(expected=dict(made.stored) | {"rms_m": 0.0})
 
     monkeypatch.setattr(computation, "replay", differing)
     study = whole.folder.parent / "study.toml"

@@ -18,7 +18,6 @@ from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import read_study
 from steer_by_wire.closed_loop.studies.run_study import run_study
 from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
@@ -305,7 +304,8 @@ def test_the_record_of_a_study_keeps_the_faults_of_all_runs(tmp_path: Path) -> N
     file.write_text(text, encoding="utf-8")
     scenarios = Scenarios(load_study(file))
     Store(tmp_path / "out", scenarios).open(text)
-    (kept,) = read_study(tmp_path / "out").plant["faults"]
+    record = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
+    (kept,) = record["plant"]["faults"]
     (set_,) = scenarios.pair(0).plant.faults
     assert kept == set_.model_dump(mode="json", exclude_none=True)
 

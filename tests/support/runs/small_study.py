@@ -1,5 +1,6 @@
 """A study small enough to be run to its end in a test, and its store."""
 
+from importlib import resources
 from pathlib import Path
 
 from steer_by_wire.closed_loop.studies.result_files import Store
@@ -60,3 +61,9 @@ def complete(folder: Path, threads: int = 1) -> Store:
     store = open_store(folder, scenarios)
     assert run_missing(store, Threads(scenarios, threads), lambda _: None, never)
     return store
+
+
+_SHIPPED = resources.files("steer_by_wire.closed_loop.studies") / "latency_jitter.toml"
+_AFTER = _SHIPPED.read_text(encoding="utf-8").partition('name = "corner"')[2]
+CORNERS = '[[factors]]\nname = "corner"' + _AFTER.partition("[sampling]")[0]
+"""The factor of the corners of the paper's box."""

@@ -170,7 +170,13 @@ plant_preset = "paper_nominal"
 variants.cg = { preset = "practical_predictor", controller.followed_point = "centre_of_gravity" }
 plant = { duration_s = 60.0, path = "practical_ellipse", safety.ftti_ms = "off" }
 [[factors]]
-use = "paper_box"
+key = "plant.vehicle.speed_m_s"
+start = 1.1111111111111112
+stop = 1.9444444444444444
+[[factors]]
+key = "plant.vehicle.virtual_mass_kg"
+start = 1600.0
+stop = 5000.0
 [[factors]]
 key = "plant.latency.downlink.mean_s"
 start = 0.0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
-from steer_by_wire.tools.study.quantiles_over_seeds import MARKDOWN, beyond, seeds_section
+from steer_by_wire.tools.study.quantiles_over_seeds import beyond, seeds_section
 from tests.support.suite.combinations import sampled
 from tests.tools.study.test_study_report import computed
 
@@ -67,14 +67,6 @@ def test_a_run_that_ended_early_counts_as_lost(results: tuple[StudyRecord, Rows]
     line = table(study, rows._replace(peak_m=peak_m))[0]
     assert line[5] == "lost"
     assert line[-1].startswith("1.0 (0.0 to 5.4)")
-
-
-def test_the_same_table_is_written_as_markdown(results: tuple[StudyRecord, Rows]) -> None:
-    study, rows = results
-    found = table(study, rows)
-    _, rule, *lines = (study.folder / MARKDOWN).read_text(encoding="utf-8").splitlines()
-    assert set(rule) == set("| -")
-    assert [[cell.strip() for cell in line.strip("|").split("|")] for line in lines] == found
 
 
 def test_a_few_seeds_give_no_quantiles(results: tuple[StudyRecord, Rows]) -> None:

@@ -28,9 +28,11 @@ from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.heat_maps import are_drawn, heat_maps
 from steer_by_wire.tools.study.report import PAGE, write
 from steer_by_wire.tools.study.worst_runs import worst_runs
+from tests.support.runs.small_study import CORNERS
 from tests.support.suite.unrendered import unrendered as unrendered
 
-STUDY = """
+STUDY = (
+    """
 name = "small"
 title = "Small & <quick>"
 [base]
@@ -49,12 +51,12 @@ values = [0.1, 0.9]
 name = "jitter"
 key = "plant.latency.downlink.spread_fraction"
 values = [0.0, 0.2]
-[[factors]]
-use = "paper_corners"
 [sampling]
 seed = 7
 replicates = 2
 """
+    + CORNERS
+)
 RUNS = 2 * 2 * 4 * 2 * 2
 PICTURES = ("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held", "worst_runs")
 PNG = b"\x89PNG"
@@ -120,7 +122,7 @@ def test_a_folder_without_results_is_refused_in_one_line(
     assert __main__.main(["--report", str(tmp_path)]) == 2
     assert "give the folder of a study's results" in capsys.readouterr().err
     (tmp_path / "study.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(SettingsError, match="is not the record of a study of this version"):
+    with pytest.raises(SettingsError, match="holds no results yet"):
         write(tmp_path)
 
 
@@ -145,7 +147,8 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
     drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
     drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
-    folder = computed(tmp_path, drawn + 'kind = "latin_hypercube"\ncount = 50\n')
+    drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "latin_hypercube"\ncount = 50')
+    folder = computed(tmp_path, drawn)
     study = read_study(folder)
     axes = study_axes(study, read_rows(study))
     assert len(axes.mean.values) <= LEVELS_MAX
