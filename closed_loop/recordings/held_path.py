@@ -11,18 +11,14 @@ weighted towards the preview point:
 Both messages have come through the same uplink. What is left is of the third order: it
 differs from the plant's own figure by a millimetre.
 
-A plant judges its true error, and knows the noise of its sensor. Here the verdict is on the mean of
-the errors of SMOOTHED_S, and the noise is estimated. The vehicle hardly accelerates from sample to
-sample, so that the third difference is of the noise alone, its standard deviation times √20. A
-median leaves out the steps where measurements were lost.
+A plant judges its true error. Here the verdict is on the mean of the errors of SMOOTHED_S, as if
+the sensor had no noise.
 """
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX
@@ -36,8 +32,6 @@ SAMPLES_MAX = 31_000
 """Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
 SMOOTHED_S = 0.1
 """Ten samples at 100 Hz; an oscillation of 10 rad/s loses 4 % of its amplitude."""
-_DEVIATION_OF_MEDIAN = 1.4826
-"""Standard deviation over the median magnitude of a normal distribution."""
 _LIMITS = {
     messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
     messages.SteeringStatusCode.LIMITED: "actuator",
@@ -60,7 +54,6 @@ class HeldPath:
             )
         self._rules = rules
         self._figures = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
-        self._measured_m: deque[float] = deque(maxlen=SAMPLES_MAX)
         self._recent: deque[tuple[float, float]] = deque()
         """Time and error of the followed point, of SMOOTHED_S; without times the newest only."""
         self.has_started = False
@@ -99,7 +92,6 @@ class HeldPath:
             follows_cg = self._rules.followed_point == "centre_of_gravity"
             followed_m = self._smoothed(at_s, cg_deviation_m if follows_cg else error_m)
             figures.take([(error_m, cg_deviation_m, followed_m, self._wheel_rad, self._limit)])
-            self._measured_m.append(error_m)
 
     def _smoothed(self, at_s: float, followed_m: float) -> float:
         recent = self._recent
@@ -109,7 +101,7 @@ class HeldPath:
         return sum(each for _, each in recent) / len(recent)
 
     def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
-        """Return the figures as a plant reports them, and the ``sensor_noise_m`` assumed.
+        """Return the figures as a plant reports them.
 
         ``period_s``    between two measurements
         ``left_range``  whether an error was beyond the range of its signal
@@ -118,17 +110,7 @@ class HeldPath:
         if left_range and figures.samples:
             figures.lateral_error_peak_m = math.inf
         motion_ns = round(figures.samples * period_s * NS_PER_S)
-        noise_m = _noise_m(self._measured_m)
-        return {
-            **motion_report(figures, motion_ns, self._rules, noise_m or 0.0, period_s),
-            "sensor_noise_m": noise_m,
-        }
-
-
-def _noise_m(measured_m: Iterable[float]) -> float | None:
-    """Return the standard deviation of the sensor's noise, None for too few measurements."""
-    steps = np.abs(np.diff(np.fromiter(measured_m, np.float64), 3))
-    return _DEVIATION_OF_MEDIAN * float(np.median(steps)) / math.sqrt(20.0) if len(steps) else None
+        return motion_report(figures, motion_ns, self._rules, 0.0, period_s)
 
 
 PREVIEW_M = 2.0

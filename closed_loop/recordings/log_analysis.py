@@ -358,7 +358,7 @@ def analyse_files(
         with closing(iter(log)) as logged:  # also where a signal ends it
             for number, (time_ns, its_channel, frame) in enumerate(logged):
                 if number % PROGRESS_FRAMES == 0:
-                    advance(str(path), log.fraction_read)
+                    advance(str(path), log.state.fraction_read)
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
@@ -368,10 +368,10 @@ def analyse_files(
                         export.write(time_ns, at_s, one)
                 for table in car_exports if of_car else ():
                     table.write_of_car(at_s, of_car, frame)
-        unreadable += log.unreadable
-        first_unreadable = first_unreadable or log.first_unreadable
-        if log.cut_off:
-            cut_off = cut_off or f"{path.name}: {log.cut_off}"
+        unreadable += log.state.unreadable
+        first_unreadable = first_unreadable or log.state.first_unreadable
+        if log.state.cut_off:
+            cut_off = cut_off or f"{path.name}: {log.state.cut_off}"
     figures = {
         "files": [str(path) for path in paths],
         "channels": sorted(filter(None, channels)),

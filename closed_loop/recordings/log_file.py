@@ -39,23 +39,32 @@ LINE_BYTES_MAX = 1 << 16
 """A longer line ends the log: binary data may have no line ends, and a device has no end."""
 
 
-_TORN = "the last line has no end: its writer was killed in the middle, or its disk is full"
+class LogError(SettingsError):
+    """A log that cannot be read at all; the text is one line for the user."""
+
+
+class Logged(NamedTuple):
+    """A frame of a log; ``time_ns`` is None where the log has no times."""
+
+    time_ns: int | None
+    channel: str
+    frame: Frame
 
 
 class TextLines:
     """Iterates over the lines of ``path``, unpacked if its name ends with .gz; OSError.
 
-    ``cut_off``  why lines are missing at the end, once that is reached; empty if none are seen to
+    ``unreadable``        how many could not be read so far
+    ``first_unreadable``  the first of them, with file and line number
+    ``cut_off``           why lines are missing at the end, once that is reached
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.seen: list[str] = []
         self.unreadable = 0
-        self.first_unreadable = ""
+        self.first_unreadable = self.cut_off = ""
         self.number = 0
-        self.cut_off = ""
-        self._newest = ""
         self._again: deque[str] = deque()
         self._raw = path.open("rb")
         self._size = max(path.stat().st_size, 1)
@@ -74,21 +83,17 @@ class TextLines:
             return self._again.popleft()
         raw = self._file.readline(LINE_BYTES_MAX)
         if not raw:
-            if _is_inside_a_block(self.seen, self._newest):
-                self.cut_off = "the end of its trigger block is missing"
             raise StopIteration
         self.number += 1
         if not raw.endswith(b"\n"):
             is_last = len(raw) < LINE_BYTES_MAX
-            self.cut_off = (
-                _TORN if is_last else f"no text: a line of more than {LINE_BYTES_MAX} bytes"
-            )
+            long = f"no text: a line of more than {LINE_BYTES_MAX} bytes"
+            self.cut_off = "the last line has no end" if is_last else long
             self.count_unreadable(self.cut_off)
             raise StopIteration
         line = raw.decode("utf-8", errors="replace").rstrip("\r\n")
         if len(self.seen) < SEEN_MAX:
             self.seen.append(line)
-        self._newest = line
         return line
 
     def put_back(self, lines: list[str]) -> None:
@@ -105,12 +110,6 @@ class TextLines:
         """Close the file; python-can's readers do it at the end, too."""
         self._file.close()
         self._raw.close()
-
-
-def _is_inside_a_block(seen: list[str], last: str) -> bool:
-    """Whether an .asc file ends before the end of what its header begins."""
-    begins = any(line.lower().startswith("begin triggerblock") for line in seen)
-    return begins and not last.lower().startswith("end triggerblock")
 
 
 _HEAD_LINES = 200
@@ -131,14 +130,6 @@ _PLAIN = re.compile(
     """,
     re.ASCII | re.VERBOSE,
 )
-
-
-class Logged(NamedTuple):
-    """A frame of a log; ``time_ns`` is None where the log has no times."""
-
-    time_ns: int | None
-    channel: str
-    frame: Frame
 
 
 def candump_frames(lines: TextLines) -> Iterator[Logged]:
@@ -219,56 +210,14 @@ _TEXT_READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCRe
 _BINARY_SUFFIXES = {".blf", ".db", ".mf4"}
 
 
-class LogError(SettingsError):
-    """A log that cannot be read at all; the text is one line for the user."""
+class LogFile:
+    """A log file: yields the frames, once; raises LogError if there are none.
 
-
-def open_log(path: Path) -> "_TextLog | _BinaryLog":
-    """Open a log file; raises LogError.
-
-    The result yields the frames, once; it raises LogError if there are none. It also has
-
-    ``unreadable``        lines, or parts of a binary file, that could not be read so far
-    ``first_unreadable``  the first of them, with file and line number; empty when there is none
-    ``cut_off``           why frames are missing at the end, once that is reached; empty where it is
-                          not seen: text that is cut between two lines reads as whole
-    ``fraction_read``     how much of the file has been read, 0 to 1; None where that is not known
+    ``state``  how far it has been read, and what could not be read
     """
-    suffix = path.suffix.lower()
-    if suffix in _BINARY_SUFFIXES:
-        return _BinaryLog(path)
-    inner = Path(path.stem).suffix.lower() if suffix == ".gz" else suffix
-    try:
-        lines = TextLines(path)
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror or error}") from error
-    if inner in _BINARY_SUFFIXES:
-        lines.close()
-        raise LogError(f"{path}: unpack it first (gunzip)")
-    reader = _TEXT_READERS.get(inner)
-    return _TextLog(lines, candump_frames(lines) if reader is None else _python_can(lines, reader))
 
-
-class _TextLog:
-    def __init__(self, lines: TextLines, frames: Iterator[Logged]) -> None:
-        self._lines = lines
-        self._frames = frames
-
-    @property
-    def unreadable(self) -> int:
-        return self._lines.unreadable
-
-    @property
-    def first_unreadable(self) -> str:
-        return self._lines.first_unreadable
-
-    @property
-    def cut_off(self) -> str:
-        return self._lines.cut_off
-
-    @property
-    def fraction_read(self) -> float | None:
-        return self._lines.fraction_read
+    def __init__(self, state: "TextLines | _Blocks", frames: Iterator[Logged]) -> None:
+        self.state, self._frames = state, frames
 
     def __iter__(self) -> Generator[Logged, None, None]:
         count = 0
@@ -277,15 +226,33 @@ class _TextLog:
                 yield logged
         except (OSError, EOFError) as error:  # a .gz that is truncated or no gzip file
             if not count:
-                raise LogError(f"{self._lines.path}: {error}") from error
-            self._lines.cut_off = str(error)
-            self._lines.count_unreadable(str(error))
+                raise LogError(f"{self.state.path}: {error}") from error
+            self.state.cut_off = str(error)
+            self.state.count_unreadable(str(error))
         finally:
-            self._lines.close()
+            self.state.close()
         if not count:
-            raise LogError(
-                self._lines.first_unreadable or f"{self._lines.path}: there is no frame in it"
-            )
+            why = f"{self.state.path}: there is no frame in it"
+            raise LogError(self.state.first_unreadable or why)
+
+
+def open_log(path: Path) -> LogFile:
+    """Open a log file; raises LogError."""
+    suffix = path.suffix.lower()
+    inner = Path(path.stem).suffix.lower() if suffix == ".gz" else suffix
+    if suffix != inner and inner in _BINARY_SUFFIXES:
+        raise LogError(f"{path}: unpack it first (gunzip)")
+    if suffix == ".mf4" and find_spec("asammdf") is None:
+        raise LogError(f"{path}: .mf4 needs asammdf: {installation('asammdf')}")
+    try:
+        if suffix in _BINARY_SUFFIXES:
+            blocks = _Blocks(path)
+            return LogFile(blocks, blocks.frames())
+        lines = TextLines(path)
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from error
+    reader = _TEXT_READERS.get(inner)
+    return LogFile(lines, candump_frames(lines) if reader is None else _python_can(lines, reader))
 
 
 def _python_can(
@@ -328,41 +295,32 @@ def _logged(message: can.Message) -> Logged:
     return Logged(round(message.timestamp * NS_PER_S), channel, frame_of(message))
 
 
-class _BinaryLog:
-    """A log in a block format: reading ends at the first damaged block."""
+class _Blocks:
+    """A log in a format of blocks, as ``TextLines``: reading ends at the first damaged one."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self.unreadable = 0
         self.first_unreadable = self.cut_off = ""
-        if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
-            raise LogError(f"{path}: .mf4 needs asammdf: {installation('asammdf')}")
+        with path.open("rb"):  # sqlite would create a missing file
+            self._size = max(path.stat().st_size, 1)
         try:
-            with path.open("rb"):  # sqlite would create a missing file
-                self._size = max(path.stat().st_size, 1)
-            self._reader: Any = self._opened()
-        except OSError as error:
-            raise LogError(f"{path}: {error.strerror or error}") from error
+            self._reader: Any = _bounded_blf(path) if path.suffix.lower() == ".blf" else None
+            self._reader = self._reader or can.LogReader(path)
+        except OSError:
+            raise
         except Exception as error:
             raise LogError(f"{path}: no {path.suffix} file: {one_line(error)}") from error
 
-    def _opened(self) -> Any:
-        if self._path.suffix.lower() != ".blf":
-            return can.LogReader(self._path)
-        file = self._path.open("rb")
-        try:
-            return BoundedBlfReader(file)
-        except Exception:
-            file.close()  # a reader that failed leaves it open
-            raise
-
     @property
     def fraction_read(self) -> float | None:
+        """How much of the file has been read, 0 to 1; None where that is not known."""
         if not isinstance(self._reader, can.BLFReader):
             return None
         return 1.0 if self._reader.file.closed else self._reader.file.tell() / self._size
 
-    def __iter__(self) -> Generator[Logged, None, None]:
+    def frames(self) -> Iterator[Logged]:
+        """Yield the frames."""
         count = 0
         try:
             for message in self._reader:
@@ -372,13 +330,26 @@ class _BinaryLog:
         except GeneratorExit:
             raise
         except Exception as error:  # whatever a reader stumbles over
-            self.unreadable = 1
             self.cut_off = f"damaged after {count} frames: {one_line(error)}"
-            self.first_unreadable = f"{self._path}: {self.cut_off}"
-        finally:
-            self._reader.stop()
+            self.count_unreadable(self.cut_off)
         whole = self._reader.file_size if isinstance(self._reader, can.BLFReader) else 0
         if whole > self._size and not self.cut_off:
             self.cut_off = f"{self._size} of its {whole} bytes are there"
-        if not count:
-            raise LogError(self.first_unreadable or f"{self._path}: there is no frame in it")
+
+    def count_unreadable(self, why: str) -> None:
+        """Count what could not be read."""
+        self.unreadable += 1
+        self.first_unreadable = self.first_unreadable or f"{self.path}: {why}"
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.stop()
+
+
+def _bounded_blf(path: Path) -> BoundedBlfReader:
+    file = path.open("rb")
+    try:
+        return BoundedBlfReader(file)
+    except Exception:
+        file.close()  # a reader that failed leaves it open
+        raise

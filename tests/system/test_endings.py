@@ -1,7 +1,6 @@
 """How every program ends: its verdict in the last line, and the status of ``--fail-if``."""
 
 import json
-import re
 from pathlib import Path
 from random import Random
 
@@ -88,13 +87,9 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
         )
         log = [str(out / "candump.log"), "--out", str(out)]
         assert analyze_main(log) == ExitStatus.OK
-        line = last_line(capsys)
-        verdict = line.removeprefix("verdict: ").split(":")[0]
+        verdict = last_line(capsys).removeprefix("verdict: ").split(":")[0]
         assert said.split(maxsplit=1)[1].startswith(f"{verdict}: ")
         assert (verdict == "holds") is holds
-        estimated = re.search(r"sensor noise by the log ([0-9.]+) mm$", line)
-        assert estimated is not None
-        assert float(estimated[1]) == pytest.approx(1e3 * noise_m, rel=0.15)
 
 
 def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -67,10 +67,8 @@ def verdict_of(figures: Mapping[str, Any]) -> str:
     """Return the verdict on a log in words, or why there is none."""
     obstacle, held_path = figures["not_judged"], figures["held_path"]
     verdict = f"none: {obstacle}" if obstacle else verdict_text(held_path)
-    noise_m = None if obstacle else held_path["sensor_noise_m"]
-    noise = "" if noise_m is None else f"; sensor noise by the log {1e3 * noise_m:.2g} mm"
     cut_off = f"; the log is cut off: {figures['cut_off']}" if figures["cut_off"] else ""
-    return verdict + noise + cut_off
+    return verdict + cut_off
 
 
 def milliseconds(value_s: float | None, digits: int = 2) -> str:

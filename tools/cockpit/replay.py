@@ -61,8 +61,8 @@ def _replay(files: Sequence[Path], channel: str | None, listening: Listening) ->
         for time_ns, its_channel, frame in log:
             if channel in (None, its_channel):
                 replay.take(file, time_ns, frame)
-        if log.cut_off:
-            replay.cut_off = f", cut off: {file.name}: {log.cut_off}"
+        if log.state.cut_off:
+            replay.cut_off = f", cut off: {file.name}: {log.state.cut_off}"
     if not replay.has_begun:
         raise LogError(f"{files[0]}: no frame of this channel")
     return replay

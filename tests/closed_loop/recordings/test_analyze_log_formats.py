@@ -134,7 +134,7 @@ def test_lines_of_a_real_candump_are_read(tmp_path: Path, way: str) -> None:
     path.write_text(PRINTED_BY_CANDUMP[way].replace("|", " "))
     log = open_log(path)
     logged = list(log)
-    assert log.unreadable == 0
+    assert log.state.unreadable == 0
     flags = BITRATE_SWITCH if way in ("-L -x",) else 0
     assert [one.frame for one in logged] == [
         Frame(0x320, bytes.fromhex("2320032C016400")),

@@ -52,7 +52,7 @@ def test_a_log_that_unpacks_to_too_much_ends_there_with_its_cause(
     try:
         if frames:
             assert len(list(log)) == frames
-            assert (log.unreadable, log.first_unreadable) == (1, line)
+            assert (log.state.unreadable, log.state.first_unreadable) == (1, line)
         else:
             with pytest.raises(LogError) as raised:
                 list(log)

@@ -226,9 +226,9 @@ def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
         path.write_bytes(whole[: begin + length])
         log = open_log(path)
         assert [logged.frame for logged in log] == frames[:-1]
-        assert log.unreadable == bool(length)
-        assert not length or "the last line has no end" in log.first_unreadable
-        assert bool(log.cut_off) == (length > 0 or suffix == ".asc")
+        assert log.state.unreadable == bool(length)
+        assert not length or "the last line has no end" in log.state.first_unreadable
+        assert bool(log.state.cut_off) == (length > 0)
 
 
 def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
