@@ -72,7 +72,7 @@ THIS = pytest.param({}, DISPATCHED, id="this one")
         ],
     ),
 )
-def test_designs_runs_studies_and_searches_have_the_bits_of_the_oldest_processor(
+def test_designs_runs_and_studies_have_the_bits_of_the_oldest_processor(
     other: Mapping[str, str],
     needed: Sequence[str],
     oldest: Mapping[str, str],

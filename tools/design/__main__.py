@@ -5,16 +5,16 @@
 
 From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
 preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
-prints why each value is what it is. The presets practical_* are the output of
+prints why each value is what it is. The presets practical_* are designs of
 
-    steer-by-wire design paper_vehicle --spec practical --out controller/presets
+    steer-by-wire design paper_vehicle --spec practical
 
 A frontier compares the structures of a law: the least error of each for every delay that it
 guarantees, all at the same noise. It leaves frontier.csv and two pictures in DIR.
 
 A law that meets not all demands has no preset. Its best is kept as NAME.unmet.toml, which says in
 its first line that it is no design and then what was demanded and reached. Ctrl-C, or the end of
---minutes, ends a search with its best so far; the same command goes on from there.
+--minutes, ends a search with its best so far.
 
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
 written, 130 when interrupted.

@@ -32,16 +32,10 @@ from .loop_figures import (
     slow_poles,
     stability_grid,
 )
-from .search.law_parameters import Candidate, controller_settings, designs
+from .search.evolution import Values
+from .search.law_parameters import controller_settings, designs
 from .specification import Specification
-from .tracking import (
-    TrackingGrid,
-    at_longest_delay,
-    rms_m,
-    track,
-    tracking_grid,
-    unsteered_errors,
-)
+from .tracking import TrackingGrid, track, tracking_grid, unsteered_errors
 from .vehicle_file import VehicleFile
 
 _SAMPLES_PER_TICK = 4
@@ -101,6 +95,8 @@ _COARSE_DELAYS = 6
 _COARSE_POINTS, _FINE_POINTS = 192, 1500
 _UNSTABLE = 100.0
 """Violation of an unstable design, to which the share of unstable loops is added."""
+_NEARLY_MET = 0.5
+"""Violation up to which the runs are judged too."""
 DEMANDS = (
     "settling",
     "delay margin",
@@ -213,28 +209,11 @@ def make_study(
     )
 
 
-def judge_candidate(study: Study, candidate: Candidate) -> Judgement:
-    """Judge a candidate of the search."""
-    return judge_law(study, candidate.law, candidate.values())
-
-
-NEARLY_MET = 0.5
-"""Violation up to which the runs are judged too."""
-
-
-def judge_law(
-    study: Study,
-    law: str,
-    values: dict[str, float],
-    runs_up_to: float = NEARLY_MET,
-    ceiling: float = np.inf,
-) -> Judgement:
+def judge_law(study: Study, law: str, values: Values) -> Judgement:
     """Judge a law with these parameters, the cheap demands first.
 
-    What means nothing for an unstable loop is left out then.
-
-    ``runs_up_to``  violation of the other demands up to which the runs are judged too
-    ``ceiling``     objective above which any larger one does as well as the true one
+    What means nothing for an unstable loop is left out then, and the runs where the other demands
+    are far from met.
     """
     settings = controller_settings(study.spec, study.vehicle, law, values)
     design, pd_design = designs(settings)
@@ -251,12 +230,8 @@ def judge_law(
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
     demands += _frequency(study, design)
-    if sum(demand.excess for demand in _made(study, demands)) > runs_up_to:
+    if sum(demand.excess for demand in _made(study, demands)) > _NEARLY_MET:
         return _judged(study, np.inf, demands)
-    if study.spec.minimise == "rms" and ceiling < np.inf:
-        least_m = float(rms_m(at_longest_delay(study.tracking), design).max())
-        if least_m > ceiling:
-            return _judged(study, least_m, demands)
     demands += _runs(study, design, law)
     named = {demand.name: demand.value for demand in demands}
     objective = {
@@ -265,19 +240,6 @@ def judge_law(
         "noise_gain": "noise gain",
     }[study.spec.minimise]
     return _judged(study, named[objective], demands)
-
-
-def may_be_better(
-    coarse: Study, fine: Study, law: str, values: dict[str, float], objective: float
-) -> bool:
-    """Whether a law may meet all demands of the fine study with less than an objective.
-
-    A tenth of the effort of judging it. The RMS at some of the delays is a bound for that at all.
-    """
-    design, _ = designs(controller_settings(fine.spec, fine.vehicle, law, values))
-    if any(demand.excess for demand in _made(fine, _frequency(fine, design))):
-        return False
-    return fine.spec.minimise != "rms" or float(rms_m(coarse.tracking, design).max()) < objective
 
 
 def _made(study: Study, demands: Iterable[Demand]) -> tuple[Demand, ...]:

@@ -12,9 +12,9 @@ from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs
-from .search.law_parameters import SETTINGS_KEYS, Candidate, controller_settings, why_no_gains
-from .search.parameter_search import Found, Progress, find, find_any
-from .search.stop_and_resume import KeptCosts, SearchStoppedError
+from .search.evolution import Progress, SearchStoppedError, Values
+from .search.law_parameters import SETTINGS_KEYS, controller_settings
+from .search.parameter_search import Found, find, is_possible
 from .specification import Specification
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
@@ -22,7 +22,7 @@ from .virtual_check import drive, drives, jittered
 
 _MOVE = 0.1
 """Share by which a parameter is moved to see what it does."""
-_STOPPED = "stopped before it was found which demand is in the way; the same command goes on"
+_STOPPED = "stopped before it was found which demand is in the way"
 _MEANINGS = {
     "settling": "a mode slower than sigma",
     "delay margin": "unstable within the delay margin",
@@ -44,10 +44,10 @@ NUMBER_UNITS = {
 class NoDesignError(Exception):
     """No parameters of a law meet all demands; the text names those that are in the way.
 
-    ``found``  the nearest that the search came; None where it did not begin
+    ``found``  the nearest that the search came
     """
 
-    def __init__(self, reason: str, found: Found | None = None) -> None:
+    def __init__(self, reason: str, found: Found) -> None:
         super().__init__(reason, found)
         self.reason = reason
         self.found = found
@@ -89,37 +89,23 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(
-    spec: Specification,
-    vehicle: VehicleFile,
-    law: str,
-    progress: Progress,
-    kept: KeptCosts | None = None,
-) -> Design:
-    """Return the law that is best by the specification; raises NoDesignError.
-
-    ``kept``  costs of an earlier search for the same that was stopped
-    """
-    reason = why_no_gains(spec, vehicle)
-    if reason is not None:
-        raise NoDesignError(f"{law}: {reason}")
+def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
+    """Return the law that is best by the specification; raises NoDesignError."""
     fine = make_study(spec, vehicle, fine=True)
-    found = find(make_study(spec, vehicle, fine=False), fine, law, progress, (), kept)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
     if not found.feasible:
         why = _STOPPED
         with suppress(SearchStoppedError):
             if found.ended:
-                why = _why_no_design(spec, vehicle, found, progress, kept)
-        found = found._replace(ended=why != _STOPPED)
+                why = _why_no_design(spec, vehicle, law, progress)
         raise NoDesignError(f"{law}: no design; {_nearest(found)}; {why}", found)
-    described = describe(fine, found)
-    return described._replace(reasons=tuple(reasons(fine, found.candidate)))
+    return describe(fine, found)._replace(reasons=tuple(reasons(fine, law, found.values)))
 
 
 def describe(study: Study, found: Found) -> Design:
     """Return everything about a law that has been found but the reasons for it."""
-    spec, vehicle, law = study.spec, study.vehicle, found.candidate.law
-    settings = controller_settings(spec, vehicle, law, found.candidate.values())
+    spec, vehicle, law = study.spec, study.vehicle, found.law
+    settings = controller_settings(spec, vehicle, law, found.values)
     by_delay = rms_by_delay(study, settings, found)
     asked = drives(spec, vehicle, settings, map(jittered, spec.jitter))
     jitter_m = np.array([drive(one).rms_m for one in asked])
@@ -158,36 +144,29 @@ def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
 
 
 def _nearest(found: Found) -> str:
-    values = found.candidate.values().items()
+    values = found.values.items()
     best = ", ".join(f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in values)
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
     return f"the nearest ({best}) fails: {fails}"
 
 
-def _why_no_design(
-    spec: Specification,
-    vehicle: VehicleFile,
-    found: Found,
-    progress: Progress,
-    kept: KeptCosts | None,
-) -> str:
+def _why_no_design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> str:
     """Return whether a design exists without one of the demands, or with separate gains for two
     halves of the box.
     """
-    law = found.candidate.law
     share = 1.0 / (len(DEMANDS) + 2 * len(vehicle.box.ranges))
     searches = count()
 
-    def is_possible(what: str, box: VehicleFile, without: frozenset[str]) -> bool:
+    def is_one_possible(box: VehicleFile, *without: str) -> bool:
         begun = next(searches)
 
         def show(done: float, best: float) -> None:
             progress(min(1.0, share * (begun + done)), best)
 
-        study = make_study(spec, box, fine=False, without=without)
-        return find_any(study, law, show, kept, what)
+        study = make_study(spec, box, fine=False, without=frozenset(without))
+        return is_possible(study, law, show)
 
-    culprits = [name for name in DEMANDS if is_possible(name, vehicle, frozenset({name}))]
+    culprits = [name for name in DEMANDS if is_one_possible(vehicle, name)]
     dropped = (
         f"without one of these there is a design: {', '.join(culprits)}"
         if culprits
@@ -196,9 +175,7 @@ def _why_no_design(
     halved = [
         f"{field} at {middle:g}"
         for field, middle, halves in split_boxes(vehicle)
-        if all(
-            is_possible(f"{field} {which}", half, frozenset()) for which, half in enumerate(halves)
-        )
+        if all(is_one_possible(half) for half in halves)
     ]
     split = (
         f"split the box into two designs at one of these: {', '.join(halved)}"
@@ -226,12 +203,11 @@ def split_boxes(
         yield field, middle, (low, high)
 
 
-def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
+def reasons(study: Study, law: str, values: Values) -> Iterator[Reason]:
     """Yield the reason for each parameter."""
-    values = candidate.values()
     for key, value in values.items():
         down, up = (
-            judge_law(study, candidate.law, {**values, key: value * factor})
+            judge_law(study, law, {**values, key: value * factor})
             for factor in (1.0 - _MOVE, 1.0 + _MOVE)
         )
         yield Reason(key, value, down, up)

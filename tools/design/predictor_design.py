@@ -10,7 +10,7 @@ and counters. The evolution strategy is the same as for the other laws.
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import islice, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +35,8 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand
-from .search.evolution import evolve
+from .search.evolution import Progress, Search, SearchStoppedError, Values
 from .search.law_parameters import validity
-from .search.parameter_search import Progress
-from .search.stop_and_resume import KeptCosts, SearchStoppedError
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import Drive, constant, jittered, plant_settings
@@ -55,8 +53,11 @@ _START = {
     "curvature_walk_1_m_sqrt_s": 0.02,
     "yaw_rate_noise_rad_s_sqrt_s": 0.05,
 }
-"""What is searched, in logarithms, and from where."""
-_DECADE = math.log(10.0)
+"""What is searched, and from where."""
+_RANGE = 30.0
+"""Factor by which the search may leave the start."""
+_SPREAD = 0.1
+"""Standard deviation of the first generation, as a share of the range: 0.3 decades."""
 _DIGITS = 2
 
 
@@ -228,43 +229,33 @@ def design_predictor(
     vehicle: VehicleFile,
     fallback: ControllerSettings,
     progress: Progress,
-    kept: KeptCosts,
 ) -> PredictorDesign:
     """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
 
     ``progress``  called with the share of the search that is done, and its best cost [m]
-    ``kept``      costs of an earlier search for the same that was stopped
     """
-    start = np.array([math.log(value) for value in _START.values()])
-    random = np.random.default_rng(spec.search.seed)
-    points = spec.search.points_per_parameter * len(start)
-    best, best_cost, judged, ended = start, math.inf, 0, True
+    ranges = {key: (value / _RANGE, value * _RANGE) for key, value in _START.items()}
+    ended, done = True, 0.0
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, table, vehicle)
 
-        def cost(values: FloatArray, ceiling: float) -> float:
-            nonlocal best, best_cost, judged
-            progress(judged / (points * table.generations), best_cost)
+        def cost(values: Values) -> float:
+            if search.judged:
+                progress(done, search.least)
             try:
-                settings = _settings(table, vehicle, fallback, values)
+                return _cost(task, _settings(table, vehicle, fallback, values))
             except ValidationError:
                 return LEFT_M * LEFT_M
-            finally:
-                judged += 1
-            asked = settings.model_dump_json()
-            value = kept.cost(asked, lambda: _cost(task, settings, ceiling), ceiling)
-            if value < best_cost:
-                best, best_cost = values, value
-            return value
 
+        search = Search(cost, ranges, _DIGITS)
         try:
-            evolution = evolve(cost, start, np.full(len(start), 0.3 * _DECADE), points, random)
-            for _ in islice(evolution, table.generations):
-                pass
+            for share in search.evolve(spec.search.seed, table.generations, _START, _SPREAD):
+                done = share
         except SearchStoppedError:
             ended = False
-        settings = _settings(table, vehicle, fallback, best)
-        return describe_predictor(task, settings)._replace(judged=judged, ended=ended)
+        (best,) = search.best(1)
+        design = describe_predictor(task, _settings(table, vehicle, fallback, best))
+        return design._replace(judged=search.judged, ended=ended)
 
 
 def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
@@ -295,22 +286,13 @@ def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> in
     return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
 
 
-def _cost(task: Task, settings: ControllerSettings, ceiling: float = math.inf) -> float:
-    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded.
-
-    Where it is seen to exceed the ceiling, something between the two.
-    """
+def _cost(task: Task, settings: ControllerSettings) -> float:
+    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
     last_ns = task.table.delays_ns[-1]
     columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
     worst_m = max(run.settled_rms_m for column in columns for run in column)
-    if worst_m > ceiling:
-        return worst_m
-    excess = 0.0
-    for share in _shares(task, settings, columns[-1]):
-        excess = max(excess, share)
-        if excess > 1.0 and LEFT_M * excess > ceiling:
-            break
-    return worst_m if excess <= 1.0 else LEFT_M * excess
+    exceeded = (share for share in _shares(task, settings, columns[-1]) if share > 1.0)
+    return max(worst_m, LEFT_M * next(exceeded, 0.0))
 
 
 def _shares(task: Task, settings: ControllerSettings, without: Sequence[Run]) -> Iterator[float]:
@@ -327,19 +309,15 @@ def _settings(
     table: PredictorTable,
     vehicle: VehicleFile,
     fallback: ControllerSettings,
-    logarithms: FloatArray,
+    values: Values,
 ) -> ControllerSettings:
-    """Return the settings of a point of the search, in numbers of two digits."""
-    values = {
-        key: float(f"{math.exp(value):.{_DIGITS}g}")
-        for key, value in zip(_START, logarithms, strict=True)
-    }
+    """Return the settings of a point of the search."""
     box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
     low, high = box.get("speed_m_s", (speed, speed))
     tables = fallback.model_dump(exclude={"law", "link", "estimator", "validity"})
     tables["predictor"] = PredictorSettings(
-        steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
+        steer_per_error_rad_m=values["steer_per_error_rad_m"],
         horizon_s_max=table.horizon_s_max,
         measures_lag=table.measures_lag,
         measures_mass=table.measures_mass,
@@ -358,6 +336,6 @@ def _settings(
             heading_error_noise_rad=table.heading_error_noise_rad,
             speed_m_s_min=round(0.5 * low, 2),
             speed_m_s_max=round(1.5 * high, 2),
-            **values,
+            **{key: value for key, value in values.items() if key != "steer_per_error_rad_m"},
         ),
     )

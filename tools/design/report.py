@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...closed_loop.parameter_space.gain_boundaries import Window
+from ...closed_loop.parameter_space.gain_regions import sampled_region
 from ...closed_loop.parameter_space.region_pictures import GAIN_LABELS, draw_curves, fill_region
 from ...closed_loop.reports.plot_style import LINES
 from ...controller.analysis.sampled_loop import SampledLoop
@@ -30,7 +31,7 @@ from .demands import Demand, Judgement
 from .law_design import NUMBER_UNITS, Design, Reason, failed, failure
 from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
 from .predictor_design import PredictorDesign
-from .search.law_parameters import SETTINGS_KEYS, pd_region
+from .search.law_parameters import SETTINGS_KEYS
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -172,11 +173,6 @@ class LawFiles(NamedTuple):
         """The best of a search that met not all demands."""
         return self.folder / f"{self.name}.unmet.toml"
 
-    @property
-    def search(self) -> Path:
-        """The costs of a search that was stopped."""
-        return self.folder / f"{self.name}.search"
-
     def write_preset(self, text: str) -> None:
         """Write what meets all demands, in place of what did not."""
         write_text(self.preset, text)
@@ -224,7 +220,7 @@ def unmet_lines(demands: Sequence[Demand], files: LawFiles) -> Iterator[str]:
 def written_lines(files: LawFiles, ended: bool) -> Iterator[str]:
     """Yield what the program prints of a preset."""
     if not ended:
-        yield f"  {STOPPED} The same command goes on."
+        yield f"  {STOPPED}"
     yield f"  -> {files.preset}"
 
 
@@ -335,8 +331,10 @@ def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: 
     k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
     window = Window(1e-3 * k_p, 3.0 * k_p, 1e-3 * k_d, 4.0 * k_d)
     filter_rad_s = pd.derivative_filter_rad_s or math.inf
-    alone = pd_region(spec, vehicle, filter_rad_s, window)
     table = spec.d_stability
+    alone = sampled_region(
+        vehicle.models, spec.period_ns, table.delays_ns, filter_rad_s, table.demands, window
+    )
     fill_region(axes, alone, "PD alone: σ, θ and R", alpha=0.35)
     draw_curves(axes, alone.curves)
     axes.plot(k_p, k_d, "*", ms=14, color="black", label=f"chosen: {k_p:g}, {k_d:g}")

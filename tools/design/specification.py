@@ -206,10 +206,6 @@ class SearchTable(Settings):
     seed: Annotated[int, Field(ge=0)] = 1
     starts: Annotated[int, Field(ge=1, le=100)] = 2
     generations: Annotated[int, Field(ge=1, le=10_000)] = 150  # of each start, at most
-    points_per_parameter: Annotated[int, Field(ge=2, le=100)] = 4  # of a generation
-    violation_weight: Annotated[float, Field(ge=0.0, le=1e3)] = 0.0
-    """Of a demand that is nearly met, as a share of the objective, while the search evolves; 0 for
-    one that only looks at what meets all demands, and stalls where they meet at an edge."""
 
 
 def controller_law(law: str) -> str:

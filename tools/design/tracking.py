@@ -127,11 +127,6 @@ def tracking_grid(
     )
 
 
-def at_longest_delay(grid: TrackingGrid) -> TrackingGrid:
-    """Return the grid with the last of its delays alone, at which the error is mostly largest."""
-    return grid._replace(plants=grid.plants[:, :, -1:])
-
-
 def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
     """Return error and steer of a law on every path, corner and delay of the grid.
 

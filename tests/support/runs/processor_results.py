@@ -1,7 +1,7 @@
 """A program: what has to come out alike on every processor, as digests by name, in JSON.
 
-Designs, tables, paths, a run of every law, a study and a search of gains, each as small as shows a
-difference in the last bit. ``test_any_processor`` runs it as one processor or another would.
+Designs, tables, paths, a run of every law and a study, each as small as shows a difference in the
+last bit. ``test_any_processor`` runs it as one processor or another would.
 """
 
 import hashlib
@@ -9,7 +9,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from itertools import chain, cycle, islice
+from itertools import chain, cycle
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +35,6 @@ from steer_by_wire.plant_emulator.path.settings import (
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
-from steer_by_wire.tools.design.demands import make_study
-from steer_by_wire.tools.design.search.evolution import evolve
-from steer_by_wire.tools.design.search.parameter_search import find
-from steer_by_wire.tools.design.specification import Specification
-from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
 ROOT = Path(__file__).resolve().parents[3]
 CONTROLLERS, PLANTS = "steer_by_wire.controller.presets", "steer_by_wire.plant_emulator.presets"
@@ -63,25 +58,6 @@ spread_s = 0.005
 loss = 0.02
 """
 JITTERS = tuple(model.value for model in Distribution if model is not Distribution.CONSTANT)
-SPEC = """
-name = "small"
-laws = ["pd"]
-peak_sensitivity_max = 3
-noise_gain_rad_m_max = 4
-[delay]
-ms_max = 100
-step_ms = 50
-margin_ms = 50
-[d_stability]
-settling_1_s = 0.3
-bandwidth_rad_s = 5
-[course]
-duration_s = 3
-paths = [{ kind = "circle", radius_m = 30 }]
-[search]
-starts = 1
-generations = 2
-"""
 
 
 def digest(value: Any) -> str:
@@ -154,24 +130,11 @@ def study(folder: Path) -> Iterator[tuple[str, str]]:
     yield "study", digest(store.results.read_bytes())
 
 
-def search(folder: Path) -> Iterator[tuple[str, str]]:
-    file = folder / "spec.toml"
-    file.write_text(SPEC)
-    spec = load_settings(Specification, None, file)
-    vehicle = load_settings(VehicleFile, None, ROOT / "tools" / "design" / "paper_vehicle.toml")
-    coarse = make_study(spec, vehicle, fine=False)
-    found = find(coarse, coarse, "pd", lambda *_: None)
-    yield "designed gains", digest(found.candidate.values())
-    random = np.random.default_rng(7)
-    evolution = evolve(lambda x, _: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
-    yield "evolution", digest([one.best.tolist() for one in islice(evolution, 30)])
-
-
 def results() -> dict[str, str]:
     """Return all digests by name."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        made = (designs(), motions(), paths(folder), runs(folder), study(folder), search(folder))
+        made = (designs(), motions(), paths(folder), runs(folder), study(folder))
         return dict(chain.from_iterable(made))
 
 

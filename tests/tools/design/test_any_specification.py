@@ -85,7 +85,7 @@ def specifications(draw: Draw) -> dict[str, Any]:
             "duration_s": draw(between(0.5, 5.0)),
             "paths": draw(st.lists(st.sampled_from(PATHS), min_size=1, max_size=2)),
         },
-        "search": {"starts": 1, "generations": draw(st.integers(1, 2)), "points_per_parameter": 2},
+        "search": {"starts": 1, "generations": draw(st.integers(1, 2))},
         "predictor": {
             "fallback": "practical_pd_ddob",
             "generations": 1,

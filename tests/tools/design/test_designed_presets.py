@@ -12,16 +12,12 @@ from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.design.demands import Study, judge_candidate, make_study
+from steer_by_wire.tools.design.demands import Study, judge_law, make_study
 from steer_by_wire.tools.design.law_design import describe
 from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
-from steer_by_wire.tools.design.search.law_parameters import (
-    KEYS,
-    SETTINGS_KEYS,
-    Candidate,
-    lattice_place,
-)
+from steer_by_wire.tools.design.search.evolution import Values
+from steer_by_wire.tools.design.search.law_parameters import KEYS, SETTINGS_KEYS
 from steer_by_wire.tools.design.search.parameter_search import Found, confirm
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
@@ -44,13 +40,10 @@ def shipped_preset(name: str = "practical_pd_ddob") -> ControllerSettings:
     return controller_preset(name)
 
 
-def shipped_candidate(name: str, law: str) -> Candidate:
-    values = shipped_preset(name).model_dump()
-    places = []
-    for key in KEYS[law]:
-        table, name = SETTINGS_KEYS[key].split(".")
-        places.append(lattice_place(values[table][name]))
-    return Candidate(law, tuple(places))
+def shipped_values(name: str, law: str) -> Values:
+    settings, places = shipped_preset(name).model_dump(), [SETTINGS_KEYS[key] for key in KEYS[law]]
+    found = (settings[table][field] for table, field in (place.split(".") for place in places))
+    return dict(zip(KEYS[law], found, strict=True))
 
 
 def vehicle_of(family: str) -> Path:
@@ -80,11 +73,10 @@ PREDICTORS = (
 @pytest.mark.parametrize(("family", "law"), sampled(SAMPLE, WHOLE))
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
     name, study = f"{family}_{law}", fine_study(family)
-    candidate = shipped_candidate(name, law)
-    judgement, confirmation = judge_candidate(study, candidate), confirm(study, candidate)
-    found = Found(candidate, judgement, confirmation, judged=0)
-    assert found.feasible
-    assert judgement.violation == 0.0
+    values = shipped_values(name, law)
+    judgement, confirmation = judge_law(study, law, values), confirm(study, law, values)
+    found = Found(law, values, judgement, confirmation, judged=0)
+    assert confirmation.failures == judgement.violation == 0.0
     sources = (vehicle_of(family).name, f"{family}.toml")
     text = preset_text(study.spec, study.vehicle, describe(study, found), sources)
     lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)

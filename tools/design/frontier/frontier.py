@@ -1,89 +1,100 @@
-"""The whole frontier: structures, shipped predictor and the paper's laws, kept as computed.
-
-One file for each structure is written when it is done, so that an interrupted frontier goes on with
-the others. A file of other settings is computed anew.
-"""
+"""The whole frontier, computed in worker processes: a table, a file and two pictures."""
 
 import csv
-import hashlib
-import json
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ....controller.settings import ControllerSettings, controller_preset
-from ....runtime.output_file import open_text, write_text
-from ....runtime.sealed_record import sealed, unsealed
-from ..search.law_parameters import controller_settings
+from ....closed_loop.processes.parallel_work import worker_pool
+from ....closed_loop.reports.plot_style import plot_style
+from ....controller.settings import controller_preset
+from ....runtime.exit_status import ExitStatus
+from ....runtime.output_file import open_text
+from ..search.law_parameters import KEYS, controller_settings
+from ..searches import Searches, begin_worker, report_from
 from ..vehicle_file import VehicleFile
-from .laws_of_the_paper import PUBLISHED, published_points
+from .picture import draw_frontier, draw_trials
+from .points import (
+    PREDICTOR,
+    PREDICTOR_PRESET,
+    PUBLISHED,
+    Point,
+    Row,
+    designed_points,
+    predictor_points,
+    published_points,
+    specification_for,
+)
 from .settings import STRUCTURES, FrontierSettings
-from .sweep import Point, specification_for, sweep
-from .trials import NOT_TRIED, Trials, try_out, with_map, worst_rms_m
+from .trials import NOT_TRIED, Trials, try_out, with_map
 
-PREDICTOR = "predictor"
-"""Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
-error, speed and the echoes of its commands besides the lateral error."""
-_PREDICTOR_PRESET = "practical_predictor"
 ALL = (*STRUCTURES, PREDICTOR, PUBLISHED)
-Done = Callable[[float], None]
+WORKERS = 2
 
 
-class Row(NamedTuple):
-    """A structure at a delay: its design, and what that does in runs."""
+class Job(NamedTuple):
+    """One structure, computed in a worker."""
 
-    point: Point
-    trials: Trials
+    asked: FrontierSettings
+    vehicle: VehicleFile
+    structure: str
 
 
-def compute(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str, folder: Path, done: Done
-) -> list[Row]:
-    """Return a structure's rows, the shortest delay first; what is in the folder is not repeated.
+def run_frontier(
+    program: str, asked: FrontierSettings, vehicle: VehicleFile, folder: Path
+) -> ExitStatus:
+    """Compute, write frontier.csv and both pictures, and print the table.
 
-    Raises OSError where the folder cannot be written.
+    Ctrl-C ends it with what is done. Raises OSError where the folder cannot be written.
     """
-    file = folder / f"{structure.lower().replace(' + ', '_')}.json"
-    digest = _digest(asked, vehicle, structure)
-    kept = _read(file, digest)
-    if kept is not None:
-        return kept
-    rows: list[Row] = []
-    for row in _rows(asked, vehicle, structure, done):
-        rows.insert(0, row)
-    _write(file, digest, rows)
-    return rows
+    folder.mkdir(parents=True, exist_ok=True)
+    searches = Searches(program, ALL)
+    with (
+        worker_pool(WORKERS, begin_worker, searches.shared) as pool,
+        searches.stopped_by_ctrl_c(),
+    ):
+        jobs = [Job(asked, vehicle, name) for name in sorted(ALL, key=_effort, reverse=True)]
+        futures = {job.structure: pool.submit(compute, job) for job in jobs}
+        searches.watch(futures)
+    done = [futures[name] for name in ALL if not futures[name].cancelled()]
+    rows = [row for future in done for row in future.result()]
+    write_csv(rows, folder / "frontier.csv")
+    with plot_style():
+        draw_frontier(asked, rows).savefig(folder / "frontier.png", bbox_inches="tight")
+        draw_trials(asked, rows).savefig(folder / "frontier_trials.png")
+    for line in _table(asked, rows):
+        print(line)
+    print(f"-> {folder}: frontier.csv, frontier.png, frontier_trials.png")
+    return ExitStatus.INTERRUPTED if searches.is_stopped else ExitStatus.OK
 
 
-def _rows(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str, done: Done
-) -> Iterable[Row]:
-    if structure == PREDICTOR:
-        yield from _predictor_rows(asked, vehicle, done)
-        return
+def _effort(structure: str) -> int:
+    """Return a rough measure of the time that a search takes."""
+    if structure not in STRUCTURES:
+        return 0
+    law, _, q_kinds = STRUCTURES[structure]
+    return len(KEYS[law]) * len(q_kinds)
+
+
+def compute(job: Job) -> list[Row]:
+    """Return a structure's rows, the shortest delay first."""
+    asked, vehicle, structure = job
     if structure == PUBLISHED:
-        for point in reversed(list(published_points(asked, vehicle))):
-            yield Row(point, NOT_TRIED)
-        return
+        return [Row(point, NOT_TRIED) for point in published_points(asked, vehicle)]
+    if structure == PREDICTOR:
+        settings = controller_preset(PREDICTOR_PRESET)
+        return [
+            Row(point, try_out(asked, vehicle, settings, point.delay_ms))
+            for point in predictor_points(asked, vehicle)
+        ][::-1]
+    report = report_from(ALL.index(structure))
     law, takes_map, _ = STRUCTURES[structure]
-    for point in sweep(asked, vehicle, structure, done):
+    rows = []
+    for point in designed_points(asked, vehicle, structure, lambda share: report(share, 0.0)):
         spec = specification_for(asked, law, point.delay_ms, point.q_kind or "type_2")
-        designed = controller_settings(spec, vehicle, law, point.values)
-        settings = with_map(designed, takes_map)
-        yield Row(point, try_out(asked, vehicle, settings, point.delay_ms))
-
-
-def _predictor_rows(asked: FrontierSettings, vehicle: VehicleFile, done: Done) -> Iterable[Row]:
-    settings: ControllerSettings = controller_preset(_PREDICTOR_PRESET)
-    unknown = math.nan
-    for index, delay_ms in enumerate(reversed(asked.delays_ms)):
-        done(index / len(asked.delays_ms))
-        rms_m = worst_rms_m(asked, vehicle, settings, delay_ms)
-        point = Point(
-            PREDICTOR, delay_ms, rms_m, unknown, unknown, unknown, unknown, unknown, 0, {}
-        )
-        yield Row(point, try_out(asked, vehicle, settings, delay_ms))
+        settings = with_map(controller_settings(spec, vehicle, law, point.values), takes_map)
+        rows.append(Row(point, try_out(asked, vehicle, settings, point.delay_ms)))
+    return rows[::-1]
 
 
 def write_csv(rows: Iterable[Row], file: Path) -> None:
@@ -104,27 +115,14 @@ def _shown(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _digest(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> str:
-    settings = asked.model_dump(mode="json"), vehicle.model_dump(mode="json")
-    text = json.dumps([*settings, structure, STRUCTURES.get(structure)])
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _plain(row: Row) -> dict[str, Any]:
-    return {"point": row.point._asdict(), "trials": row.trials._asdict()}
-
-
-def _write(file: Path, digest: str, rows: Sequence[Row]) -> None:
-    record = sealed({"digest": digest, "rows": [_plain(row) for row in rows]})
-    write_text(file, json.dumps(record, indent=1) + "\n")
-
-
-def _read(file: Path, digest: str) -> list[Row] | None:
-    """Return the rows of a file, or None where it is not there, damaged or of other settings."""
-    try:
-        kept = unsealed(json.loads(file.read_text(encoding="utf-8")))
-        if kept["digest"] != digest:
-            return None
-        return [Row(Point(**row["point"]), Trials(**row["trials"])) for row in kept["rows"]]
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
-        return None
+def _table(asked: FrontierSettings, rows: Sequence[Row]) -> Iterator[str]:
+    """Yield RMS errors [mm], a structure a line; a dash where there is no design."""
+    yield "RMS [mm] at a guaranteed delay of" + "".join(f"{ms:>9g}" for ms in asked.delays_ms)
+    by_place = {(point.structure, point.delay_ms): f"{1e3 * point.rms_m:.3g}" for point, _ in rows}
+    for name in ALL[:-1]:
+        figures = "".join(f"{by_place.get((name, ms), '-'):>9}" for ms in asked.delays_ms)
+        yield f"  {name:31}{figures}"
+    for point, _ in rows:
+        if point.structure.startswith(PUBLISHED):
+            found = f"{1e3 * point.rms_m:.3g} mm at {point.delay_ms:.3g} ms"
+            yield f"  {point.structure:48}{found if point.delay_ms else 'drifts off'}"

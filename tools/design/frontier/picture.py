@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ....closed_loop.reports.plot_style import COLOURS
-from .frontier import PREDICTOR, Row
-from .laws_of_the_paper import FILTERED, PUBLISHED
+from .points import FILTERED, PREDICTOR, PUBLISHED, Row
 from .settings import FrontierSettings
 
 _LOOK: Mapping[str, tuple[str, str]] = {

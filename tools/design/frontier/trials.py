@@ -16,19 +16,14 @@ from ....controller.filters.nominal_model import NominalVehicle
 from ....controller.laws.feed_forward import FeedForwardSettings
 from ....controller.settings import ControllerSettings
 from ....plant_emulator.evaluation.run_verdict import Verdict
-from ....plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from ....plant_emulator.network.latency_distributions import Distribution
+from ....plant_emulator.network.settings import LatencySettings
 from ....plant_emulator.path.settings import PathSettings, StraightSettings
 from ....plant_emulator.sensors.settings import SensorNoiseSettings
-from ....plant_emulator.settings import PlantSettings
-from ....plant_emulator.vehicle.settings import (
-    ActuatorSettings,
-    DisturbanceSettings,
-    DisturbanceStep,
-    VehicleSettings,
-)
-from ....runtime.node import NS_PER_MS
+from ....plant_emulator.vehicle.settings import DisturbanceSettings, DisturbanceStep
 from ..loop_figures import HEADING_NOISE_1_M
 from ..vehicle_file import VehicleFile
+from ..virtual_check import Drive, plant_settings
 from .settings import FrontierSettings
 
 _FIRST_SEED = 1001
@@ -92,7 +87,7 @@ def try_out(
     rms_m = np.array([each.rms_m for each in _jittered(asked, run, delay_ms)])
     lost = ~np.isfinite(rms_m)
     return Trials(
-        run(noise=noise).rms_m,
+        run(sensor_noise=noise).rms_m,
         wind.peak_m,
         offset.left_m,
         run(vehicle=wrong).rms_m,
@@ -132,7 +127,7 @@ _LOST = _Errors(math.inf, math.inf, math.inf)
 def _jittered(asked: FrontierSettings, run: Any, delay_ms: float) -> Iterator[_Errors]:
     mean_s = delay_ms / 1e3 / (1.0 + asked.margin_share)
     line = LatencySettings(
-        model="gamma", mean_s=mean_s, spread_s=asked.trials.jitter_share * mean_s
+        model=Distribution.GAMMA, mean_s=mean_s, spread_s=asked.trials.jitter_share * mean_s
     )
     for seed in range(_FIRST_SEED, _FIRST_SEED + asked.trials.seeds):
         yield run(line=line, seed=seed)
@@ -144,25 +139,16 @@ def _run(
     vehicle: NominalVehicle,
     path: PathSettings,
     line: LatencySettings,
-    disturbance: DisturbanceSettings | None = None,
-    noise: SensorNoiseSettings | None = None,
     seed: int = _FIRST_SEED,
+    **tables: Any,
 ) -> _Errors:
-    plant = PlantSettings(
-        duration_s=asked.course.duration_s,
-        seed=seed,
-        sensor_period_ms=settings.period_ns / NS_PER_MS,
-        vehicle=VehicleSettings(**vehicle._asdict()),
-        path=path,
-        actuator=ActuatorSettings(),
-        latency=BothLatencySettings(downlink=line),
-        disturbance=disturbance or DisturbanceSettings(),
-        sensor_noise=noise or SensorNoiseSettings(),
-    )
-    batch = run_compiled(plant, settings)
-    counts = batch.lateral_error_m[batch.time_s >= asked.ignore_s]
-    if verdict_on(plant, settings, batch) is not Verdict.HOLDS:
+    duration_s = asked.course.duration_s
+    drive = Drive(settings, vehicle, path, duration_s, line, seed=seed)
+    plant = plant_settings(drive).model_copy(update=tables)
+    run = run_compiled(plant, settings)
+    if verdict_on(plant, settings, run) is not Verdict.HOLDS:
         return _LOST
-    last = batch.lateral_error_m[batch.time_s >= asked.course.duration_s - _LAST_S]
+    counts = run.lateral_error_m[run.time_s >= asked.ignore_s]
+    last = run.lateral_error_m[run.time_s >= duration_s - _LAST_S]
     peak_m = float(np.abs(counts).max())
     return _Errors(float(np.sqrt(np.mean(np.square(counts)))), peak_m, abs(float(last.mean())))

@@ -1,7 +1,6 @@
 """The frontier: designs meet what they are compared at, and runs confirm their errors."""
 
 import csv
-import json
 import math
 from functools import cache
 from pathlib import Path
@@ -14,23 +13,23 @@ import pytest
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
-from steer_by_wire.runtime.sealed_record import sealed, unsealed
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.tools.design.demands import judge_law
-from steer_by_wire.tools.design.frontier import laws_of_the_paper
-from steer_by_wire.tools.design.frontier import sweep as sweep_of_delays
-from steer_by_wire.tools.design.frontier.frontier import Row, compute, write_csv
+from steer_by_wire.tools.design.frontier import points
+from steer_by_wire.tools.design.frontier.frontier import Job, compute, write_csv
 from steer_by_wire.tools.design.frontier.picture import draw_frontier
-from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
-from steer_by_wire.tools.design.frontier.sweep import (
+from steer_by_wire.tools.design.frontier.points import (
     Point,
+    Row,
+    designed_points,
     point_of,
+    published_points,
     specification_for,
     study,
-    sweep,
 )
+from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
 from steer_by_wire.tools.design.frontier.trials import NOT_TRIED, Trials, with_map, worst_rms_m
-from steer_by_wire.tools.design.search.law_parameters import Candidate, controller_settings
+from steer_by_wire.tools.design.search.evolution import SearchStoppedError, Values
+from steer_by_wire.tools.design.search.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.suite.combinations import sampled
 from tests.support.suite.curves import alike_without_colour
@@ -169,34 +168,25 @@ def test_the_page_states_the_error_of_a_design_at_the_second_level_of_noise(stru
 
 
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
-    quick = asked("course.duration_s=6", "search.generations=3", "search.starts=1")
+    quick = asked("course.duration_s=6", "search.generations=12", "search.starts=1")
     alone = VehicleFile(vehicle=vehicle().vehicle)
-    (found,) = sweep(quick, alone, "PD", lambda _: None)
+    (found,) = designed_points(quick, alone, "PD", lambda _: None)
     fine = study(quick, alone, "PD", 250.0, True)
     assert found.rms_m <= 0.8 * point_of(fine, quick, "PD", FOUND["PD"]).rms_m
 
 
-def test_a_demand_that_is_not_made_keeps_no_law_from_being_judged() -> None:
-    """The PD alone settles too slowly for the region of gains that presets are designed in."""
-    values = {"k_p": 0.2, "k_d": 0.01, "derivative_filter": 20.0}
-    coarse = study(asked("course.duration_s=6"), vehicle(), "PD", 250.0, False)
-    judged = judge_law(coarse, "pd", values, runs_up_to=0.0)
-    assert math.isfinite(judged.objective)
-    assert not judged.violation
-
-
 def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """And each search goes on from the design of its own filter for the longer delay."""
-    begun: list[tuple[QKind, list[int]]] = []
+    begun: list[tuple[QKind, Values | None]] = []
 
     def study_of(_asked: object, _vehicle: object, _structure: str, *where: object) -> object:
         delay_ms, _, q_kind = where
         return SimpleNamespace(delay_ms=delay_ms, q_kind=q_kind)
 
-    def find(_coarse: object, fine: Any, law: str, _done: object, known: list[Candidate]) -> object:
-        begun.append((fine.q_kind, [each.places[0] for each in known]))
-        place = round(fine.delay_ms) + (fine.q_kind == "order_2")
-        return SimpleNamespace(feasible=True, candidate=Candidate(law, (place,) * 4), judged=1)
+    def find(_coarse: object, fine: Any, _law: str, _done: object, near: Values | None) -> object:
+        begun.append((fine.q_kind, near))
+        values = {"k_p": fine.delay_ms + (fine.q_kind == "order_2")}
+        return SimpleNamespace(ended=True, feasible=True, values=values, judged=1)
 
     def point_of(fine: Any, _asked: object, structure: str, *_: object) -> Point:
         is_better = (fine.q_kind == "order_2") == (fine.delay_ms == 250.0)
@@ -204,27 +194,31 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
         return Point(structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind)
 
     for name, function in {"study": study_of, "find": find, "point_of": point_of}.items():
-        monkeypatch.setattr(sweep_of_delays, name, function)
-    found = sweep(asked("delays_ms=[160, 250]"), vehicle(), "PD + DOB", lambda _: None)
+        monkeypatch.setattr(points, name, function)
+    quick = asked("delays_ms=[160, 250]")
+    found = designed_points(quick, vehicle(), "PD + DOB", lambda _: None)
     assert [(each.delay_ms, each.q_kind) for each in found] == [
         (250.0, "order_2"),
         (160.0, "type_2"),
     ]
-    assert begun == [("type_2", []), ("order_2", []), ("type_2", [250]), ("order_2", [251])]
+    first = [("type_2", None), ("order_2", None)]
+    assert begun == [*first, ("type_2", {"k_p": 250.0}), ("order_2", {"k_p": 251.0})]
 
 
-def test_what_is_there_is_not_computed_again_and_other_settings_are(tmp_path: Path) -> None:
-    first = compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)
-    file = tmp_path / "predictor.json"
-    kept = unsealed(json.loads(file.read_text()))
-    kept["rows"][0]["point"]["rms_m"] = 7.0
-    file.write_text(json.dumps(sealed(kept)))
-    assert compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)[0].point.rms_m == 7.0
-    file.write_text(file.read_text()[:100])
-    again = compute(asked(), vehicle(), "predictor", tmp_path, lambda _: None)
-    assert [row.trials for row in again] == [row.trials for row in first]
-    other = compute(asked("trials.seeds=1"), vehicle(), "predictor", tmp_path, lambda _: None)
-    assert other[0].point.rms_m != 7.0
+def test_a_stopped_frontier_keeps_the_delays_that_are_done() -> None:
+    def done(share: float) -> None:
+        if share > 0.5:
+            raise SearchStoppedError
+
+    quick = asked("delays_ms=[160, 250]", "search.generations=1", "course.duration_s=6")
+    alone = VehicleFile(vehicle=vehicle().vehicle)
+    assert [found.delay_ms for found in designed_points(quick, alone, "PD", done)] == [250.0]
+
+
+def test_the_shipped_predictor_has_a_row_for_each_delay() -> None:
+    rows = compute(Job(asked("delays_ms=[160, 250]"), vehicle(), "predictor"))
+    assert [row.point.delay_ms for row in rows] == [160.0, 250.0]
+    assert all(row.trials.jitter_lost == 0 for row in rows)
 
 
 def test_the_table_has_a_line_for_each_structure_and_delay(tmp_path: Path) -> None:
@@ -242,14 +236,14 @@ def test_delays_must_ascend() -> None:
 
 
 def test_the_papers_own_laws_are_marks_that_no_line_joins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(laws_of_the_paper, "LAWS", {"PD": "paper_pd"})
-    monkeypatch.setattr(sweep_of_delays, "MARGIN_NS_MAX", 60_000_000)
+    monkeypatch.setattr(points, "LAWS", {"PD": "paper_pd"})
+    monkeypatch.setattr(points, "MARGIN_NS_MAX", 60_000_000)
     alone, quick = VehicleFile(vehicle=vehicle().vehicle), asked("course.duration_s=6")
-    points = list(laws_of_the_paper.published_points(quick, alone))
+    published = list(published_points(quick, alone))
     # 12.4 ms without the filter, 50 ms with it.
-    assert [1.3 * each.delay_ms for each in points] == pytest.approx([12.4, 50.0], abs=0.1)
-    lost = points[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)
-    rows = [Row(each, NOT_TRIED) for each in (*points, lost)]
+    assert [1.3 * each.delay_ms for each in published] == pytest.approx([12.4, 50.0], abs=0.1)
+    lost = published[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)
+    rows = [Row(each, NOT_TRIED) for each in (*published, lost)]
     figure = draw_frontier(quick, rows)
     assert not alike_without_colour(figure)
     (axes,) = figure.axes

@@ -1,7 +1,7 @@
-"""Designs one structure for each delay, from the longest to the shortest.
+"""The points of the frontier: each structure at its best for a delay, and the paper's own laws.
 
-A design for a longer delay meets the demands of a shorter one. It is judged there as well, and the
-search for the shorter delay goes on from it.
+A structure is designed for the longest delay first. That design meets the demands of a shorter one
+too, and the search for the shorter delay begins near it.
 """
 
 import math
@@ -13,16 +13,31 @@ from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.law_from_settings import LawDesign, design_law
-from ....controller.settings import ControllerSettings
+from ....controller.settings import ControllerSettings, controller_preset
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..demands import Study, judge_law, make_study
-from ..loop_figures import behind_lag
-from ..search.law_parameters import Candidate, controller_settings
+from ..loop_figures import behind_lag, frequency_grid, loop_figures
+from ..search.evolution import Values
+from ..search.law_parameters import controller_settings
 from ..search.parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification, controller_law
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings
+from .trials import Trials, worst_rms_m
 
+PREDICTOR = "predictor"
+"""Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
+error, speed and the echoes of its commands too."""
+PREDICTOR_PRESET = "practical_predictor"
+PUBLISHED = "published"
+"""The paper's own controllers, without demands on them."""
+FILTERED = "published gains, filter and washout"
+"""Those with what the paper does not have: a derivative filter, and a washout in the CDOB, without
+which that drifts off the path."""
+LAWS = {"PD": "paper_pd", "PD + DOB": "paper_pd_dob", "PD + CDOB": "paper_pd_cdob",
+        "PD + DDOB": "paper_pd_ddob"}  # fmt: skip
+_FILTER, _WASHOUT = "pd.derivative_filter_rad_s=30", "cdob.washout_rad_s=3"
+_POINTS = 1500
 _WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
 """Demands that are not made: they say what a loop is like at delays that it meets with ease."""
 _STEPS = 12
@@ -46,22 +61,32 @@ class Point(NamedTuple):
     structure: str
     delay_ms: float
     rms_m: float
-    noise_gain_rad_m: float
-    peak_sensitivity: float
-    margin_ms: float
-    nominal_ms: float
-    lagged_ms: float
-    judged: int
-    values: dict[str, float]
+    noise_gain_rad_m: float = math.nan
+    peak_sensitivity: float = math.nan
+    margin_ms: float = math.nan
+    nominal_ms: float = math.nan
+    lagged_ms: float = math.nan
+    judged: int = 0
+    values: Values = {}  # noqa: RUF012  # never changed
     q_kind: QKind | None = None
 
 
-def sweep(
+class Row(NamedTuple):
+    """A structure at a delay, and what its design does in runs."""
+
+    point: Point
+    trials: Trials
+
+
+def designed_points(
     asked: FrontierSettings, vehicle: VehicleFile, structure: str, done: Callable[[float], None]
 ) -> Iterator[Point]:
-    """Yield a point for each delay, the longest first; delays without a design have none."""
+    """Yield a point for each delay, the longest first; delays without a design have none.
+
+    A search that is stopped ends it.
+    """
     law, _, q_kinds = STRUCTURES[structure]
-    known: dict[QKind, list[Candidate]] = {kind: [] for kind in q_kinds}
+    known: dict[QKind, Values] = {}
     searches = len(asked.delays_ms) * len(q_kinds)
     for index, delay_ms in enumerate(reversed(asked.delays_ms)):
         points = []
@@ -74,11 +99,12 @@ def sweep(
                 study(asked, vehicle, structure, delay_ms, is_fine, q_kind)
                 for is_fine in (False, True)
             )
-            found = find(coarse, fine, law, progress, known[q_kind])
+            found = find(coarse, fine, law, progress, known.get(q_kind))
+            if not found.ended:
+                return
             if found.feasible:
-                known[q_kind] = [found.candidate]
-                values = found.candidate.values()
-                points.append(point_of(fine, asked, structure, values, found.judged))
+                known[q_kind] = found.values
+                points.append(point_of(fine, asked, structure, found.values, found.judged))
         if points:
             yield min(points, key=lambda point: point.rms_m)
 
@@ -101,7 +127,7 @@ def study(
 
 
 def point_of(
-    fine: Study, asked: FrontierSettings, structure: str, values: dict[str, float], judged: int = 1
+    fine: Study, asked: FrontierSettings, structure: str, values: Values, judged: int = 1
 ) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
     law, spec = STRUCTURES[structure].law, fine.spec
@@ -113,7 +139,7 @@ def point_of(
         demands.get("RMS error", math.inf),
         demands.get("noise gain", math.inf),
         demands.get("peak sensitivity", math.inf),
-        *margins_ms(settings, fine.vehicle, asked.trials.lag_s),
+        *_margins_ms(asked, fine.vehicle, settings),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
@@ -139,18 +165,54 @@ def specification_for(
     )
 
 
-def margins_ms(
-    settings: ControllerSettings, vehicle: VehicleFile, lag_s: float
+def predictor_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
+    """Yield the shipped predictor at each delay, the longest first."""
+    settings = controller_preset(PREDICTOR_PRESET)
+    for delay_ms in reversed(asked.delays_ms):
+        yield Point(PREDICTOR, delay_ms, worst_rms_m(asked, vehicle, settings, delay_ms))
+
+
+def published_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
+    """Yield a point for each law of the paper, first as published; its structure names both.
+
+    ``delay_ms`` is the margin of the worst corner less the share that all others keep; 0, with an
+    infinite error, where the loop drifts off whatever the delay.
+    """
+    for what, added in ((PUBLISHED, ()), (FILTERED, (_FILTER, _WASHOUT))):
+        for name, preset in LAWS.items():
+            has_cdob = name.endswith(("CDOB", "DDOB"))
+            settings = controller_preset(preset, added if has_cdob else added[:1])
+            yield _published_point(asked, vehicle, f"{what}: {name}", settings)
+
+
+def _published_point(
+    asked: FrontierSettings, vehicle: VehicleFile, structure: str, settings: ControllerSettings
+) -> Point:
+    margins_ms = _margins_ms(asked, vehicle, settings)
+    delay_ms = margins_ms[0] / (1.0 + asked.margin_share)
+    rms_m = noise_rad_m = peak = math.inf
+    if delay_ms:
+        rms_m = worst_rms_m(asked, vehicle, settings, delay_ms)
+        delays_ns = 0, round(delay_ms * NS_PER_MS)
+        grid = frequency_grid(vehicle.models, delays_ns, settings.period_ns, _POINTS)
+        figures = loop_figures(grid, design_law(settings))
+        noise_rad_m = float(figures.noise_gain_rad_m.max())
+        peak = float(figures.peak_sensitivity.max())
+    q_kind = None if settings.dob is None else settings.dob.q_kind
+    return Point(structure, delay_ms, rms_m, noise_rad_m, peak, *margins_ms, q_kind=q_kind)
+
+
+def _margins_ms(
+    asked: FrontierSettings, vehicle: VehicleFile, settings: ControllerSettings
 ) -> tuple[float, float, float]:
     """Return the delay margins of worst corner, nominal vehicle, and worst corner behind a lag."""
     design, nominal = design_law(settings), VehicleFile(vehicle=vehicle.vehicle).models
-    corners = vehicle.models
-    lagged = [behind_lag(model, lag_s) for model in corners]
-    return (
-        min(_margin_ms(design, model, settings.period_ns) for model in corners),
-        min(_margin_ms(design, model, settings.period_ns) for model in nominal),
-        min(_margin_ms(design, model, settings.period_ns) for model in lagged),
+    lagged = [behind_lag(model, asked.trials.lag_s) for model in vehicle.models]
+    worst, alone, behind = (
+        min(_margin_ms(design, model, settings.period_ns) for model in models)
+        for models in (vehicle.models, nominal, lagged)
     )
+    return worst, alone, behind
 
 
 def _margin_ms(design: LawDesign, model: TransferFunction, period_ns: int) -> float:

@@ -1,0 +1,127 @@
+"""Designs one law in a worker process, writes its files, and says why each value is what it is."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from ...closed_loop.reports.plot_style import plot_style
+from ...controller.laws.law_from_settings import required
+from ...controller.settings import ControllerSettings
+from .demands import Demand
+from .law_design import Design, NoDesignError, design
+from .predictor_design import design_predictor, predictor_demands
+from .report import (
+    LawFiles,
+    demand_lines,
+    draw_design,
+    predictor_figures,
+    predictor_preset_text,
+    preset_name,
+    preset_text,
+    reason_lines,
+    unmet_lines,
+    unmet_text,
+    written_lines,
+)
+from .search.law_parameters import controller_settings
+from .searches import report_from
+from .specification import Specification
+from .vehicle_file import VehicleFile
+
+PREDICTOR = "predictor"
+
+
+class Job(NamedTuple):
+    """A law to be designed.
+
+    ``sources``   names of the files of vehicle and specification
+    ``place``     of its progress
+    ``minutes``   after which the search ends with its best so far
+    ``fallback``  the pd_ddob that a predictor falls back to
+    """
+
+    spec: Specification
+    vehicle: VehicleFile
+    law: str
+    sources: tuple[str, str]
+    preset_folder: Path
+    picture_folder: Path
+    place: int
+    minutes: float
+    fallback: ControllerSettings | None = None
+
+
+class Outcome(NamedTuple):
+    """What became of a law.
+
+    ``lines``   to print
+    ``error``   why it is no design; empty if it is one
+    ``design``  of a linear law that meets all demands
+    """
+
+    lines: tuple[str, ...]
+    demands: tuple[Demand, ...]
+    error: str = ""
+    design: Design | None = None
+
+
+def run_job(job: Job) -> Outcome:
+    """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
+    files = LawFiles(job.preset_folder, preset_name(job.spec, job.law))
+    return _predictor(job, files) if job.law == PREDICTOR else _linear_law(job, files)
+
+
+def _linear_law(job: Job, files: LawFiles) -> Outcome:
+    spec, vehicle, law = job.spec, job.vehicle, job.law
+    try:
+        designed = design(spec, vehicle, law, report_from(job.place, job.minutes))
+    except NoDesignError as error:
+        demands = error.found.judgement.demands
+        settings = controller_settings(spec, vehicle, law, error.found.values)
+        files.write_unmet(unmet_text(law, settings, demands, job.sources))
+        return Outcome(tuple(unmet_lines(demands, files)), demands, str(error))
+    files.write_preset(preset_text(spec, vehicle, designed, job.sources))
+    with plot_style():
+        picture = job.picture_folder / f"{files.name}.png"
+        draw_design(spec, vehicle, designed).savefig(picture)
+    lines = tuple(_lines(spec, designed, files))
+    return Outcome(lines, designed.found.judgement.demands, design=designed)
+
+
+def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str]:
+    judgement = design.found.judgement
+    yield ""
+    yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
+    yield from demand_lines(judgement)
+    confirmation = design.found.confirmation
+    if confirmation is not None:
+        yield f"  stable up to      {confirmation.stable_up_to_ns / 1e6:g} ms"
+        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
+            lag_ms = confirmation.with_lag_up_to_ns / 1e6
+            yield f"                    {lag_ms:g} ms behind a lag of {spec.actuator.lag_s:g} s"
+        yield f"  slowest mode      {confirmation.decay_1_s:.3g} 1/s"
+    if design.rms_held_up_to_ns is not None:
+        yield f"  RMS limit kept    up to {design.rms_held_up_to_ns / 1e6:g} ms"
+    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
+    for reason in design.reasons:
+        yield from reason_lines(reason, judgement.objective)
+    yield from written_lines(files, design.found.ended)
+
+
+def _predictor(job: Job, files: LawFiles) -> Outcome:
+    spec, table, vehicle = job.spec, required(job.spec.predictor), job.vehicle
+    report = report_from(job.place, job.minutes)
+    design = design_predictor(spec, table, vehicle, required(job.fallback), report)
+    lines = ["", f"predictor  ({design.judged} sets of parameters judged)"]
+    figures = predictor_figures(spec, table, design)
+    lines += [f"  {label:18}{text}" for label, text in figures]
+    demands = predictor_demands(spec, table, design)
+    count = sum(demand.excess > 0.0 for demand in demands)
+    if count:
+        files.write_unmet(unmet_text(PREDICTOR, design.settings, demands, job.sources))
+        lines += unmet_lines(demands, files)
+        error = f"predictor: {count} of {len(demands)} demands are not met"
+        return Outcome(tuple(lines), demands, error)
+    files.write_preset(predictor_preset_text(spec, table, vehicle, design, job.sources))
+    return Outcome((*lines, *written_lines(files, design.ended)), demands)
