@@ -75,7 +75,6 @@ NEEDS_POSIX = {
     "test_emulated_bus_broker": _STEPS,
     "test_emulated_bus_leaving": _STEPS,
     "test_bus_program": _PROCESSES,
-    "test_live_soak": "looks for processes in /proc",
     "test_monitor_on_terminal": "needs pseudo-terminals",
     "test_on_vcan": _PROCESSES,
     "test_pair_on_multicast": _PROCESSES,

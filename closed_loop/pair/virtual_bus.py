@@ -1,4 +1,4 @@
-"""The bus between both nodes in virtual time: rest bus, noise, clocks and lossy receivers."""
+"""The bus between both nodes in virtual time: rest bus, noise, bus-off and clocks."""
 
 from collections.abc import Sequence
 
@@ -20,23 +20,20 @@ NODES = ("plant", "controller")
 QUIET_BUS = BusSettings()
 
 
-class LossyReceiver:
-    """Stands before ``node``, member ``index`` of the bus ``model``.
+class Controlled:
+    """A node behind its CAN controller: in bus-off it gets no frames.
 
+    ``index``                      of the node on the bus ``model``
     ``deadline_ns``, ``finished``  of the node
     """
 
     def __init__(self, node: Node, index: int, model: BusModel) -> None:
-        self._node, self._index = node, index
-        self._missed, self._access = model.missed, model.access
+        self._node, self._index, self._model = node, index, model
         self.deadline_ns, self.finished = node.deadline_ns, node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Pass a frame to the node, unless it is one that it misses."""
-        if self._missed and (key := (now_ns, self._index)) in self._missed:
-            self._missed.discard(key)
-            return ()
-        if self._access.is_off_at(self._index, now_ns):
+        """Pass a frame to the node."""
+        if self._model.is_off(self._index, now_ns):
             return ()
         frames = self._node.on_frame(frame, now_ns)
         self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished
@@ -75,9 +72,9 @@ class SharedBus:
         self.next_event_ns = self.model.next_event_ns
         self.refused = 0
 
-    def lossy_receiver(self, node: Node, index: int) -> Node:
-        """Return a node that misses what it alone saw wrong, and all frames in bus-off."""
-        return LossyReceiver(node, index, self.model)
+    def behind_controller(self, node: Node, index: int) -> Node:
+        """Return a node that gets no frames in bus-off."""
+        return node if self.errors is None else Controlled(node, index, self.model)
 
     def watch(self, on_wire: OnWire) -> None:
         """Report every frame that the nodes do not get, error frames included."""
@@ -110,18 +107,12 @@ class SharedBus:
 
 def shared_bus(settings: BusSettings, seed: int) -> SharedBus:
     """Return the bus of plant and controller in virtual time; raises SettingsError."""
-    messages = traffic_of(settings, seed)
-
-    def is_acknowledged(sender: int) -> bool:
-        others = {*range(len(NODES)), *(message.sender for message in messages)} - {sender}
-        return errors is None or not all(map(errors.is_off, others))
-
-    errors = errors_of(settings, seed, _number_of, is_acknowledged)
-    return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
+    errors = errors_of(settings, seed)
+    return SharedBus(settings.bitrate_bit_s, traffic_of(settings, seed), seed, errors)
 
 
 def virtual_bus(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
-    """Return the same; only the lengths of frames count where nothing else is on the bus."""
+    """Like ``shared_bus``, but the cheaper QuietBus if there is no other traffic and no error."""
     return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else shared_bus(settings, seed)
 
 
@@ -129,15 +120,8 @@ def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[N
     """Return both nodes by the clocks that the settings give them; raises SettingsError."""
     nodes = [plant, controller]
     for name, clock in settings.clock.items():
-        try:
-            index = _number_of(name)
-        except ValueError as error:
-            raise SettingsError(f"clock.{name}: {error}") from error
+        if name not in NODES:
+            raise SettingsError(f"clock.{name}: is no node of this bus ({' or '.join(NODES)})")
+        index = NODES.index(name)
         nodes[index] = DriftingClock(nodes[index], clock.ppm, clock.drift_ppm_s)
     return nodes[0], nodes[1]
-
-
-def _number_of(name: str) -> int:
-    if name not in NODES:
-        raise ValueError(f"is no node of this bus ({' or '.join(NODES)})")
-    return NODES.index(name)

@@ -107,7 +107,7 @@ def run_virtual_nodes(
         stack.enter_context(no_collections())
         nodes: tuple[Node, ...] = (plant, controller)
         if isinstance(bus, SharedBus):
-            nodes = tuple(bus.lossy_receiver(node, index) for index, node in enumerate(nodes))
+            nodes = tuple(bus.behind_controller(node, index) for index, node in enumerate(nodes))
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
         if on_wire is not None and isinstance(bus, SharedBus):

@@ -56,5 +56,6 @@ LAW = Law(
     _design,
     LawNumber.PD_CDOB,
     needs=("pd", "cdob", "nominal_model"),
+    takes_derivative=True,
     commands_read=last_command,
 )

@@ -14,8 +14,8 @@ from ..node import NEVER_NS, NS_PER_S
 class Noise(Protocol):
     """Says when bits are wrong."""
 
-    def first_hit_ns(self, start_ns: int, end_ns: int) -> int | None:
-        """Return the first instant from ``start_ns`` on and before ``end_ns``, or None [ns]."""
+    def first_hit_ns(self, start_ns: int) -> int:
+        """Return the first instant from ``start_ns`` on, NEVER_NS without any [ns]."""
         ...
 
 
@@ -54,14 +54,14 @@ class BusNoise:
         self._state_end_ns = self._later_ns(0, rates.burst_interval_s) if has_bursts else NEVER_NS
         self._next_ns = self._hit_after(0)
 
-    def first_hit_ns(self, start_ns: int, end_ns: int) -> int | None:
-        """Return the first instant from ``start_ns`` on and before ``end_ns``, or None [ns].
+    def first_hit_ns(self, start_ns: int) -> int:
+        """Return the first instant from ``start_ns`` on, NEVER_NS without any [ns].
 
         ``start_ns`` must not run backwards from one call to the next.
         """
         while self._next_ns < start_ns:
             self._next_ns = self._hit_after(self._next_ns)
-        return self._next_ns if self._next_ns < end_ns else None
+        return self._next_ns
 
     def _hit_after(self, now_ns: int) -> int:
         while True:
@@ -74,11 +74,3 @@ class BusNoise:
 
     def _later_ns(self, now_ns: int, mean_s: float) -> int:
         return now_ns + 1 + int(self._draw.expovariate(1.0) * mean_s * NS_PER_S)
-
-
-class StuckLine(NamedTuple):
-    """A time in which the line is at one level for everybody: 0 dominant, 1 recessive [ns]."""
-
-    level: int
-    start_ns: int
-    end_ns: int

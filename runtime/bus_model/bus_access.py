@@ -17,11 +17,15 @@ _BUS_OFF_BITS = 128 * 11
 
 
 class BusAccess:
-    """The senders of one bus; without ``errors`` all may start whenever it is free."""
+    """The senders of one bus; without ``errors`` all may start whenever it is free.
+
+    ``bus_off_ns``  how long a bus-off lasts [ns]
+    """
 
     def __init__(self, errors: BusErrors | None, ticks: BitTicks) -> None:
         self._errors = errors
         self._ticks = ticks
+        self.bus_off_ns = ticks.whole_ns(_BUS_OFF_BITS * ticks.nominal)
         self._paused_until_ticks: dict[int, int] = {}
         self._off_until_ticks: dict[int, int] = {}
 
@@ -63,14 +67,6 @@ class BusAccess:
         self._paused_until_ticks[sender] = end_ticks + pause_ticks
         return False
 
-    def is_off_at(self, sender: int, now_ns: int) -> bool:
-        """Whether a sender is in bus-off; lets it take part again when that is over."""
-        return self.is_off(sender, now_ns * self._ticks.per_ns)
-
-    def off_until_ns(self, sender: int) -> int:
-        """When a sender in bus-off takes part again [ns]."""
-        return self._ticks.whole_ns(self._off_until_ticks[sender])
-
     def forget(self, sender: int) -> None:
         """Forget a sender that has left and has no frame on the bus."""
         self._paused_until_ticks.pop(sender, None)
@@ -85,7 +81,7 @@ class BusAccess:
                 self.is_off(sender, now_ticks)
 
     def is_off(self, sender: int, now_ticks: int) -> bool:
-        """Return the same for a time in ticks."""
+        """Whether a sender is in bus-off; lets it take part again when that is over."""
         if self._errors is None:
             return False
         self._errors.join(sender)

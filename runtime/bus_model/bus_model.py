@@ -8,8 +8,9 @@ Rules:
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Someone always acknowledges; clock tolerance is not modelled.
-4. With ``errors``, a frame that noise destroys ends with its error frame and competes again, first
-   in its transmit buffer. Bus-off takes the sender's frames off the bus until it has recovered.
+4. With ``errors``, a frame that noise destroys ends with its error frame (``bus_errors``) and
+   competes again, first in its transmit buffer. Bus-off takes the sender's frames off the bus until
+   it has recovered.
 
 Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
 
@@ -19,17 +20,15 @@ up to the next nanosecond only when it is returned.
 It serves the emulated bus in real time, and virtual time where ``quiet_bus`` is not enough.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-from ..frame import FD, Frame
+from ..frame import Frame
 from ..frame.arbitration import NO_FIELD, arbitration_field
 from ..frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
-from .bit_error_at_all_nodes import Disturbed
 from .bit_ticks import bit_ticks
 from .bus_access import BusAccess, is_awaited
-from .bus_errors import BusErrors
+from .bus_errors import BusErrors, error_end_ticks
 from .rest_bus import RestBus
 from .transmit_queue import TransmitQueue, Waiting
 
@@ -65,9 +64,6 @@ class BusModel:
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
     ``queue_limit``         size of each transmit buffer [frames]
-    ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
-                            the time from its submission to its start of frame [ns]
-    ``is_fifo``             whether the frames of one sender keep their order
     ``errors``              noise and error counters; without them every frame is sent whole
     ``traffic``             what else is sent, by nodes of negative numbers, which is not returned
 
@@ -76,8 +72,6 @@ class BusModel:
                        ``traffic`` it is a lower bound
 
     ``access``         who is in bus-off
-    ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever
-                       delivers takes them out
 
     Raises ValueError for a rate or a limit that is not positive.
     """
@@ -87,9 +81,7 @@ class BusModel:
         bitrate_bit_s: int,
         data_bitrate_bit_s: int | None = None,
         queue_limit: int = 1000,
-        on_start: Callable[[Frame, int], None] | None = None,
         *,
-        is_fifo: bool = False,
         errors: BusErrors | None = None,
         traffic: RestBus | None = None,
     ) -> None:
@@ -97,7 +89,7 @@ class BusModel:
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
         self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
-        self._on_start, self._queue = on_start, TransmitQueue(queue_limit, traffic, is_fifo=is_fifo)
+        self._queue = TransmitQueue(queue_limit, traffic)
         self._errors, self._traffic = errors, traffic
         if traffic is not None:
             traffic.join(ticks)
@@ -105,9 +97,8 @@ class BusModel:
                 for sender in traffic.sent:
                     errors.join(sender)
                 traffic.sent = errors.sent
-        self._disturbed: Disturbed | None = None
+        self._is_destroyed = False
         self.access = BusAccess(errors, ticks)
-        self.missed: set[tuple[int, int]] = set()
         self._on_wire: Waiting | None = None
         self._end_ticks = self._next_start_ticks = 0
         self._settled_ticks, self._completed = -1, list[Delivery]()
@@ -146,10 +137,13 @@ class BusModel:
         entry = queue.push(arbitration, duration_ticks, sender, frame, now_ticks)
         if self._on_wire is None and self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
-        if entry is not None:
-            is_next = self._on_wire is None and queue.competing[0] is entry
-            if is_next or self.next_event_ns == NEVER_NS or not self.access.is_calm:
-                self._look_ahead()
+        is_next = self._on_wire is None and queue.competing[0] is entry
+        if is_next or self.next_event_ns == NEVER_NS or not self.access.is_calm:
+            self._look_ahead()
+
+    def is_off(self, sender: int, now_ns: int) -> bool:
+        """Whether a sender is in bus-off; lets it take part again when that is over."""
+        return self.access.is_off(sender, now_ns * self._ticks_per_ns)
 
     def withdraw(self, sender: int) -> list[Frame]:
         """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
@@ -174,7 +168,7 @@ class BusModel:
         elif competing := self._queue.competing:
             start_ticks, winner = self.access.next_start(competing, self._next_start_ticks)
             self._decided_until_ticks = start_ticks
-            end_ticks = start_ticks + self._duration_ticks(winner)
+            end_ticks = start_ticks + winner.duration_ticks
         else:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._traffic is not None:
@@ -205,28 +199,29 @@ class BusModel:
                     on_wire = None
                     break
                 self._next_start_ticks = start_ticks
-                end_ticks = start_ticks + self._duration_ticks(on_wire)
-                self._on_arbitration(on_wire)
+                end_ticks = start_ticks + on_wire.duration_ticks
+                self._queue.take(on_wire)
                 if errors is not None:
                     hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
-                    if hit_ns * self._ticks_per_ns < end_ticks:
-                        end_ticks = self._end_with_errors(on_wire, end_ticks, errors)
+                    hit_ticks = hit_ns * self._ticks_per_ns
+                    self._is_destroyed = hit_ticks < end_ticks
+                    if self._is_destroyed:
+                        end_ticks = error_end_ticks(start_ticks, hit_ticks, self._ticks)
             if end_ticks > now_ticks:
                 break
-            if traffic is not None and self._disturbed is not None:
+            if traffic is not None and self._is_destroyed:
                 self._admit(traffic, end_ticks)  # before the frame is back in its buffer
             if errors is not None:
-                if self._disturbed is None and self.access.is_calm:
+                if not self._is_destroyed and self.access.is_calm:
                     errors.sent[on_wire.sender] += 1
                 elif self._end_attempt(on_wire, end_ticks, errors):
                     on_wire = None
                     continue
-            _, _, _, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
-            if traffic is None:
-                self._completed.append(Delivery(end_ns, sender, frame))
-            else:
-                self._complete(end_ns, sender, frame)
+            if traffic is None or on_wire.sender >= 0:
+                self._completed.append(Delivery(end_ns, on_wire.sender, on_wire.frame))
+            elif traffic.on_wire is not None:
+                traffic.on_wire(end_ns, on_wire.sender, on_wire.frame)
             self._frames += 1
             self._occupy_until(end_ticks)
             on_wire = None
@@ -269,60 +264,25 @@ class BusModel:
         while traffic.best < NO_FIELD:
             self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
 
-    def _duration_ticks(self, sent: Waiting) -> int:
-        """How long a frame takes if it starts now: ESI tells the state of its sender."""
-        if self._errors is None or not sent.frame.flags & FD:
-            return sent.duration_ticks
-        frame = self._errors.as_sent(sent.frame, sent.sender)
-        return sent.duration_ticks if frame is sent.frame else self._ticks.of_frame(frame)
-
-    def _on_arbitration(self, winner: Waiting) -> None:
-        self._queue.take(winner)
-        if self._on_start is not None:
-            delay_ticks = self._next_start_ticks - winner.submitted_ticks
-            self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
-
-    def _end_with_errors(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> int:
-        """When a frame that starts now leaves the bus, be it whole or destroyed."""
-        start_ticks = self._next_start_ticks
-        self.access.come_back(start_ticks)
-        found = errors.transmission(sent.frame, sent.sender, start_ticks, end_ticks, self._ticks)
-        self._disturbed = found
-        return end_ticks if found is None else start_ticks + self._ticks.of(found.bits)
-
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""
-        disturbed, self._disturbed = self._disturbed, None
+        is_destroyed, self._is_destroyed = self._is_destroyed, False
         sender = sent.sender
-        if disturbed is None:
-            errors.on_whole(sender)
-        else:
-            end_ns = self._ticks.whole_ns(end_ticks)
+        if is_destroyed:
             self.access.come_back(end_ticks)
-            errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
-            if disturbed.is_received:
-                self._complete(end_ns, sender, sent.frame)
-                if disturbed.only_at is not None:
-                    self.missed.add((end_ns, disturbed.only_at))
-            self._frames += not disturbed.is_repeated
+            errors.on_destroyed(sender, sent.frame, self._ticks.whole_ns(end_ticks))
             self._occupy_until(end_ticks)
-            if disturbed.is_repeated:
-                self._queue.put_back(sent)
+            self._queue.put_back(sent)
+        else:
+            errors.on_whole(sender)
         if self.access.goes_off(sender, end_ticks):
             if self._traffic is not None:
                 self._take_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))
-        return disturbed is not None
+        return is_destroyed
 
     def _occupy_until(self, end_ticks: int) -> None:
         """Count the time of what has been on the wire, and its intermission."""
         free_ticks = end_ticks + self._intermission_ticks
         self._busy_ticks += free_ticks - self._next_start_ticks
         self._next_start_ticks = free_ticks
-
-    def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
-        """Return a received frame to whom it concerns."""
-        if self._traffic is None or sender >= 0:
-            self._completed.append(Delivery(end_ns, sender, frame))
-        elif self._traffic.on_wire is not None:
-            self._traffic.on_wire(end_ns, sender, frame)

@@ -21,13 +21,12 @@ RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
 """No bit names a cause; also all error frames of interfaces other than SocketCAN."""
 
-_LOST_ARBITRATION, _CONTROLLER, _PROTOCOL, _NO_ACKNOWLEDGE = 0x002, 0x004, 0x008, 0x020
-_BUS_OFF, _BUS_ERROR, _RESTARTED = 0x040, 0x080, 0x100
+_CONTROLLER, _PROTOCOL, _BUS_OFF, _BUS_ERROR, _RESTARTED = 0x004, 0x008, 0x040, 0x080, 0x100
 _CLASSES = (
     (0x001, "transmit_timeout"),
-    (_LOST_ARBITRATION, "lost_arbitration"),
+    (0x002, "lost_arbitration"),
     (0x010, "transceiver"),
-    (_NO_ACKNOWLEDGE, "no_acknowledge"),
+    (0x020, "no_acknowledge"),
     (_BUS_OFF, BUS_OFF),
     (_BUS_ERROR, "bus_error"),
     (_RESTARTED, RESTARTED),
@@ -45,14 +44,8 @@ _PROTOCOL_DETAILS = (  # of byte 2
     (0x04, "stuff_error"),
     (0x20, "overload"),
 )
+_BIT_ERROR = 0x01  # byte 2
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
-_LOCATIONS = {
-    "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
-    "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
-    "CRC": 0x08, "stuff count": 0x08, "CRC delimiter": 0x18, "ACK": 0x19, "ACK delimiter": 0x1B,
-    "EOF": 0x1A,
-}  # fmt: skip
-"""Byte 3, by the field's name in ``frame_on_wire``."""
 _STATES = {
     BUS_OFF: ControllerState.BUS_OFF,
     RESTARTED: ControllerState.ERROR_ACTIVE,
@@ -61,53 +54,29 @@ _STATES = {
     "error_active": ControllerState.ERROR_ACTIVE,
 }
 """By cause; of several, the first holds."""
-BUS_OFF_FRAME = Frame(_BUS_OFF, bytes(8), ERROR)
 RESTARTED_FRAME = Frame(_RESTARTED, bytes(8), ERROR)
 
 
 def error_frame(event: "ErrorEvent") -> Frame:
     """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
     counts = event.transmit_errors, event.receive_errors
-    is_lost = event.cause == "arbitration lost"
-    classes = _LOST_ARBITRATION if is_lost else _PROTOCOL | _BUS_ERROR
-    if event.field == "ACK":
-        classes |= _NO_ACKNOWLEDGE
     state = event.state if event.has_changed else None
-    return _frame(classes, counts, state, b"" if is_lost else _place(0x01, event))
-
-
-def receiver_error_frame(
-    event: "ErrorEvent", counters: ErrorCounters, *, has_changed: bool
-) -> Frame:
-    """Return what it reports of the same error to a node that receives.
-
-    Where the frame was, and no more: which rule a receiver saw violated is not modelled.
-
-    ``counters``     of that node, after the error; ``has_changed`` its state
-    """
-    counts = counters.transmit, counters.receive
-    state = counters.state if has_changed else None
-    return _frame(_PROTOCOL | _BUS_ERROR, counts, state, _place(0x00, event))
+    return _frame(_PROTOCOL | _BUS_ERROR, counts, state, _BIT_ERROR)
 
 
 def state_frame(counters: ErrorCounters) -> Frame:
-    """Return what it reports of a controller whose state has changed without an error."""
+    """Return what it reports of a controller whose state has changed."""
     return _frame(0, (counters.transmit, counters.receive), counters.state)
 
 
-def _place(kind: int, event: "ErrorEvent") -> bytes:
-    """Bytes 2 and 3: what was violated, and where."""
-    return bytes((kind, _LOCATIONS.get(event.field, 0)))
-
-
 def _frame(
-    classes: int, counts: tuple[int, int], state: ControllerState | None, place: bytes = b""
+    classes: int, counts: tuple[int, int], state: ControllerState | None, violation: int = 0
 ) -> Frame:
     """Return an error frame.
 
-    ``counts``  transmit and receive error counter
-    ``state``   of the controller, if it has changed
-    ``place``   bytes 2 and 3
+    ``counts``     transmit and receive error counter
+    ``state``      of the controller, if it has changed
+    ``violation``  byte 2
     """
     details = 0
     if state is ControllerState.BUS_OFF:
@@ -115,7 +84,7 @@ def _frame(
     elif state is not None:
         classes |= _CONTROLLER
         details = _state_details(state, *counts)
-    data = bytes((0, details)) + place.ljust(4, b"\0") + bytes(min(count, 255) for count in counts)
+    data = bytes((0, details, violation, 0, 0, 0, *(min(count, 255) for count in counts)))
     return Frame(classes, data, ERROR)
 
 

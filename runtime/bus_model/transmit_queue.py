@@ -1,10 +1,9 @@
 """The frames that wait for a bus, in the transmit buffers of their senders.
 
 A sender has a buffer for each identifier, so that none of its frames waits behind one of lower
-priority. With a FIFO, as SocketCAN has, it has a single one, of which the oldest frame competes.
+priority.
 """
 
-from collections import deque
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -35,37 +34,31 @@ class TransmitQueue:
     ``refused``    frames that found their buffer full
     """
 
-    def __init__(self, limit: int, traffic: RestBus | None, *, is_fifo: bool) -> None:
+    def __init__(self, limit: int, traffic: RestBus | None) -> None:
         if limit <= 0:
             raise ValueError(f"the limit of a transmit buffer must be positive, not {limit}")
-        self._limit, self._traffic, self._is_fifo = limit, traffic, is_fifo
+        self._limit, self._traffic = limit, traffic
         self.competing: list[Waiting] = []
         self._sequence = self.refused = 0
-        # By sender and identifier; with FIFOs by sender, without its oldest frame.
         self._waiting_of: dict[tuple[int, int], int] = {}
-        self._behind: dict[int, deque[Waiting]] = {}
 
     def push(
         self, arbitration: int, duration_ticks: int, sender: int, frame: Frame, now_ticks: int
-    ) -> Waiting | None:
-        """Queue a frame; returns it if it competes, None if it waits behind an older one.
-
-        Raises BusOverflowError for a full buffer.
-        """
-        buffer = (sender, 0 if self._is_fifo else arbitration)
+    ) -> Waiting:
+        """Queue a frame; raises BusOverflowError for a full buffer."""
+        buffer = (sender, arbitration)
         waiting = self._waiting_of.get(buffer, 0)
         if waiting >= self._limit:
             self.refused += 1
-            of = "" if self._is_fifo else f"of identifier 0x{frame.can_id:03X} "
-            raise BusOverflowError(f"sender {sender} has {waiting} frames {of}waiting for the bus")
+            raise BusOverflowError(
+                f"sender {sender} has {waiting} frames of identifier 0x{frame.can_id:03X} "
+                "waiting for the bus"
+            )
         self._waiting_of[buffer] = waiting + 1
         self._sequence += 1
         entry = Waiting(
             arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer
         )
-        if waiting and self._is_fifo:
-            self._behind.setdefault(sender, deque()).append(entry)
-            return None
         heappush(self.competing, entry)
         return entry
 
@@ -82,7 +75,7 @@ class TransmitQueue:
         heappush(self.competing, entry)
 
     def take(self, winner: Waiting) -> None:
-        """Take out the frame that has won the bus; the next of its FIFO competes from now on."""
+        """Take out the frame that has won the bus."""
         if winner is self.competing[0]:
             heappop(self.competing)
         else:
@@ -92,31 +85,19 @@ class TransmitQueue:
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
-            if self._is_fifo and winner.sender >= 0:
-                behind = self._behind[winner.sender]
-                heappush(self.competing, behind.popleft())
-                if not behind:
-                    del self._behind[winner.sender]
         elif self._traffic is not None and winner.sender < 0:
             self._traffic.release(winner.buffer[1])
 
     def put_back(self, sent: Waiting) -> None:
         """Put a destroyed frame back into its buffer, in front."""
-        waiting = self._waiting_of.get(sent.buffer, 0)
-        self._waiting_of[sent.buffer] = waiting + 1
+        self._waiting_of[sent.buffer] = self._waiting_of.get(sent.buffer, 0) + 1
         if self._traffic is not None and sent.sender < 0:
             self._traffic.hold(sent.buffer[1])
-        if waiting and self._is_fifo and sent.sender >= 0:
-            (following,) = (one for one in self.competing if one.sender == sent.sender)
-            self.competing.remove(following)
-            heapify(self.competing)
-            self._behind.setdefault(sent.sender, deque()).appendleft(following)
         heappush(self.competing, sent)
 
     def withdraw(self, sender: int) -> list[Frame]:
         """Take back every frame of ``sender``; returns them."""
         withdrawn = [waiting.frame for waiting in self.competing if waiting.sender == sender]
-        withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
         self.competing[:] = [one for one in self.competing if one.sender != sender]
         heapify(self.competing)
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:

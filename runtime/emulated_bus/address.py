@@ -1,9 +1,8 @@
 """Where a broker listens: a Unix socket that only its user can open, or TCP on the loopback.
 
 The default is a Unix socket in a private directory of the user. At any other path it is private to
-its user too, unless a group is admitted. A directory in which others could replace the socket is
-refused. TCP is for machines without Unix sockets: every local user can join the bus, but nobody
-from outside.
+its user too. A directory in which others could replace the socket is refused. TCP is for machines
+without Unix sockets: every local user can join the bus, but no one from outside.
 """
 
 import ipaddress
@@ -101,23 +100,9 @@ def connect(address: Address, timeout_s: float) -> socket.socket:
     return connection
 
 
-def group_number(name: str) -> int:
-    """Return the number of a user group, given by name or number; raises AddressError."""
-    if not hasattr(socket, "AF_UNIX"):
-        raise AddressError("no Unix sockets here, and so no groups")
-    import grp  # does not exist where there are no Unix sockets
-
-    try:
-        return int(name) if name.isdecimal() else grp.getgrnam(name).gr_gid
-    except KeyError:
-        raise AddressError(f"there is no group {name!r}") from None
-
-
 @contextmanager
-def listening(address: Address, group: int | None = None) -> Iterator[socket.socket]:
+def listening(address: Address) -> Iterator[socket.socket]:
     """Listen at ``address`` until the end of the block.
-
-    ``group``  number of a group whose users may join a Unix socket too; None: only its user
 
     Raises AddressError when another broker listens there or the address cannot be used. The
     socket of a killed broker is replaced.
@@ -126,10 +111,8 @@ def listening(address: Address, group: int | None = None) -> Iterator[socket.soc
         try:
             if isinstance(address, UnixAddress):
                 stack.enter_context(_locked(address.path))
-                _check_closed(address.path.parent, group)
-                listener = stack.enter_context(_unix_listener(address.path, group))
-            elif group is not None:
-                raise AddressError(f"{address} is open to every user here: no group can be chosen")
+                _check_closed(address.path.parent)
+                listener = stack.enter_context(_unix_listener(address.path))
             else:
                 listener = stack.enter_context(_tcp_listener(address))
         except OSError as error:
@@ -162,22 +145,19 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _unix_listener(path: Path, group: int | None) -> Iterator[socket.socket]:
+def _unix_listener(path: Path) -> Iterator[socket.socket]:
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise AddressError(f"{path} exists and is not a socket")
         path.unlink()
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-        # The mode has to be right from the start: between bind and chmod anybody could connect.
+        # The mode has to be right from the start: between bind and chmod others could connect.
         umask = os.umask(0o177)
         try:
             listener.bind(str(path))
         finally:
             os.umask(umask)
         try:
-            if group is not None:  # nobody can connect before listen
-                os.chown(path, -1, group)
-                path.chmod(0o660)
             listener.listen(_BACKLOG)
             yield listener
         finally:
@@ -201,15 +181,10 @@ def _check_private(directory: Path) -> None:
         raise AddressError(f"{directory} is not a directory of mode 0700 that belongs to you")
 
 
-def _check_closed(directory: Path, group: int | None) -> None:
-    """Raise AddressError if any user could replace the socket, or ``group`` cannot reach it."""
-    status = directory.stat()
-    if status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
+def _check_closed(directory: Path) -> None:
+    """Raise AddressError if any user could replace the socket."""
+    mode = directory.stat().st_mode
+    if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
         raise AddressError(
             f"every user may write to {directory} and so replace the socket: chmod o-w {directory}"
-        )
-    way_in = status.st_mode & (0o011 if status.st_gid == group else 0o001)
-    if group is not None and not way_in:
-        raise AddressError(
-            f"the group cannot enter {directory} (chgrp {group} {directory}; chmod g+x {directory})"
         )

@@ -3,16 +3,13 @@
 Each channel is a bus of its own with its own time. A frame competes for the wire from the moment
 the broker reads it, and is delivered at its end of frame, never earlier.
 
-No client can delay another, and everything that waits for a client is bounded. A client that
+No client can stop another, and everything that waits for a client is bounded. A client that
 
     floods the bus         is notified which of its transmit buffers is full; if it continues, it is
                            not read until frames have gone out, and so waits in ``send``
-    keeps changing filters is read again FILTER_CHANGE_NS later for each change
     does not read          is disconnected when OUTGOING_BYTES_MAX wait for it
     sends garbage          is disconnected at the first invalid record
-    sends no hello         is disconnected after HELLO_TIMEOUT_NS
     leaves and returns     leaves at most LEFT_FRAMES_MAX frames behind
-    requests a bus-off     is disconnected unless this broker allows it
 
 Waiting is by ``select`` because it counts microseconds; Python's epoll and poll round up to the
 next millisecond, which is four frames.
@@ -22,21 +19,38 @@ import select
 import socket
 import time
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
-from ..node import NEVER_NS, NS_PER_S, NS_PER_US
+from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..node.statistics import DurationStatistics, DurationSummary
-from .broker_clients import Clients
 from .broker_connection import Connection, ConnectionLostError
 from .channel import UNDISTURBED, Channel, ChannelConditions
 from .journal import Cause, Journal
-from .protocol import Answer, BusOff, Hello, ProtocolError
+from .protocol import Answer, Hello, ProtocolError
 from .wall_clock import WallClock
 
 CHANNELS_MAX = 64
-FILTER_CHANGE_NS = 50 * NS_PER_US
-"""What a change of filters costs its client: many times what it costs the broker."""
+CLIENTS_MAX = 200
+"""More would come near the 1024 descriptors that ``select`` can wait for."""
+ACCEPT_PAUSE_NS = 100 * NS_PER_MS
+"""How long no one is accepted after the host had no descriptor for one."""
+_DESCRIPTORS_MAX = 1024
+"""FD_SETSIZE of select(2)."""
 _SEED_STEP = 1_000_003
-"""Distance between the seeds of two channels, larger than that of the nodes of one."""
+"""Distance between the seeds of two channels."""
+
+
+class ClientFigures(NamedTuple):
+    """What the broker has had to do with its clients.
+
+    ``connected``  now; ``most`` at once; ``served`` since the start
+    ``held_back``  how often one was not read on because its transmit buffers were full
+    """
+
+    connected: int
+    most: int
+    served: int
+    held_back: int
 
 
 class Broker:
@@ -46,8 +60,6 @@ class Broker:
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
     ``journal``             reports who comes and goes
     ``clock_ns``            monotonic clock [ns]
-    ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
-    ``is_fifo``             whether the frames of one client keep their order
     ``conditions``          rest bus and errors on every channel
 
     ``clients``             who is connected
@@ -61,20 +73,20 @@ class Broker:
         data_bitrate_bit_s: int | None,
         journal: Journal,
         clock_ns: Callable[[], int] = time.monotonic_ns,
-        *,
-        takes_bus_off: bool = False,
-        is_fifo: bool = False,
         conditions: ChannelConditions = UNDISTURBED,
     ) -> None:
-        self.clients = Clients(listener, journal, self._leave)
+        listener.setblocking(False)
+        self._listener = listener
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
         self._journal = journal
         self._clock_ns = clock_ns
-        self._takes_bus_off = takes_bus_off
-        self._is_fifo = is_fifo
         self._conditions = conditions
         self._wall_clock = WallClock()
+        self.clients: set[Connection] = set()
+        self._readers: set[Connection] = set()
+        self._writers: set[Connection] = set()
+        self._accept_again_ns = self._most = self._served = self._held_back = 0
         self.channels: dict[str, Channel] = {}
         self._lateness = DurationStatistics()
 
@@ -83,20 +95,26 @@ class Broker:
         """How long after an end of frame the broker came to deliver it: its wake-ups and stalls."""
         return self._lateness.summary()
 
+    @property
+    def figures(self) -> ClientFigures:
+        """What clients have done so far."""
+        return ClientFigures(len(self.clients), self._most, self._served, self._held_back)
+
     def run(self, ends: Sequence[int] = ()) -> None:
         """Serve until one of the descriptors ``ends`` is readable or closed."""
         try:
             while self.serve(self._timeout_s(), ends):
                 pass
         finally:
-            self.clients.close()
+            for client in self.clients:
+                client.close()
 
     def serve(self, timeout_s: float | None, ends: Sequence[int] = ()) -> bool:
         """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
-        now_ns = self._clock_ns()
-        clients = self.clients
-        sources = [*clients.sources(now_ns), *ends]
-        readable, writable, _ = select.select(sources, clients.writers, (), timeout_s)
+        sources: list[int | socket.socket | Connection] = [*self._readers, *ends]
+        if self._clock_ns() >= self._accept_again_ns:
+            sources.append(self._listener)
+        readable, writable, _ = select.select(sources, self._writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self.channels.values():
@@ -106,24 +124,19 @@ class Broker:
             if isinstance(source, int):
                 return False
             if isinstance(source, socket.socket):
-                if (refused := clients.accept(now_ns)) is not None:
-                    others = clients.figures.connected - 1
-                    self._refuse(refused, f"it has {others} clients already", now_ns)
-            elif source in clients.readers:
+                self._accept(now_ns)
+            elif source in self._readers:
                 self._read(source, now_ns)
         for client in writable:
-            if client in clients.writers:
-                clients.flush(client, now_ns)
-        clients.keep_times(now_ns)
+            if client in self._writers:
+                self._flush(client)
         return True
 
     def _timeout_s(self) -> float | None:
         """Time until the next thing that comes by itself [s]; None with nothing under way."""
-        next_ns = min(
-            (channel.next_event_ns for channel in self.channels.values()), default=NEVER_NS
-        )
         now_ns = self._clock_ns()
-        next_ns = min(next_ns, self.clients.next_ns(now_ns))
+        accept_ns = self._accept_again_ns if self._accept_again_ns > now_ns else NEVER_NS
+        next_ns = min([accept_ns, *(one.next_event_ns for one in self.channels.values())])
         return None if next_ns == NEVER_NS else max(next_ns - now_ns, 0) / NS_PER_S
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
@@ -133,31 +146,48 @@ class Broker:
         if completed:
             self._lateness.record(now_ns - completed[0].end_ns)
         for delivery in completed:
-            client = channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
-            if client is not None:
-                self._journal.note(f"{client} is in bus-off: errors on the bus", now_ns)
-        for client in channel.come_back(now_ns, self._wall_clock.at(now_ns)):
-            self._journal.note(f"{client} is back from bus-off", now_ns)
+            channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
-                self.clients.flush(member, now_ns)
+                self._flush(member)
             if member.is_held_back and member in self.clients:
                 self._submit(member, now_ns)
+
+    def _accept(self, now_ns: int) -> None:
+        """Admit a new client if there is a place for it."""
+        try:
+            connection, _ = self._listener.accept()
+        except (BlockingIOError, ConnectionError):
+            return  # it has gone again before it was accepted
+        except OSError:
+            # No descriptor is left, or no memory: it goes on waiting, and would wake us at once.
+            self._accept_again_ns = now_ns + ACCEPT_PAUSE_NS
+            return
+        if connection.family == socket.AF_INET:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._served += 1
+        client = Connection(connection, self._served)
+        others = len(self.clients)
+        self.clients.add(client)
+        if others >= CLIENTS_MAX or connection.fileno() >= _DESCRIPTORS_MAX:
+            self._refuse(client, f"it has {others} clients already")
+            return
+        self._most = max(self._most, others + 1)
+        self._readers.add(client)
 
     def _read(self, client: Connection, now_ns: int) -> None:
         try:
             client.read()
             if client.hello is None:
-                hello = client.take_hello()
+                hello = client.read_hello()
                 if hello is None:
                     return
-                self.clients.greeted(client)
                 self._welcome(client, hello, now_ns)
         except ConnectionLostError as reason:
-            self.clients.drop(client, reason.cause, str(reason), now_ns)
+            self._drop(client, reason.cause, str(reason))
             return
         except ProtocolError as reason:
-            self.clients.drop(client, Cause.GARBAGE, str(reason), now_ns)
+            self._drop(client, Cause.GARBAGE, str(reason))
             return
         if client in self.clients:
             self._submit(client, now_ns)
@@ -166,20 +196,18 @@ class Broker:
         """Let a client join the channel it asks for, or refuse it."""
         reason = self._obstacle(hello)
         if reason:
-            self._refuse(client, reason, now_ns)
+            self._refuse(client, reason)
             return
         if hello.channel not in self.channels:
             # Each with errors of its own; those of the first are those of virtual time.
             seed = self._conditions.seed + _SEED_STEP * len(self.channels)
             conditions = self._conditions._replace(seed=seed)
             rates = self._bitrate_bit_s, self._data_bitrate_bit_s
-            self.channels[hello.channel] = Channel(
-                *rates, conditions, now_ns, is_fifo=self._is_fifo
-            )
+            self.channels[hello.channel] = Channel(*rates, conditions, now_ns)
         self.channels[hello.channel].join(client)
-        self._journal.join(str(client), now_ns)
+        self._journal.join(str(client))
         client.queue(self._answer("").pack())
-        self.clients.flush(client, now_ns)
+        self._flush(client)
 
     def _obstacle(self, hello: Hello) -> str:
         """Why a client cannot join; empty when it can."""
@@ -196,57 +224,54 @@ class Broker:
         return ""
 
     def _answer(self, reason: str) -> Answer:
-        data_bitrate_bit_s = self._data_bitrate_bit_s or 0
-        return Answer(self._bitrate_bit_s, data_bitrate_bit_s, reason, self._takes_bus_off)
+        return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason)
 
-    def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
+    def _refuse(self, client: Connection, reason: str) -> None:
         """Report to a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
-        self.clients.flush(client, now_ns)
-        self.clients.drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)
+        self._flush(client)
+        self._drop(client, Cause.REFUSED, f"refused: {reason}")
 
     def _submit(self, client: Connection, now_ns: int) -> None:
         """Put the frames a client has sent on its bus, as many as may wait there.
 
-        The client is read again only when all are taken; that bounds what waits here for it.
+        The client is read again only when all are there; that bounds what waits here for it.
         """
         if client.hello is None:
             return
         try:
             has_all = self.channels[client.hello.channel].submit(client, now_ns)
         except ProtocolError as reason:
-            self.clients.drop(client, Cause.GARBAGE, str(reason), now_ns)
+            self._drop(client, Cause.GARBAGE, str(reason))
             return
-        requests = client.take_bus_offs()
-        for request in requests:
-            self._send_off(client, request, now_ns)
         if client.has_outgoing:
-            self.clients.flush(client, now_ns)
+            self._flush(client)
         if client not in self.clients:
             return
-        changes = client.take_filter_changes() + len(requests)
-        if not has_all:
-            self.clients.hold_back(client)
-        elif changes:
-            self.clients.read_on(client, now_ns + changes * FILTER_CHANGE_NS)
-        else:
-            self.clients.read_on(client)
+        if has_all:
+            client.is_held_back = False
+            self._readers.add(client)
+        elif not client.is_held_back:
+            client.is_held_back = True
+            self._held_back += 1
+            self._readers.discard(client)
 
-    def _send_off(self, asking: Connection, request: BusOff, now_ns: int) -> None:
-        """Do what a client has asked for, if that is allowed here."""
-        if not self._takes_bus_off:
-            detail = "it requests a bus-off, which this bus does not allow"
-            self.clients.drop(asking, Cause.REFUSED, detail, now_ns)
+    def _flush(self, client: Connection) -> None:
+        """Write what waits for a client, and come back when its socket takes more."""
+        try:
+            client.flush()
+        except ConnectionLostError as reason:
+            self._drop(client, reason.cause, str(reason))
             return
-        if asking.hello is None or asking not in self.clients:
-            return
-        self._wall_clock.update()
-        channel = self.channels[asking.hello.channel]
-        client = channel.go_off(request, now_ns, self._wall_clock.at(now_ns))
-        if client is not None:
-            self._journal.note(f"{client} is in bus-off: requested by {asking}", now_ns)
-            self.clients.flush(client, now_ns)
+        (self._writers.add if client.has_outgoing else self._writers.discard)(client)
 
-    def _leave(self, client: Connection) -> None:
+    def _drop(self, client: Connection, cause: Cause, detail: str) -> None:
+        """Forget a client; what it has submitted still goes out."""
+        if client not in self.clients:
+            return
+        self._journal.leave(str(client), cause, detail)
+        for clients in (self.clients, self._readers, self._writers):
+            clients.discard(client)
         if client.hello is not None and client.hello.channel in self.channels:
             self.channels[client.hello.channel].leave(client)
+        client.close()

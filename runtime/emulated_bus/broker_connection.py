@@ -5,20 +5,21 @@ import struct
 import sys
 
 from ..frame import EXTENDED, FD, Frame
-from .bus_off_recovery import Recovery
 from .journal import Cause
 from .protocol import (
     FILTERS_MAX,
     HELLO,
-    BusOff,
+    Buffer,
     ClearFilters,
     Filter,
     Hello,
     ProtocolError,
+    pack_buffer,
     record_format,
     unpack_hello,
     unpack_request,
 )
+from .transmit_buffers import TransmitBuffers
 
 OUTGOING_BYTES_MAX = 1 << 20
 """Limit of the data that waits for a client: 43 690 classic frames, 10 s of a full bus at
@@ -31,10 +32,6 @@ READ_BYTES = 1 << 12
 """Small, because what is read but not submitted yet already counts as sent for the client."""
 _PEER = struct.Struct("3i")
 """struct ucred of unix(7): process, user, group."""
-
-
-BufferKey = tuple[int, bool]
-"""A transmit buffer: the identifier of its frames, and whether that has 29 bits."""
 
 
 class ConnectionLostError(Exception):
@@ -51,44 +48,29 @@ class Connection:
     ``number``          the sender's number on its channel
     ``hello``           its request; None until it is complete
     ``record``          format of the records of both sides after the hello
-    ``waiting``         its submitted frames that are not complete yet, by transmit buffer; counted
-                        by the broker
-    ``full``            transmit buffers that were reported to it as full
+    ``buffers``         its submitted frames that are not complete yet; counted by its channel
     ``is_held_back``    whether it is not read because too many of its frames wait
     ``is_behind``       whether its socket had too little room at the last write
-    ``recovery``        how its CAN controller leaves bus-off, while it is in it
+    ``is_off``          whether its CAN controller is in bus-off
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
         connection.setblocking(False)
         self.number = number
         self.hello: Hello | None = None
-        self.waiting: dict[BufferKey, int] = {}
-        self.full: set[BufferKey] = set()
-        self.is_held_back = self.is_behind = False
-        self.recovery: Recovery | None = None
+        self.buffers = TransmitBuffers()
+        self.is_held_back = self.is_behind = self.is_off = False
         self._process = _process_of(connection)
         self._socket = connection
         self.record = record_format(fd=False)
         self._incoming, self._outgoing = bytearray(), bytearray()
         self._masks: dict[tuple[int, bool | None], set[int]] = {}
-        self._filters = self._filter_changes = 0
-        self._bus_offs: list[BusOff] = []
+        self._filters = 0
         self._put_back: Frame | None = None
 
     def __str__(self) -> str:
         of = f" of {self.hello.channel!r}" if self.hello else ""
         return f"client {self.number}{of}{self._process}"
-
-    @property
-    def frames_waiting(self) -> int:
-        """Its submitted frames that are not complete yet."""
-        return sum(self.waiting.values())
-
-    @property
-    def wants_error_frames(self) -> bool:
-        """Whether it receives those of errors that do not change its controller's state."""
-        return self.hello is not None and self.hello.error_frames
 
     @property
     def has_outgoing(self) -> bool:
@@ -117,47 +99,38 @@ class Connection:
             raise ConnectionLostError(Cause.LEFT)
         self._incoming += received
 
-    def take_hello(self) -> Hello | None:
+    def read_hello(self) -> Hello | None:
         """Remove the hello from the input if it is complete; raises ProtocolError."""
         if len(self._incoming) < HELLO.size:
             return None
-        self.hello = unpack_hello(self._take(HELLO.size))
+        self.hello = unpack_hello(self._remove(HELLO.size))
         self.record = record_format(self.hello.fd)
         return self.hello
 
-    def take_frame(self) -> Frame | None:
+    def next_frame(self) -> Frame | None:
         """Remove the next frame from the input; None if there is none. Raises ProtocolError.
 
-        Changes of the filters before it take effect; requests for bus-off are kept for
-        ``take_bus_offs``.
+        Changes of the filters before it take effect.
         """
         if self._put_back is not None:
             frame, self._put_back = self._put_back, None
             return frame
         while len(self._incoming) >= self.record.size:
-            request = unpack_request(self.record, self._take(self.record.size))
+            request = unpack_request(self.record, self._remove(self.record.size))
             if isinstance(request, Frame):
                 return request
-            if isinstance(request, BusOff):
-                self._bus_offs.append(request)
-            else:
-                self._change_filters(request)
+            self._change_filters(request)
         return None
 
     def put_back(self, frame: Frame) -> None:
-        """Let ``take_frame`` return ``frame`` again, for which there was no room."""
+        """Let ``next_frame`` return ``frame`` again, for which there was no room."""
         self._put_back = frame
-
-    def take_bus_offs(self) -> list[BusOff]:
-        """Return the requests for bus-off since the last call."""
-        requests, self._bus_offs = self._bus_offs, []
-        return requests
 
     def wants(self, frame: Frame, sender: int) -> bool:
         """Whether the client receives ``frame`` of client ``sender``."""
-        if self.hello is None or (sender == self.number and not self.hello.receive_own):
+        if self.hello is None or self.is_off:
             return False
-        if self.recovery is not None:
+        if sender == self.number and not self.hello.receive_own:
             return False
         if frame.flags & FD and not self.hello.fd:
             return False
@@ -169,14 +142,15 @@ class Connection:
                 return True
         return False
 
-    def take_filter_changes(self) -> int:
-        """Return the number of records that changed filters since the last call."""
-        changes, self._filter_changes = self._filter_changes, 0
-        return changes
-
     def queue(self, raw: bytes) -> None:
         """Add bytes to be written by the next ``flush``."""
         self._outgoing += raw
+
+    def tell(self, *news: Buffer | None) -> None:
+        """Queue what the client is to know of its transmit buffers."""
+        for one in news:
+            if one is not None:
+                self.queue(pack_buffer(self.record, one))
 
     def flush(self) -> None:
         """Write as much as the socket takes now.
@@ -196,7 +170,7 @@ class Connection:
                 Cause.NOT_READING, f"it does not read: {len(self._outgoing)} bytes wait for it"
             )
 
-    def _take(self, size: int) -> bytes:
+    def _remove(self, size: int) -> bytes:
         """Remove and return the first ``size`` bytes of the input."""
         taken = bytes(self._incoming[:size])
         del self._incoming[:size]
@@ -204,7 +178,6 @@ class Connection:
 
     def _change_filters(self, request: Filter | ClearFilters) -> None:
         """Add a filter or clear all; raises ProtocolError when there are too many."""
-        self._filter_changes += 1
         if isinstance(request, ClearFilters):
             self._masks.clear()
             self._filters = 0

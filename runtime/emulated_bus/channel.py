@@ -1,31 +1,34 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
-Rest bus and errors are those of the bus model, as in virtual time; their time begins
-with the channel. Such a channel is advanced every PACE_NS at least, so that frames of the traffic
-reach the clients up to that much late, with their right times.
+Rest bus and errors are those of the bus model, as in virtual time; their time begins with the
+channel. Such a channel is advanced every PACE_NS at least, so that frames of the traffic reach the
+clients up to that much late, with their right times.
+
+Each client has the error counters of a CAN controller, and gets the error frame that SocketCAN
+would deliver (linux/can/error.h) when its state changes. In bus-off it neither sends nor receives.
 """
 
 from collections.abc import Sequence
 from struct import Struct
 from typing import NamedTuple
 
+from ..bus_model.bus_errors import ErrorEvent
 from ..bus_model.bus_model import BusLoad, BusModel, Delivery
 from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..bus_model.settings import BusSettings, errors_of
-from ..bus_model.socketcan_error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
-from ..frame import ERROR, EXTENDED, Frame
+from ..bus_model.socketcan_error_frames import RESTARTED_FRAME, error_frame, state_frame, state_of
+from ..frame import ERROR, Frame
 from ..node import NEVER_NS, NS_PER_MS
-from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
 from .broker_connection import Connection
-from .bus_off_recovery import Recovery
-from .departed_clients import DepartedClients
-from .error_reports import ErrorReports
-from .protocol import OWN, BusOff, pack_frame
-from .transmit_buffers import FRAMES_WAITING_MAX, TransmitBuffers
+from .protocol import OWN, pack_frame
+from .transmit_buffers import FRAMES_WAITING_MAX
 
 PACE_NS = NS_PER_MS
 """How long a channel with traffic or errors is left alone at most."""
+LEFT_FRAMES_MAX = 1024
+"""Frames of departed clients that may wait on one channel, so that no client fills the bus by
+joining and leaving. Beyond that, a client that leaves loses its frames."""
 
 
 class ChannelConditions(NamedTuple):
@@ -39,22 +42,15 @@ class ChannelConditions(NamedTuple):
 UNDISTURBED = ChannelConditions()
 
 
-def client_number(name: str) -> int:
-    """Return the number of a client from its name in settings; raises ValueError."""
-    if not (name.isascii() and name.isdecimal()):
-        raise ValueError("is not the number of a client, as the broker prints it: 1, 2, ...")
-    return int(name)
-
-
 class Channel:
-    """One bus and the clients on it, by their numbers, with the ``delays`` of its frames.
+    """One bus and the clients on it, by their numbers.
 
-    ``bitrate_bit_s``, ``data_bitrate_bit_s``, ``is_fifo``  as in BusModel
-    ``start_ns``                                            when the time of its bus begins [ns]
+    ``bitrate_bit_s``, ``data_bitrate_bit_s``  as in BusModel
+    ``start_ns``                               when the time of its bus begins [ns]
 
     ``errors``          what went wrong on the wire; None where nothing can
-    ``departed``        frames of clients that have gone
     ``traffic_frames``  frames of the rest bus
+    ``discarded``       frames of departed clients that were never sent
     """
 
     def __init__(
@@ -63,47 +59,35 @@ class Channel:
         data_bitrate_bit_s: int | None,
         conditions: ChannelConditions = UNDISTURBED,
         start_ns: int = 0,
-        *,
-        is_fifo: bool = False,
     ) -> None:
         self.members: dict[int, Connection] = {}
-        self.delays = ArbitrationDelays()
-        self.errors = errors_of(
-            conditions.settings, conditions.seed, client_number, self._is_acknowledged
-        )
-        self._reports = None if self.errors is None else ErrorReports(self.errors, self.members)
-        self._traffic = (
-            RestBus(conditions.messages, conditions.seed) if conditions.messages else None
-        )
-        if self._traffic is not None:
-            self._traffic.on_wire = self._on_wire
+        self.errors = errors_of(conditions.settings, conditions.seed)
+        if self.errors is not None:
+            self.errors.on_error = self._on_error
+        traffic = RestBus(conditions.messages, conditions.seed) if conditions.messages else None
+        if traffic is not None:
+            traffic.on_wire = self._on_wire
         self._model = BusModel(
             bitrate_bit_s,
             data_bitrate_bit_s,
             FRAMES_WAITING_MAX,
-            self.delays.record,
-            is_fifo=is_fifo,
             errors=self.errors,
-            traffic=self._traffic,
+            traffic=traffic,
         )
-        self._is_paced = self.errors is not None or self._traffic is not None
+        self._is_paced = self.errors is not None or traffic is not None
         self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
         self._of_traffic: list[Delivery] = []
-        self.traffic_frames = 0
-        self._buffers = TransmitBuffers(is_fifo=is_fifo)
-        self._bitrate_bit_s = bitrate_bit_s
-        self._senders: dict[tuple[int, bool], int] = {}
-        self._quiet_ns = self._requested_offs = self._lost_in_bus_off = 0
-        self.departed = DepartedClients(self._model.withdraw, self._forget)
+        self._bus_offs: list[ErrorEvent] = []
+        self._off_until_ns: dict[int, int] = {}
+        self._states: dict[int, ControllerState] = {}  # of those that are not error active
+        self._departed: dict[int, int] = {}  # frames that wait, by client
+        self.traffic_frames = self.discarded = 0
 
     @property
     def next_event_ns(self) -> int:
-        """When the next frame is complete on the wire, or a bus-off may be over [ns]."""
-        next_ns = min(self._model.next_event_ns + self._start_ns, self._pace_ns)
-        if not self.bus_offs:
-            return next_ns
-        looks_ns = [one.recovery.next_look_ns for one in self.members.values() if one.recovery]
-        return min([next_ns, *looks_ns])
+        """When the next frame is complete on the wire, or a bus-off is over [ns]."""
+        next_ns = min([self._model.next_event_ns, *self._off_until_ns.values()])
+        return min(next_ns + self._start_ns, self._pace_ns)
 
     def is_due(self, now_ns: int) -> bool:
         """Whether to advance it before clients submit: errors may have ended a frame early."""
@@ -115,17 +99,12 @@ class Channel:
         return self._model.load
 
     @property
-    def bus_offs(self) -> int:
-        """How often a node has gone into bus-off, by a request or by errors."""
-        return self._requested_offs + (0 if self.errors is None else self.errors.bus_offs)
-
-    @property
     def lost_in_bus_off(self) -> int:
         """Frames lost in bus-off: sent then, or still waiting for the wire."""
-        return self._lost_in_bus_off + self._model.lost_in_bus_off
+        return self._model.lost_in_bus_off
 
     def join(self, client: Connection) -> None:
-        """Take a client."""
+        """Admit a client."""
         self.members[client.number] = client
         if self.errors is not None:
             self.errors.join(client.number)
@@ -135,63 +114,17 @@ class Channel:
 
         Raises ProtocolError for an invalid frame.
         """
-        while (frame := client.take_frame()) is not None:
-            if client.recovery is not None:
-                self._lost_in_bus_off += 1
+        bus_ns = now_ns - self._start_ns
+        while (frame := client.next_frame()) is not None:
+            if self._model.is_off(client.number, bus_ns):
+                self._model.lost_in_bus_off += 1
                 continue
-            if not self._buffers.take(client, frame):
+            if not client.buffers.has_room(frame):
                 client.put_back(frame)
                 return False
-            self._model.submit(frame, client.number, now_ns - self._start_ns)
-            key = (frame.can_id, frame.flags & EXTENDED != 0)
-            if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
-                self._senders[key] = client.number
+            client.tell(client.buffers.add(frame, can_tell=not client.is_behind))
+            self._model.submit(frame, client.number, bus_ns)
         return True
-
-    def go_off(self, request: BusOff, now_ns: int, time_ns: int) -> Connection | None:
-        """Put a client into bus-off, or change the restart time of one that is.
-
-        A frame on the wire is still completed. Returns the client if it was not in bus-off before;
-        None also if no client has sent the identifier.
-
-        ``time_ns``  now, by the wall clock [ns]
-        """
-        can_id, extended, restart_after_ns = request
-        client = self.members.get(self._senders.get((can_id, extended), 0))
-        if client is None:
-            return None
-        restart_ns = now_ns + restart_after_ns
-        if client.recovery is not None:
-            client.recovery.restart_ns = min(client.recovery.restart_ns, restart_ns)
-            return None
-        withdrawn = self._model.withdraw(client.number)
-        for frame in withdrawn:
-            self._buffers.free(client, frame)
-        self._lost_in_bus_off += len(withdrawn)
-        self._requested_offs += 1
-        client.recovery = Recovery(restart_ns, self._bitrate_bit_s)
-        client.queue(pack_frame(client.record, BUS_OFF_FRAME, time_ns))
-        return client
-
-    def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
-        """Let clients whose bus-off is over take part again, as in ``go_off``; returns them."""
-        if not self.bus_offs:
-            return []
-        if self._model.next_event_ns == NEVER_NS:
-            self._quiet_ns = now_ns
-        back = [
-            client
-            for client in self.members.values()
-            if client.recovery is not None
-            and client.recovery.is_over(now_ns, self._model.load, self._quiet_ns)
-        ]
-        for client in back:
-            client.recovery = None
-            if self._reports is not None:
-                self._model.access.is_off_at(client.number, now_ns - self._start_ns)
-                self._reports.forget(client.number)
-            client.queue(pack_frame(client.record, RESTARTED_FRAME, time_ns))
-        return back
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return what is complete, and free the places of the clients' frames in their buffers.
@@ -200,65 +133,33 @@ class Channel:
         """
         bus_ns = now_ns - self._start_ns
         completed = self._model.advance(bus_ns)
-        if completed:
-            self._quiet_ns = completed[-1].end_ns + self._start_ns
-        for delivery in completed:
-            if self._reports is None or not self._reports.is_repeated(delivery):
-                self._free_place(delivery.sender, delivery.frame)
+        for _, sender, frame in completed:
+            self._free_place(sender, frame)
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
+        # The model hands a frame of the traffic over when it starts.
+        of_traffic = [one for one in self._of_traffic if one.end_ns <= bus_ns]
+        del self._of_traffic[: len(of_traffic)]
+        reports = self._error_frames(bus_ns)
         return [
             Delivery(end_ns + self._start_ns, sender, frame)
-            for end_ns, sender, frame in self._with_others(completed, bus_ns)
+            for end_ns, sender, frame in sorted(
+                [*completed, *of_traffic, *reports], key=lambda delivery: delivery.end_ns
+            )
         ]
 
-    def _free_place(self, sender: int, frame: Frame) -> None:
-        """Count a frame of a client that is complete."""
-        member = self.members.get(sender)
-        if member is not None:
-            self._buffers.free(member, frame)
-        else:
-            self.departed.on_sent(sender)
-
-    def _with_others(self, completed: list[Delivery], bus_ns: int) -> list[Delivery]:
-        """Return the completed frames with those of the traffic and error frames, in order."""
-        # The model hands a frame of the traffic over when it starts.
-        others = [one for one in self._of_traffic if one.end_ns <= bus_ns]
-        del self._of_traffic[: len(others)]
-        if self._reports is not None and self.errors is not None:
-            self.errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
-            for sender in self._reports.gone_off:
-                # The model has withdrawn their frames.
-                if sender in self.members:
-                    self._buffers.empty(self.members[sender])
-                else:
-                    self.departed.forget(sender)
-            self._reports.gone_off.clear()
-            others += self._reports.take(bus_ns)
-        return sorted([*completed, *others], key=lambda delivery: delivery.end_ns)
-
-    def _forget(self, sender: int) -> None:
-        """Forget a departed client without frames."""
-        self._model.access.forget(sender)
-        if self._reports is not None:
-            self._reports.forget(sender)
-
-    def queue(self, delivery: Delivery, time_ns: int) -> Connection | None:
-        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it.
-
-        Returns the client that is in bus-off from this error frame on, if it is one.
-        """
-        end_ns, sender, frame = delivery
+    def queue(self, delivery: Delivery, time_ns: int) -> None:
+        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
+        _, sender, frame = delivery
         if frame.flags & ERROR:
-            return self._queue_error(delivery, time_ns)
+            if (concerned := self.members.get(sender)) is not None:
+                concerned.is_off = state_of(frame) is ControllerState.BUS_OFF
+                concerned.queue(pack_frame(concerned.record, frame, time_ns))
+            return
         packed: dict[Struct, bytes] = {}
-        all_missed = self._model.missed
         for member in self.members.values():
             if not member.wants(frame, sender):
-                continue
-            if all_missed and (missed := (end_ns - self._start_ns, member.number)) in all_missed:
-                all_missed.discard(missed)
                 continue
             record = member.record
             if member.number == sender:
@@ -268,31 +169,67 @@ class Channel:
             if record not in packed:
                 packed[record] = pack_frame(record, frame, time_ns)
             member.queue(packed[record])
-        return None
-
-    def _queue_error(self, report: Delivery, time_ns: int) -> Connection | None:
-        end_ns, number, frame = report
-        member, state = self.members.get(number), state_of(frame)
-        if member is None or member.recovery is not None:
-            return None
-        if state is not None or member.wants_error_frames:
-            member.queue(pack_frame(member.record, frame, time_ns))
-        if state is not ControllerState.BUS_OFF:
-            return None
-        until_ns = self._model.access.off_until_ns(number) + self._start_ns
-        member.recovery = Recovery(end_ns, self._bitrate_bit_s, until_ns)
-        return member
 
     def leave(self, client: Connection) -> None:
-        """Remove a client; its frames are still sent."""
-        if self.members.pop(client.number, None) is not None:
-            self.departed.add(client.number, client.frames_waiting)
+        """Remove a client; its frames are still sent, up to LEFT_FRAMES_MAX of all departed."""
+        number = client.number
+        if self.members.pop(number, None) is None:
+            return
+        self._states.pop(number, None)
+        self._off_until_ns.pop(number, None)
+        waiting = client.buffers.frames_waiting
+        if waiting + sum(self._departed.values()) > LEFT_FRAMES_MAX:
+            withdrawn = len(self._model.withdraw(number))
+            self.discarded += withdrawn
+            waiting -= withdrawn
+        self._departed[number] = waiting
+        self._forget_if_sent(number)
 
-    def _is_acknowledged(self, sender: int) -> bool:
-        """Whether another node is there that takes part."""
-        return self._traffic is not None or any(
-            member.recovery is None for number, member in self.members.items() if number != sender
-        )
+    def _free_place(self, sender: int, frame: Frame) -> None:
+        """Count a frame of a client that is complete."""
+        if (member := self.members.get(sender)) is not None:
+            member.tell(member.buffers.remove(frame))
+        else:
+            self._departed[sender] -= 1
+            self._forget_if_sent(sender)
+
+    def _forget_if_sent(self, number: int) -> None:
+        if not self._departed[number]:
+            del self._departed[number]
+            self._model.access.forget(number)
+
+    def _error_frames(self, bus_ns: int) -> list[Delivery]:
+        """Return what the controllers of the clients report: changes of their states."""
+        if self.errors is None:
+            return []
+        self.errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
+        reports = []
+        for event in self._bus_offs:
+            number = event.sender
+            if (member := self.members.get(number)) is not None:
+                member.tell(*member.buffers.clear())  # the model has withdrawn its frames
+                self._off_until_ns[number] = event.time_ns + self._model.access.bus_off_ns
+                self._states.pop(number, None)
+                reports.append(Delivery(event.time_ns, number, error_frame(event)))
+            else:
+                self._departed[number] = 0
+                self._forget_if_sent(number)
+        self._bus_offs.clear()
+        for number, until_ns in tuple(self._off_until_ns.items()):
+            if until_ns <= bus_ns:
+                del self._off_until_ns[number]
+                self._model.is_off(number, bus_ns)
+                reports.append(Delivery(until_ns, number, RESTARTED_FRAME))
+        for number in self.members.keys() - self._off_until_ns.keys():
+            counters = self.errors.counters(number)
+            if counters.state is not self._states.get(number, ControllerState.ERROR_ACTIVE):
+                self._states[number] = counters.state
+                reports.append(Delivery(bus_ns, number, state_frame(counters)))
+        return reports
+
+    def _on_error(self, event: ErrorEvent) -> None:
+        if event.state is ControllerState.BUS_OFF and event.sender > 0:  # not one of the traffic
+            self._bus_offs.append(event)
 
     def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
         self.traffic_frames += 1

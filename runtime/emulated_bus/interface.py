@@ -20,7 +20,6 @@ from ..bus_model.fault_confinement import ControllerState
 from ..bus_model.socketcan_error_frames import state_of
 from ..frame import ERROR, ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
 from ..frame.message import frame_of, message_of
-from ..node import NS_PER_S
 from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
     ANSWER,
@@ -29,12 +28,10 @@ from .protocol import (
     OWN,
     Answer,
     Buffer,
-    BusOff,
     Filter,
     Hello,
     ProtocolError,
     check_frame,
-    pack_bus_off,
     pack_filters,
     pack_frame,
     record_format,
@@ -65,12 +62,10 @@ class EmulatedBus(can.BusABC):
     ``fd``                    send and receive CAN FD frames; the broker has to carry them
     ``bitrate``               the required bit rate [bit/s]; None: any
     ``data_bitrate``          the same for the data phase of CAN FD
-    ``error_frames``          also receive an error frame for every error on the bus, as SocketCAN
-                              with ``berr-reporting``; without it, for the own controller's states
 
-    ``takes_bus_off``         whether the broker allows ``send_bus_off``
-
-    Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
+    Where the bus has errors, it receives SocketCAN's error frame for each new state of its own
+    controller. Options for other interfaces in python-can's configuration are ignored, as in all
+    interfaces.
 
     Raises can.CanInitializationError in one line when the bus cannot be joined.
     """
@@ -84,19 +79,15 @@ class EmulatedBus(can.BusABC):
         fd: bool = False,
         bitrate: int | None = None,
         data_bitrate: int | None = None,
-        error_frames: bool = False,
         **_of_other_interfaces: object,
     ) -> None:
-        hello = Hello(
-            str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0, error_frames
-        )
+        hello = Hello(str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0)
         self._socket, answer = join(hello, address)
         self._channel = hello.channel
         self._record = record_format(fd)
         self._partial = b""
         self._is_lost = self._listens_only = False
         self._confinement = ControllerState.ERROR_ACTIVE
-        self.takes_bus_off = answer.takes_bus_off
         self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
@@ -122,23 +113,6 @@ class EmulatedBus(can.BusABC):
         raw = pack_frame(self._record, _sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
-
-    def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
-        """Put the CAN controller that has sent ``can_id`` last into bus-off.
-
-        It restarts ``restart_after_s`` later, at the earlier time if it is in bus-off already, and
-        takes part again 128 x 11 recessive bits after that. Until then it neither sends nor
-        receives. SocketCAN's two error frames notify its client.
-
-        Raises can.CanOperationError if the broker does not allow this or has ended.
-        """
-        if not self.takes_bus_off:
-            raise can.CanOperationError(
-                "this emulated bus takes no bus-off: start its broker with --allow-bus-off"
-            )
-        request = BusOff(can_id, extended, round(restart_after_s * NS_PER_S))
-        with self._send_lock:
-            self._send_all(pack_bus_off(self._record, request), None)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Receive one frame; the second value is whether python-can must not filter it.

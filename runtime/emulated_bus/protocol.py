@@ -10,21 +10,20 @@ the client's process, so "the socket is readable" means "a frame is waiting", as
 the client is full, or has room again.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
-    answer   magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
+    answer   magic:8 bitrate:4 data_bitrate:4 reason:160                      broker to client
     record   kind:1 flags:1 length:1 pad:1 can_id:4 time_ns:8 data:8 or 64    both ways
 
 All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
 the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
-broker; in a request for bus-off it is the duration.
+broker.
 """
 
 from struct import Struct
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
-from ..node import NS_PER_S
 
-MAGIC = b"emucan\x00\x02"
+MAGIC = b"emucan\x00\x03"
 """Name and version: both sides close on any other."""
 
 CHANNEL_BYTES_MAX = 64
@@ -32,22 +31,16 @@ CHANNEL_BYTES_MAX = 64
 FILTERS_MAX = 512
 """Filters one client may have at the broker; as many as a SocketCAN socket may."""
 
-BUS_OFF_NS_MAX = 100_000 * NS_PER_S
-"""How long a bus-off may be asked to last."""
 OWN = 64
-"""Flag beside those of ``runtime.frame``: the client that receives this frame sent it."""
+"""Flag next to those of ``runtime.frame``: the client that receives this frame sent it."""
 
 _FRAME = 1
 _FILTER = 2
 _CLEAR_FILTERS = 3
-_BUS_OFF = 4
-_BUFFER = 5
+_BUFFER = 4
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
-_HELLO_ERROR_FRAMES = 4
-_ANSWER_REFUSED = 1
-_ANSWER_TAKES_BUS_OFF = 2
 
 _SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
 _FD_ONLY = BITRATE_SWITCH | ERROR_STATE
@@ -58,7 +51,7 @@ FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Payload lengths a CAN FD frame can have [bytes]."""
 
 HELLO = Struct(f"<8sB3xII{CHANNEL_BYTES_MAX}s")
-ANSWER = Struct("<8sB3xII160s")
+ANSWER = Struct("<8sII160s")
 CLASSIC_RECORD = Struct("<BBBxIq8s")
 FD_RECORD = Struct("<BBBxIq64s")
 
@@ -68,17 +61,13 @@ class ProtocolError(Exception):
 
 
 class Hello(NamedTuple):
-    """What a client asks for; a bit rate of 0 [bit/s] accepts any.
-
-    ``error_frames``  also those of errors that do not change the state of its own controller
-    """
+    """What a client asks for; a bit rate of 0 [bit/s] accepts any."""
 
     channel: str
     fd: bool = False
     receive_own: bool = False
     bitrate_bit_s: int = 0
     data_bitrate_bit_s: int = 0
-    error_frames: bool = False
 
     def pack(self) -> bytes:
         """Return the bytes; raises ProtocolError when the channel's name does not fit."""
@@ -87,11 +76,7 @@ class Hello(NamedTuple):
             raise ProtocolError(
                 f"a channel name has 1 to {CHANNEL_BYTES_MAX} bytes, not {self.channel!r}"
             )
-        options = (
-            _HELLO_FD * self.fd
-            | _HELLO_RECEIVE_OWN * self.receive_own
-            | _HELLO_ERROR_FRAMES * self.error_frames
-        )
+        options = _HELLO_FD * self.fd | _HELLO_RECEIVE_OWN * self.receive_own
         return HELLO.pack(MAGIC, options, self.bitrate_bit_s, self.data_bitrate_bit_s, name)
 
 
@@ -101,42 +86,32 @@ def unpack_hello(raw: bytes) -> Hello:
     channel = _text(name)
     if magic != MAGIC or not channel:
         raise ProtocolError("it does not speak this version of the emulated bus")
-    flags = (_HELLO_FD, _HELLO_RECEIVE_OWN, _HELLO_ERROR_FRAMES)
-    fd, receive_own, error_frames = (bool(options & flag) for flag in flags)
-    return Hello(channel, fd, receive_own, bitrate_bit_s, data_bitrate_bit_s, error_frames)
+    fd, receive_own = bool(options & _HELLO_FD), bool(options & _HELLO_RECEIVE_OWN)
+    return Hello(channel, fd, receive_own, bitrate_bit_s, data_bitrate_bit_s)
 
 
 class Answer(NamedTuple):
     """The broker's answer to a hello: a welcome, or with a ``reason`` a refusal.
 
-    ``data_bitrate_bit_s`` is 0 on a bus of classic frames only. ``takes_bus_off``: whether clients
-    may ask for the bus-off of one of them.
+    ``data_bitrate_bit_s`` is 0 on a bus of classic frames only.
     """
 
     bitrate_bit_s: int
     data_bitrate_bit_s: int
     reason: str = ""
-    takes_bus_off: bool = False
 
     def pack(self) -> bytes:
         """Return the bytes; a long reason is cut."""
-        options = _ANSWER_REFUSED * bool(self.reason) | _ANSWER_TAKES_BUS_OFF * self.takes_bus_off
-        return ANSWER.pack(
-            MAGIC, options, self.bitrate_bit_s, self.data_bitrate_bit_s, self.reason.encode()
-        )
+        reason = self.reason.encode()
+        return ANSWER.pack(MAGIC, self.bitrate_bit_s, self.data_bitrate_bit_s, reason)
 
 
 def unpack_answer(raw: bytes) -> Answer:
     """Read an answer of ANSWER.size bytes; raises ProtocolError."""
-    magic, options, bitrate_bit_s, data_bitrate_bit_s, reason = ANSWER.unpack(raw)
+    magic, bitrate_bit_s, data_bitrate_bit_s, reason = ANSWER.unpack(raw)
     if magic != MAGIC:
         raise ProtocolError("it does not speak this version of the emulated bus")
-    return Answer(
-        bitrate_bit_s,
-        data_bitrate_bit_s,
-        _text(reason) if options & _ANSWER_REFUSED else "",
-        bool(options & _ANSWER_TAKES_BUS_OFF),
-    )
+    return Answer(bitrate_bit_s, data_bitrate_bit_s, _text(reason))
 
 
 class Filter(NamedTuple):
@@ -154,17 +129,6 @@ class ClearFilters(NamedTuple):
     """Takes all filters away: without filters everything passes."""
 
 
-class BusOff(NamedTuple):
-    """Sends the CAN controller that has sent ``can_id`` last into bus-off.
-
-    It is started again ``restart_after_ns`` later; 0 starts one that is in bus-off at once.
-    """
-
-    can_id: int
-    extended: bool
-    restart_after_ns: int
-
-
 class Buffer(NamedTuple):
     """The broker's report on a client's transmit buffer for one identifier."""
 
@@ -173,7 +137,7 @@ class Buffer(NamedTuple):
     has_room: bool
 
 
-Request = Frame | Filter | ClearFilters | BusOff
+Request = Frame | Filter | ClearFilters
 """Meaning of a client's record."""
 
 
@@ -198,12 +162,6 @@ def pack_filters(record: Struct, filters: list[Filter]) -> bytes:
     return b"".join(records)
 
 
-def pack_bus_off(record: Struct, request: BusOff) -> bytes:
-    """Return the record that asks for a bus-off."""
-    can_id, extended, restart_after_ns = request
-    return record.pack(_BUS_OFF, EXTENDED * extended, 0, can_id, restart_after_ns, b"")
-
-
 def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
     """Return the record that reports whether a transmit buffer has room."""
     can_id, extended, has_room = buffer
@@ -225,7 +183,7 @@ def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame | Buffer, int]:
 
 def unpack_request(record: Struct, raw: bytes) -> Request:
     """Read what a client sends; raises ProtocolError for what cannot be on its bus."""
-    kind, flags, length, can_id, time_ns, data = record.unpack(raw)
+    kind, flags, length, can_id, _, data = record.unpack(raw)
     if kind == _FRAME:
         frame = _frame(can_id, data, length, flags)
         check_frame(frame)
@@ -236,8 +194,6 @@ def unpack_request(record: Struct, raw: bytes) -> Request:
         return Filter(can_id, int.from_bytes(data[:4], "little"), _FORMATS[flags])
     if kind == _CLEAR_FILTERS:
         return ClearFilters()
-    if kind == _BUS_OFF and flags in (0, EXTENDED) and 0 <= time_ns <= BUS_OFF_NS_MAX:
-        return BusOff(can_id, bool(flags), time_ns)
     raise ProtocolError(f"an unknown record {kind}")
 
 

@@ -1,13 +1,11 @@
-"""The transmit buffers of a channel's clients.
+"""The transmit buffers of a client: one for each identifier that it sends.
 
-A client has a transmit buffer for each identifier that it sends, like a CAN controller with enough
-buffers. When one is full the client is notified, and itself refuses further frames of that
-identifier, so that other frames do not wait behind them. A client that sends more is not read.
+When one is full the client is notified, and itself refuses further frames of that identifier, so
+that other frames do not wait behind them. A client that sends more is not read.
 """
 
 from ..frame import EXTENDED, Frame
-from .broker_connection import BufferKey, Connection
-from .protocol import Buffer, pack_buffer
+from .protocol import Buffer
 
 BUFFER_FULL = 16
 """Frames in a transmit buffer at which its client is notified that it is full."""
@@ -16,50 +14,58 @@ FRAMES_WAITING_MAX = 64
 frames on their way when the buffer became full, and for a client that waits in ``send``."""
 BUFFERS_MAX = 32
 """Waiting identifiers of one client at which the broker stops reading from it."""
-_FIFO: BufferKey = (-1, False)
-"""The only transmit buffer of a client with a FIFO."""
+
+_Key = tuple[int, bool]
+"""Identifier of the frames, and whether it has 29 bits."""
 
 
 class TransmitBuffers:
-    """Counts the waiting frames of each client; ``is_fifo``: in one buffer, which is never full."""
+    """Counts the frames of one client that wait for the bus."""
 
-    def __init__(self, *, is_fifo: bool) -> None:
-        self._is_fifo = is_fifo
+    def __init__(self) -> None:
+        self._waiting: dict[_Key, int] = {}
+        self._full: set[_Key] = set()
 
-    def take(self, client: Connection, frame: Frame) -> bool:
-        """Count a frame to be sent, if there is room; returns whether there was."""
-        buffer, waiting_of = self._buffer(frame), client.waiting
-        waiting = waiting_of.get(buffer, 0) + 1
-        if waiting > FRAMES_WAITING_MAX or (waiting == 1 and len(waiting_of) >= BUFFERS_MAX):
-            return False
-        waiting_of[buffer] = waiting
-        # A client that does not read misses this, and is held back in the end.
-        is_new = waiting >= BUFFER_FULL and buffer not in client.full
-        if is_new and not self._is_fifo and not client.is_behind:
-            client.full.add(buffer)
-            _report(client, buffer, has_room=False)
-        return True
+    @property
+    def frames_waiting(self) -> int:
+        """All frames that wait."""
+        return sum(self._waiting.values())
 
-    def free(self, client: Connection, frame: Frame) -> None:
-        """Count a frame that has left its buffer."""
-        buffer = self._buffer(frame)
-        waiting = client.waiting.pop(buffer) - 1
+    def has_room(self, frame: Frame) -> bool:
+        """Whether one more frame may wait."""
+        waiting = self._waiting.get(_key(frame), 0)
+        return waiting < FRAMES_WAITING_MAX if waiting else len(self._waiting) < BUFFERS_MAX
+
+    def add(self, frame: Frame, *, can_tell: bool) -> Buffer | None:
+        """Count a frame that waits; returns the news for the client that its buffer is full.
+
+        ``can_tell``  whether there may be news; one that does not read them is held back in the end
+        """
+        key = _key(frame)
+        self._waiting[key] = waiting = self._waiting.get(key, 0) + 1
+        if waiting < BUFFER_FULL or key in self._full or not can_tell:
+            return None
+        self._full.add(key)
+        return Buffer(*key, has_room=False)
+
+    def remove(self, frame: Frame) -> Buffer | None:
+        """Count a frame that has left its buffer; returns the news that there is room again."""
+        key = _key(frame)
+        waiting = self._waiting.pop(key) - 1
         if waiting:
-            client.waiting[buffer] = waiting
-        if waiting == BUFFER_FULL - 1 and buffer in client.full:
-            client.full.discard(buffer)
-            _report(client, buffer, has_room=True)
+            self._waiting[key] = waiting
+        if waiting >= BUFFER_FULL or key not in self._full:
+            return None
+        self._full.discard(key)
+        return Buffer(*key, has_room=True)
 
-    def empty(self, client: Connection) -> None:
-        """Forget all frames of a client."""
-        client.waiting.clear()
-        for buffer in sorted(client.full):
-            _report(client, buffer, has_room=True)
-        client.full.clear()
-
-    def _buffer(self, frame: Frame) -> BufferKey:
-        return _FIFO if self._is_fifo else (frame.can_id, frame.flags & EXTENDED != 0)
+    def clear(self) -> list[Buffer]:
+        """Forget all frames; returns the news that there is room again."""
+        news = [Buffer(*key, has_room=True) for key in sorted(self._full)]
+        self._waiting.clear()
+        self._full.clear()
+        return news
 
 
-def _report(client: Connection, buffer: BufferKey, *, has_room: bool) -> None:
-    client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=has_room)))
+def _key(frame: Frame) -> _Key:
+    return frame.can_id, frame.flags & EXTENDED != 0

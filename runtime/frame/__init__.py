@@ -1,4 +1,4 @@
-"""One CAN frame: as the nodes see it, its bits, its length, and what receivers make of it.
+"""One CAN frame: as the nodes see it, and its length on the wire.
 
 Not here: who may send when (``bus_model``), and how a program gets at a bus (``port``).
 Begin at ``frame.py``, whose names this package hands on.

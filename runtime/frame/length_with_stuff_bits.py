@@ -54,6 +54,8 @@ _EIGHT_BYTES_BITS = _HEADER_BITS + 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BIT
 _STUFFED_MAX = 24
 """Most stuff bits in such a frame: after the first five bits, every four."""
 
+_FD_UNTIL_BRS, _FD_UNTIL_BRS_EXTENDED = 17, 36
+"""Start of frame to the bit that switches the rate."""
 _ESI_AND_DLC_BITS = 1 + 4
 _FD_TRAILER_BITS = 2 + 7
 """Acknowledge slot and delimiter, end of frame. The CRC delimiter belongs to the data phase."""
@@ -260,11 +262,11 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
     control = 1 << 7 | brs << 5
     code = (1 << 4 if flags & ERROR_STATE else 0) | dlc
     if flags & EXTENDED:
-        unstuffed_until_brs = 36
+        unstuffed_until_brs = _FD_UNTIL_BRS_EXTENDED
         head = 0b1010101 << 41 | _extended_identifier(can_id) << 9 | control
         header = head.to_bytes(6, "big")
     else:
-        unstuffed_until_brs = 17
+        unstuffed_until_brs = _FD_UNTIL_BRS
         head = 0b01 << 22 | can_id << 10 | control
         header = head.to_bytes(3, "big")
     # Without ESI and DLC no run of five ends behind a recessive BRS, so what is counted up to there
@@ -272,12 +274,36 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
     header_stuff = _stuff_bits(header)
     whole = header[:-1] + bytes([header[-1] | code]) + data
     payload_stuff = _stuff_bits(whole) - header_stuff
-    check_bits = _FD_SHORT_CHECK_BITS if len(data) <= _FD_SHORT_MAX else _FD_LONG_CHECK_BITS
     until_brs = unstuffed_until_brs + header_stuff
-    after_brs = _ESI_AND_DLC_BITS + 8 * len(data) + payload_stuff + check_bits
+    after_brs = _ESI_AND_DLC_BITS + 8 * len(data) + payload_stuff + _fd_check_bits(data)
     if brs:
         return FrameBits(until_brs + _FD_TRAILER_BITS, after_brs)
     return FrameBits(until_brs + after_brs + _FD_TRAILER_BITS, 0)
+
+
+def most_frame_bits(frame: Frame) -> FrameBits:
+    """Length that no payload of as many bytes makes ``frame`` exceed [bits].
+
+    A stuff bit can follow the first five bits and then every four: n bits have at most (n - 1) / 4.
+    """
+    _, data, flags = frame
+    if not flags & FD:
+        header_bits = _HEADER_BITS + (20 if flags & EXTENDED else 0)
+        stuffed = header_bits + 8 * len(data) + _CLASSIC_CRC_BITS
+        return FrameBits(stuffed + (stuffed - 1) // 4 + _CLASSIC_TRAILER_BITS, 0)
+    until_brs = _FD_UNTIL_BRS_EXTENDED if flags & EXTENDED else _FD_UNTIL_BRS
+    stuffed = until_brs + _ESI_AND_DLC_BITS + 8 * len(data)
+    whole = stuffed + (stuffed - 1) // 4 + _fd_check_bits(data)
+    if not flags & BITRATE_SWITCH:
+        return FrameBits(whole + _FD_TRAILER_BITS, 0)
+    # The most at the nominal rate, whose bits are longer.
+    slow = until_brs + (until_brs - 1) // 4
+    return FrameBits(slow + _FD_TRAILER_BITS, whole - slow)
+
+
+def _fd_check_bits(data: bytes) -> int:
+    """Stuff count, CRC and CRC delimiter of an FD frame."""
+    return _FD_SHORT_CHECK_BITS if len(data) <= _FD_SHORT_MAX else _FD_LONG_CHECK_BITS
 
 
 def _extended_identifier(can_id: int) -> int:

@@ -1,7 +1,6 @@
-"""How long a message can be on the wire: a bound for any payload, and payloads that come near.
+"""The longest frames of a message: a bound for any payload, and payloads that come near.
 
-A stuff bit can follow the first five bits and then every four, so n bits have at most (n - 1) / 4.
-No payload need reach that, because the CRC is not free to choose.
+No payload need reach the bound, because the CRC is not free to choose.
 """
 
 import random
@@ -9,8 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from .frame import Frame
-from .length_with_stuff_bits import FrameBits, frame_bits
-from .wire_bits import frame_on_wire
+from .length_with_stuff_bits import FrameBits, frame_bits, most_frame_bits
 
 _PATTERNS = (0x0F0F, 0x1E1E, 0x3C3C, 0x7878, 0xF0F0, 0xE1E1, 0xC3C3, 0x8787, 0x0000, 0xFFFF)
 """Four equal bits in turn, in every position, and equal bits throughout."""
@@ -34,7 +32,7 @@ def longest_frame(can_id: int, length: int, flags: int) -> LongestFrame:
     payloads = list(dict.fromkeys(_payloads(length)))
     frames = [Frame(can_id, payload, flags) for payload in payloads]
     longest = max(frames, key=lambda frame: sum(frame_bits(frame)))
-    return LongestFrame(_bound(longest), frame_bits(longest), longest)
+    return LongestFrame(most_frame_bits(longest), frame_bits(longest), longest)
 
 
 def _payloads(length: int) -> Iterator[bytes]:
@@ -45,17 +43,3 @@ def _payloads(length: int) -> Iterator[bytes]:
         yield payload
         for _ in range(_ENDINGS // len(_PATTERNS) if length else 0):
             yield payload[:-1] + draw.randbytes(1)
-
-
-def _bound(frame: Frame) -> FrameBits:
-    bits = frame_on_wire(frame)
-    ends = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
-    fixed = ("stuff count", "CRC") if any(bit.field == "FDF" for bit in bits) else ()
-    free = [bit for bit in bits if not bit.is_stuff or bit.field in fixed]
-    stuffed = [bit for bit in free if bit.field not in (*ends, *fixed)]
-    stuff_bits = (len(stuffed) - 1) // 4
-    # The most at the nominal rate, whose bits are longer.
-    slow_stuffed = sum(not bit.is_fast for bit in stuffed)
-    slow_stuff_bits = min((slow_stuffed - 1) // 4, stuff_bits)
-    slow = sum(not bit.is_fast for bit in free)
-    return FrameBits(slow + slow_stuff_bits, len(free) - slow + stuff_bits - slow_stuff_bits)

@@ -1,11 +1,11 @@
-"""Options for a bus: its bit rates, the rest bus and errors, the same for every program."""
+"""Options for a bus: its bit rates, the rest bus and errors, equal for every program."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..bus_model.settings import LEVELS, LOAD_MAX, BusSettings, ClockSettings
+from ..bus_model.settings import LOAD_MAX, BusSettings, ClockSettings
 from ..command_line import whole_number
 from ..settings import COMMAND_LINE, SettingsError, load_settings, with_values
 
@@ -13,13 +13,7 @@ bit_rate = whole_number(10_000, 1_000_000)
 """Reads a bit rate that ISO 11898 allows; for CAN FD that of the arbitration phase [bit/s]."""
 data_bit_rate = whole_number(10_000, 8_000_000)
 """Reads the bit rate of the data phase of CAN FD [bit/s]."""
-_PARTS = 3
-"""Of a burst, and of a stuck line."""
-_NOT_HERE = {
-    "receiver_bit_error_rate": "receiver_bit_error_rate: this program knows no single receiver",
-    "clock": "clock: this program gives no node a clock; plant and controller have --clock",
-}
-"""What concerns single nodes, and why a program without an option for it refuses it in a file."""
+_BURST_PARTS = 3
 
 
 def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,13 +32,10 @@ def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_error_arguments(
-    parser: argparse.ArgumentParser, nodes: str = "", *, has_clocks: bool = False
-) -> None:
+def add_error_arguments(parser: argparse.ArgumentParser, clocks_of: str = "") -> None:
     """Add the options for errors.
 
-    ``nodes``       how a node is named, for the help; empty where no node can be
-    ``has_clocks``  whether the program can give nodes other clocks
+    ``clocks_of``  the nodes that the program can give other clocks, for the help
     """
     group = parser.add_argument_group("errors on the bus")
     group.add_argument(
@@ -55,39 +46,28 @@ def add_error_arguments(
         "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
         help="a higher share in bursts: mean interval, mean length",
     )  # fmt: skip
-    group.add_argument(
-        "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
-        help="hold the line dominant or recessive for a time; repeatable",
-    )  # fmt: skip
-    group.add_argument(
-        "--needs-acknowledgement", action="store_true", default=None,
-        help="a frame that no other node acknowledges is an error",
-    )  # fmt: skip
-    if nodes:
-        group.add_argument(
-            "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
-            metavar="NODE=RATE", help=f"share of wrong bits at {nodes} alone; repeatable",
-        )  # fmt: skip
-    if has_clocks:
+    if clocks_of:
         group.add_argument(
             "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
-            help=f"by which the timers of {nodes} run fast, and its change",
+            help=f"by which the timers of {clocks_of} run fast, and its change",
         )  # fmt: skip
 
 
 def bus_settings(options: argparse.Namespace) -> BusSettings:
     """Return the settings of the file, with the options on top; raises SettingsError.
 
-    One node is named only by programs that have an option for it.
+    Clocks are refused by programs that have no option for them.
     """
     settings = load_settings(BusSettings, None, options.bus_settings)
-    for key in _NOT_HERE:
-        if getattr(settings, key) and key not in options:
-            raise SettingsError(f"{options.bus_settings}: {_NOT_HERE[key]}")
+    if settings.clock and "clock" not in options:
+        raise SettingsError(
+            f"{options.bus_settings}: clock: this program gives no node a clock; "
+            "plant and controller have --clock"
+        )
     given: dict[str, Any] = {key: getattr(options, key, None) for key in BusSettings.model_fields}
     given["bitrate_bit_s"] = getattr(options, "bitrate", None)
-    given |= {key: dict(given[key]) for key in _NOT_HERE if given[key]}
-    values = {key: value for key, value in given.items() if value not in (None, [])}
+    given["clock"] = dict(given["clock"] or ())
+    values = {key: value for key, value in given.items() if value not in (None, [], {})}
     return with_values(settings, values, COMMAND_LINE)
 
 
@@ -99,24 +79,17 @@ def _number(text: str) -> float:
 
 
 def _burst(text: str) -> Mapping[str, float]:
+    parts = text.split(":")
+    if len(parts) != _BURST_PARTS:
+        raise argparse.ArgumentTypeError(f"{text!r} has not three parts with : between them")
     keys = ("bit_error_rate", "interval_s", "length_s")
-    return dict(zip(keys, map(_number, _parts(text)), strict=True))
-
-
-def _at_one(text: str) -> tuple[str, float]:
-    node, rate = _of_node(text, "RATE")
-    return node, _number(rate)
-
-
-def _stuck(text: str) -> Mapping[str, Any]:
-    level, start, end = _parts(text)
-    if level not in LEVELS:
-        raise argparse.ArgumentTypeError(f"{text!r} begins with neither dominant nor recessive")
-    return {"level": level, "start_s": _number(start), "end_s": _number(end)}
+    return dict(zip(keys, map(_number, parts), strict=True))
 
 
 def _clock(text: str) -> tuple[str, Mapping[str, float]]:
-    node, offsets = _of_node(text, "PPM")
+    node, equals, offsets = text.partition("=")
+    if not (node and equals):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NODE=PPM")
     return node, _offsets(offsets)
 
 
@@ -131,17 +104,3 @@ def clock(text: str) -> ClockSettings:
 def _offsets(text: str) -> Mapping[str, float]:
     ppm, _, drift = text.partition(":")
     return {"ppm": _number(ppm), "drift_ppm_s": _number(drift or "0")}
-
-
-def _of_node(text: str, what: str) -> tuple[str, str]:
-    node, equals, value = text.partition("=")
-    if not (node and equals):
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NODE={what}")
-    return node, value
-
-
-def _parts(text: str) -> Sequence[str]:
-    parts = text.split(":")
-    if len(parts) != _PARTS:
-        raise argparse.ArgumentTypeError(f"{text!r} has not three parts with : between them")
-    return parts

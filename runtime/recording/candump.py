@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from ..frame.wire_bits import frame_on_wire
+from ..frame.length_with_stuff_bits import frame_bits
 from ..output_file import open_text
 from ..settings import SettingsError
 
@@ -94,7 +94,7 @@ def written_frame(text: str) -> Frame:
     try:
         if entry is None:
             raise ValueError
-        frame_on_wire(entry.frame)
+        frame_bits(entry.frame)
     except ValueError:
         raise SettingsError(
             f"{text}: no frame; one is 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"

@@ -43,7 +43,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.faults.program": (
         ".execute", ".run_live_campaign",
     ),
-    "tools.faults.injection.program": (".open_port", ".ProcessFault", ".BusOffFault"),
+    "tools.faults.injection.program": (".open_port", ".ProcessFault"),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open",),

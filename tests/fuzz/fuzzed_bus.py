@@ -4,7 +4,7 @@ import socket
 from contextlib import ExitStack, suppress
 
 from steer_by_wire.runtime.emulated_bus import protocol
-from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.broker import CLIENTS_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.programs.broker_bench import Bench, send
@@ -41,7 +41,7 @@ class FuzzedBus:
         self._bench.now_ns += elapsed_ns
         broker = self._bench.broker
         assert broker.serve(0.0), "the broker has ended"
-        assert broker.clients.figures.connected <= CLIENTS_MAX, "too many clients"
+        assert broker.figures.connected <= CLIENTS_MAX, "too many clients"
         self._listen()
 
     def say(self) -> None:

@@ -125,16 +125,6 @@ def test_who_wakes_first_may_hold_and_both_know_what_they_have_missed(holds: int
     assert list(mistakes_of(trial, unseen)) == [f"{PLANT_PROGRAM} has not noticed it"]
 
 
-def test_a_program_may_end_by_bus_off_only_where_that_is_expected() -> None:
-    noticed = {PLANT_PROGRAM: {"silence": 1}, CONTROLLER_PROGRAM: {"bus_off": 1}}
-    statuses = {PLANT_PROGRAM: 0, CONTROLLER_PROGRAM: 3}
-    not_kept = "controller in bus-off, not kept"
-    assert list(mistakes_of(trial_of(not_kept, statuses=statuses), noticed)) == []
-    assert list(mistakes_of(trial_of(not_kept), noticed))
-    kept = trial_of("controller in bus-off", statuses=statuses)
-    assert list(mistakes_of(kept, noticed)) == [f"{CONTROLLER_PROGRAM} has ended with status 3"]
-
-
 def test_a_fault_in_the_plants_settings_must_have_changed_a_frame() -> None:
     noticed = {CONTROLLER_PROGRAM: {"silence": 1}}
     for changed, mistakes in ((7, []), (0, ["the plant's fault stage did nothing"])):

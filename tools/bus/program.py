@@ -28,13 +28,12 @@ from ...runtime.emulated_bus.address import (
     AddressError,
     TcpAddress,
     default_address,
-    group_number,
     listening,
     parse_address,
 )
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.broker_report import broker_report, summary_line
-from ...runtime.emulated_bus.channel import ChannelConditions, client_number
+from ...runtime.emulated_bus.channel import ChannelConditions
 from ...runtime.emulated_bus.journal import Journal
 from ...runtime.exit_status import ExitStatus, cause_of
 from ...runtime.program.bus_options import (
@@ -45,7 +44,6 @@ from ...runtime.program.bus_options import (
     data_bit_rate,
 )
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, priority, real_time
-from ...runtime.settings import SettingsError
 
 NAME = "steer-by-wire bus"
 
@@ -58,19 +56,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> ExitStatus:
     conditions = _conditions(options)
     address = parse_address(options.address) if options.address else default_address()
-    group = None if options.group is None else group_number(options.group)
-    with listening(address, group) as listener:
+    with listening(address) as listener:
         _serve(listener, address, options, conditions)
     return ExitStatus.OK
 
 
 def _conditions(options: argparse.Namespace) -> ChannelConditions:
     settings = bus_settings(options)
-    for client in settings.receiver_bit_error_rate:
-        try:
-            client_number(client)
-        except ValueError as error:
-            raise SettingsError(f"receiver_bit_error_rate.{client}: {error}") from error
     if not settings.has_traffic:
         return ChannelConditions(settings, (), options.seed)
     # Not at the top: it imports cantools, which takes longer than all the rest.
@@ -96,15 +88,7 @@ def _serve(
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
     journal = Journal(_print_line, options.verbose)
-    broker = Broker(
-        listener,
-        bitrate_bit_s,
-        options.data_bitrate,
-        journal,
-        takes_bus_off=options.allow_bus_off,
-        is_fifo=options.fifo,
-        conditions=conditions,
-    )
+    broker = Broker(listener, bitrate_bit_s, options.data_bitrate, journal, conditions=conditions)
     failure = ""
     with _first_signal() as signalled:
         start_ns = time.monotonic_ns()
@@ -144,19 +128,17 @@ def _first_signal() -> Iterator[int]:
             signal.set_wakeup_fd(before)
 
 
-def _print_line(line: str) -> bool:
-    """Print a line to standard error if that does not block; returns whether it was printed.
+def _print_line(line: str) -> None:
+    """Print a line to standard error if that does not block.
 
     A pipe that nobody reads becomes full and must not stop the bus. A writable pipe has room for
     PIPE_BUF bytes, more than a line has.
     """
     try:
-        if not select.select((), [sys.stderr], (), 0.0)[1]:
-            return False
-        print(f"{NAME}: {line}", file=sys.stderr, flush=True)
+        if select.select((), [sys.stderr], (), 0.0)[1]:
+            print(f"{NAME}: {line}", file=sys.stderr, flush=True)
     except (OSError, ValueError):
-        return False
-    return True
+        return
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -170,7 +152,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="PATH|127.0.0.1:PORT",
         help="Unix socket or loopback port to listen at (default: this user's own)",
     )
-    parser.add_argument("--group", metavar="NAME", help="let users of this group join too")
     parser.add_argument(
         "--bitrate", type=bit_rate, metavar="BIT_S",
         help="bit rate of every channel (default: 500000)",
@@ -178,16 +159,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--data-bitrate", type=data_bit_rate, metavar="BIT_S",
         help="bit rate of the data phase; allows CAN FD",
-    )  # fmt: skip
-    parser.add_argument(
-        "--allow-bus-off",
-        action="store_true",
-        help="let clients put each other into bus-off, as steer-by-wire faults inject does",
-    )
-    parser.add_argument(
-        "--fifo", action="store_true",
-        help="send each client's frames in their order, as a SocketCAN interface does "
-        "(default: a transmit buffer for each identifier)",
     )  # fmt: skip
     parser.add_argument(
         "--end-with-stdin",
@@ -203,14 +174,12 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--verbose", action="store_true", help="also print clients that join and leave in order"
     )
     add_traffic_arguments(parser)
-    add_error_arguments(parser, "the client of this number")
+    add_error_arguments(parser)
     parser.add_argument(
         "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
         help="seed of rest bus and noise (default: %(default)s)",
     )  # fmt: skip
     options = parser.parse_args(arguments)
-    if options.group is not None and options.address is None:
-        parser.error("--group needs --address: the default one is in a directory of its user alone")
     if options.end_with_stdin and sys.stdin is None:
         parser.error("--end-with-stdin: standard input is closed already")
     return options

@@ -11,10 +11,15 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
+from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.runtime.command_line import add_json_argument, number, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.program.bus_options import bit_rate, data_bit_rate
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.tools.can.message_set import (
     BusSettings,
@@ -24,9 +29,6 @@ from steer_by_wire.tools.can.message_set import (
     respond,
 )
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
 NAME = "steer-by-wire can response-times"
 EXAMPLE = f"{NAME} dbc/steer_by_wire.dbc --bitrate 125000"
 USAGE = "FILE... [options]"
@@ -34,6 +36,13 @@ USAGE = "FILE... [options]"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
+    parser.add_argument(
+        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
+        help="bit rate of CAN FD's data phase (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="DBC, KCD, SYM, ARXML")
     parser.add_argument(
         "--jitter-ms", type=number(0.0, 60_000.0, "ms"), default=0.0, metavar="MS",
@@ -60,9 +69,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Analyse a message set and print it; returns the exit status."""
-    # Not at the top, nor in response_table: ``can bits`` does without rich.
-    from rich.console import Console
-
     errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
     bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
     messages, segmented, left_out = read_messages(options.files, options.period, bus)
@@ -85,10 +91,8 @@ def run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def response_table(responses: Sequence[Response], bus: BusSettings) -> "Table":
+def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
     """Return one row a message, highest priority first."""
-    from steer_by_wire.closed_loop.reports.terminal import plain_table
-
     title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
     numbers = ("bytes", "period", "frame", "bound", "deadline")
     table = plain_table(("message", "identifier"), numbers, title)

@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="in real time, on python-can's bus within the process",
     )  # fmt: skip
     add_traffic_arguments(parser)
-    add_error_arguments(parser, "plant or controller", has_clocks=True)
+    add_error_arguments(parser, "plant or controller")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)

@@ -136,10 +136,8 @@ def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
     lost = f"{load.refused} lost in full transmit buffers"
     lines = [("bus", f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, {lost}")]
     if bus.errors is not None:
-        causes = ", ".join(f"{count} {cause}" for cause, count in bus.errors.causes.most_common())
         text = (
-            f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
-            f"{bus.errors.missed_by_one} missed by one receiver, "
+            f"{bus.errors.count or 'none'}; "
             f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it"
         )
         lines.append(("bus errors", text))

@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import load_of, rest_of, traffic_of
-from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
+from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus, shared_bus
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
+from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.rest_bus import PeriodicMessage
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
@@ -215,3 +216,25 @@ def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> N
         bus.advance(now_ns)
         assert bus.busy_share <= 1.0
     assert bus.busy_share > 0.95
+
+
+@pytest.mark.parametrize("is_urgent", [False, True])
+def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None:
+    """It has always a frame ready: after everything of the pair's, or before."""
+    frames = (Frame(0x000 if is_urgent else 0x7FF, bytes(8)),) * COUNTS
+    start_ns = NS_PER_S if is_urgent else 0
+    bus = SharedBus(500_000, [PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10, start_ns)])
+    settings = PlantSettings(duration_s=4.0), controller_preset("practical_pd_ddob")
+    pair = make_virtual_pair(*settings, 0, 5000)
+    run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
+    plant, controller = pair.plant.report(), pair.controller.report()
+    guard, modes = plant["safety"], {sample.mode for sample in pair.controller.samples}
+    if is_urgent:
+        assert guard["fallbacks"] == 1
+        assert 2.9 < guard["longest_silence_s"] <= 3.1
+        assert modes >= {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
+    else:
+        assert bus.busy_share > 0.999
+        assert (bus.refused, controller["lost"], plant["lost_on_the_bus"]) == (0, 0, 0)
+        assert (guard["holdings"], guard["fallbacks"], guard["interventions"]) == (0, 0, {})
+        assert modes == {Mode.ACTIVE}

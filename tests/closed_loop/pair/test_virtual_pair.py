@@ -13,11 +13,8 @@ from steer_by_wire.closed_loop.pair.virtual_pair import (
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.__main__ import main as closed_loop
-from tests.soak.babbling_node import LOWEST_PRIORITY_IDS
-from tests.soak.virtual_soak import run_virtual_soak
 
 ROOT = Path(__file__).parents[3]
 BUILDERS = {
@@ -63,13 +60,6 @@ def test_a_pair_without_faults_has_no_stage_for_them(controller: ControllerSetti
     assert pair.edge is pair.plant
     run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
     assert (len(pair.plant.samples), len(pair.controller.samples)) == (3, 2)
-
-
-def test_a_soak_meets_them(plant: PlantSettings, controller: ControllerSettings) -> None:
-    window_ns = (NS_PER_S // 10, NS_PER_S // 5)
-    soak = run_virtual_soak(plant, controller, max(LOWEST_PRIORITY_IDS), window_ns, NS_PER_S)
-    assert soak.plant["faults"][0]["changed"] > 0
-    assert soak.controller["holds"] == 1
 
 
 def test_the_closed_loop_meets_them(plant: PlantSettings, tmp_path: Path) -> None:

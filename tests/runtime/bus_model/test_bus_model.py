@@ -167,30 +167,6 @@ def test_a_full_queue_refuses_counts_and_leaves_the_other_senders_alone() -> Non
     assert bus.load.refused == 1
 
 
-def test_a_fifo_keeps_the_order_of_a_sender_and_refuses_any_frame_when_it_is_full() -> None:
-    bus = BusModel(500_000, queue_limit=3, is_fifo=True)
-    for can_id in (7, 5, 6, 1):  # the first one is on the wire at the second instant
-        bus.submit(classic(can_id), 0, int(can_id != 7))
-    with pytest.raises(BusOverflowError, match="sender 0 has 3 frames waiting for the bus"):
-        bus.submit(classic(0), 0, 1)
-    bus.submit(classic(3), 1, 1)
-    bus.submit(classic(6), 1, 1)
-    # What waits behind an oldest frame does not compete: 1 is behind 5 and 6.
-    assert sent_ids(drain(bus)) == [7, 3, 5, 6, 1, 6]
-    bus.submit(classic(9), 0, bus.load.busy_ns)
-    assert sent_ids(drain(bus)) == [9]
-
-
-def test_a_fifo_takes_back_what_waits_behind_its_oldest_frame_too() -> None:
-    bus = BusModel(500_000, is_fifo=True)
-    frames = [classic(can_id) for can_id in (7, 6, 5)]
-    for frame in frames:
-        bus.submit(frame, 0, 0)
-    bus.submit(classic(9), 1, 0)
-    assert bus.withdraw(0) == frames
-    assert sent_ids(drain(bus)) == [9]
-
-
 def test_the_load_counts_frames_and_the_time_they_took_with_intermission() -> None:
     bus = BusModel(500_000)
     assert bus.load == BusLoad(frames=0, busy_ns=0, refused=0)

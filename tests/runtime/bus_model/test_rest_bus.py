@@ -15,7 +15,6 @@ from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
 from tests.support.suite.combinations import sampled
-from tests.support.wire.errored_frames import Sequence
 
 BITRATE_BIT_S = 500_000
 RATES = sampled([None, 1e-3, 1e-2], [None, 0.0, 1e-4, 1e-3, 5e-3, 1e-2])
@@ -118,24 +117,3 @@ def releases_of(sent: list[PeriodicMessage], seed: int) -> list[Release]:
         due_ns = range(draw.randrange(one.period_ns), END_NS, one.period_ns)
         releases += [(at_ns, one.sender, one.frames) for at_ns in due_ns]
     return releases
-
-
-@pytest.mark.parametrize("is_passive", [False, True])
-def test_traffic_beside_fifos_is_repeated_by_message(is_passive: bool) -> None:
-    # Both messages of one node are due again whenever one of them is on the wire.
-    sent = [
-        PeriodicMessage(f"m{n}", -1, tuple(Frame(n, bytes([c])) for c in range(COUNTS)), 150_000)
-        for n in range(2)
-    ]
-    errors = errors_with(1e-3, [])
-    assert errors is not None
-    if is_passive:
-        errors.counters(1).on_transmit_error(20)
-        errors.note_limits(1)
-    traffic, counters = RestBus(sent, 3), Sequence()
-    traffic.on_wire = counters.take
-    bus = BusModel(BITRATE_BIT_S, None, 5, is_fifo=True, errors=errors, traffic=traffic)
-    drive(bus, node_frames(2), lambda *_: None)
-    assert errors.causes.total() > 100
-    assert bus.load.frames > 1_000
-    assert counters.skipped <= traffic.lost + bus.lost_in_bus_off

@@ -1,6 +1,5 @@
 """Where the emulated bus listens, and whom the rights of the file system let in."""
 
-import os
 import stat
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,7 +11,6 @@ from steer_by_wire.runtime.emulated_bus.address import (
     AddressError,
     TcpAddress,
     UnixAddress,
-    group_number,
     listening,
     parse_address,
 )
@@ -53,42 +51,6 @@ def test_a_socket_at_a_path_of_one_s_own_is_its_user_s_alone(
     start_broker(stack, "--address", str(address))
     assert stat.S_IMODE(address.stat().st_mode) == 0o600
     assert stat.S_IMODE(Path(f"{address}.lock").stat().st_mode) == 0o600
-
-
-@pytest.mark.parametrize("umask", [0o000, 0o077])
-def test_a_group_is_let_in_where_that_is_asked_for(directory: Path, umask: int) -> None:
-    address = directory / "socket"
-    directory.chmod(0o710)
-    before = os.umask(umask)
-    try:
-        with listening(UnixAddress(address), os.getgid()):
-            assert stat.S_IMODE(address.stat().st_mode) == 0o660
-            assert address.stat().st_gid == os.getgid()
-    finally:
-        os.umask(before)
-
-
-def test_a_group_that_cannot_come_in_is_reported(directory: Path) -> None:
-    directory.chmod(0o700)
-    with (
-        pytest.raises(AddressError, match=r"the group cannot enter .*chmod g\+x"),
-        listening(UnixAddress(directory / "socket"), os.getgid()),
-    ):
-        pass
-    with pytest.raises(AddressError, match="no group 'nobody has this'"):
-        group_number("nobody has this")
-    with (
-        pytest.raises(AddressError, match="open to every user"),
-        listening(TcpAddress("127.0.0.1", 0), os.getgid()),
-    ):
-        pass
-
-
-def test_a_group_needs_an_address_of_its_own(stack: ExitStack) -> None:
-    broker = start_broker(stack, "--group", str(os.getgid()))
-    _, errors = broker.communicate(timeout=PATIENCE_S)
-    assert broker.returncode == 2
-    assert "--group needs --address" in errors
 
 
 def test_a_directory_where_anybody_could_replace_the_socket_is_refused(directory: Path) -> None:

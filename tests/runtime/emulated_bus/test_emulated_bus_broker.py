@@ -6,19 +6,16 @@ Clients are ordinary sockets, the broker is stepped by hand in the same thread: 
 import random
 import socket
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS
-from steer_by_wire.runtime.emulated_bus.broker_clients import HELLO_TIMEOUT_NS
 from steer_by_wire.runtime.emulated_bus.broker_connection import (
     MASKS_MAX,
     OUTGOING_BYTES_MAX,
     READ_BYTES,
     Connection,
 )
-from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause
+from steer_by_wire.runtime.emulated_bus.journal import Cause
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     FILTERS_MAX,
@@ -36,7 +33,6 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
     FRAMES_WAITING_MAX,
 )
 from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.programs.broker_bench import (
     CLASSIC_FRAME_NS,
     Bench,
@@ -83,11 +79,11 @@ def test_who_floods_has_a_bounded_queue_and_delays_a_higher_priority_by_one_fram
     for _ in range(200):
         in_flight += flood(flooder, Frame(0x700, bytes(8)))
         bench.step()
-        client = max(bench.broker.clients, key=lambda member: member.frames_waiting)
-        assert client.frames_waiting <= FRAMES_WAITING_MAX
+        client = max(bench.broker.clients, key=lambda member: member.buffers.frames_waiting)
+        assert client.buffers.frames_waiting <= FRAMES_WAITING_MAX
         assert len(client._incoming) <= READ_BYTES
         assert_bus_is_well(bench, one, other)
-    assert bench.broker.clients.figures.held_back >= 1
+    assert bench.broker.figures.held_back >= 1
     assert bench.lines == []  # it is limited, not disconnected
 
 
@@ -166,48 +162,21 @@ def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None
     frames = [Frame(0x700 + n, bytes(8)) for n in range(3 * BUFFERS_MAX)]
     send(flooder, *frames)
     bench.step()
-    (client,) = (one for one in bench.broker.clients if one.waiting)
-    assert len(client.waiting) == client.frames_waiting == BUFFERS_MAX
+    (client,) = (one for one in bench.broker.clients if one.buffers.frames_waiting)
+    assert client.buffers.frames_waiting == BUFFERS_MAX
     bench.advance(len(frames) * CLASSIC_FRAME_NS)
     assert received(listener) == frames
 
 
-def test_a_flood_of_filters_is_read_at_a_bounded_rate(bench: Bench) -> None:
-    one, other, flooder = (bench.join() for _ in range(3))
-    records = pack_filters(CLASSIC_RECORD, []) * (READ_BYTES // CLASSIC_RECORD.size)
-    flooder.sendall(records * 10)
-    reads = 0
-    duration_ns = 50 * NS_PER_MS
-    end_ns = bench.now_ns + duration_ns
-    read = Connection.read
-
-    def counted(self: Connection) -> None:
-        nonlocal reads
-        reads += 1
-        read(self)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Connection, "read", counted)
-        while bench.now_ns < end_ns:
-            bench.step(5)
-            bench.now_ns += NS_PER_MS
-    changes_max = duration_ns // FILTER_CHANGE_NS
-    assert 2 <= reads <= changes_max * CLASSIC_RECORD.size // READ_BYTES + 2
-    assert_bus_is_well(bench, one, other)
-
-
-def test_filters_take_effect_although_they_are_rationed(bench: Bench) -> None:
+def test_filters_take_effect_and_may_change(bench: Bench) -> None:
     one, other = bench.join(), bench.join()
-    other.sendall(pack_filters(CLASSIC_RECORD, [Filter(0x100, 0x7FF)]))
-    bench.step()
-    send(one, Frame(0x100, b"a"), Frame(0x101, b"b"))
-    bench.step()
-    bench.advance(3 * CLASSIC_FRAME_NS)
-    assert received(other) == [Frame(0x100, b"a")]
-    # And the client is read again.
-    send(other, Frame(0x200, b"c"))
-    bench.advance(5 * CLASSIC_FRAME_NS)
-    assert received(one) == [Frame(0x200, b"c")]
+    for can_id in (0x100, 0x101):
+        other.sendall(pack_filters(CLASSIC_RECORD, [Filter(can_id, 0x7FF)]))
+        bench.step()
+        send(one, Frame(0x100, b"a"), Frame(0x101, b"b"))
+        bench.step()
+        bench.advance(3 * CLASSIC_FRAME_NS)
+        assert [frame.can_id for frame in received(other)] == [can_id]
 
 
 @given(
@@ -231,8 +200,8 @@ def test_filters_pass_what_one_of_them_passes(
         client = Connection(near, 1)
         far.sendall(Hello("can0").pack() + pack_filters(CLASSIC_RECORD, filters))
         client.read()
-        client.take_hello()
-        assert client.take_frame() is None
+        client.read_hello()
+        assert client.next_frame() is None
     frame = Frame(can_id if is_extended else can_id & 0x7FF, b"", EXTENDED * is_extended)
     expected = not filters or any(
         not (wanted.can_id ^ frame.can_id) & wanted.mask and wanted.extended in (None, is_extended)
@@ -257,7 +226,7 @@ def test_more_filters_than_there_may_be_are_garbage(bench: Bench) -> None:
     raw = pack_filters(CLASSIC_RECORD, [Filter(n, 0x7FF) for n in range(FILTERS_MAX + 1)])
     for start in range(0, len(raw), READ_BYTES):
         client.sendall(raw[start : start + READ_BYTES])
-        bench.advance(200 * FILTER_CHANGE_NS)
+        bench.step()
     assert bench.gone(Cause.GARBAGE) == 1
     assert is_closed(client)
 
@@ -288,36 +257,10 @@ def test_who_never_reads_is_disconnected_and_the_others_have_missed_nothing(benc
     assert "it does not read" in line
 
 
-def test_who_says_nothing_is_disconnected_after_a_while(bench: Bench) -> None:
-    one, other = bench.join(), bench.join()
-    silent, halting = bench.connect(), bench.connect()
-    halting.sendall(Hello("can0").pack()[:-1])
-    bench.now_ns += HELLO_TIMEOUT_NS - 1
-    bench.step()
-    assert bench.gone(Cause.NO_HELLO) == 0
-    bench.now_ns += 1
-    bench.step()
-    assert bench.gone(Cause.NO_HELLO) == 2
-    assert is_closed(silent)
-    assert is_closed(halting)
-    assert bench.broker.clients.figures.connected == 2
-    assert all("no hello for 5 s" in line for line in bench.lines)
-    assert_bus_is_well(bench, one, other)
-
-
-def test_a_client_that_has_said_hello_may_be_silent_for_ever(bench: Bench) -> None:
-    one, other = bench.join(), bench.join()
-    bench.now_ns += 1000 * HELLO_TIMEOUT_NS
-    bench.step()
-    assert_bus_is_well(bench, one, other)
-
-
 # Garbage
 
 
-def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lines(
-    bench: Bench,
-) -> None:
+def test_a_storm_of_vandals_costs_the_others_nothing(bench: Bench) -> None:
     one, other = bench.join(), bench.join()
     chance = random.Random(1)
     for _ in range(300):
@@ -328,7 +271,5 @@ def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lin
         assert is_closed(vandal)
         vandal.close()
     assert bench.gone(Cause.GARBAGE) == 300
-    assert bench.broker.clients.figures.connected == 2
-    assert len(bench.lines) <= LINES_AT_ONCE + bench.now_ns // LINE_PERIOD_NS + 1
-    assert len(bench.lines) + bench.journal.unprinted == 300
+    assert bench.broker.figures.connected == 2
     assert_bus_is_well(bench, one, other)

@@ -4,11 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.drifting_clock import DriftingClock
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
@@ -69,30 +65,3 @@ def test_a_clock_is_right_when_it_starts() -> None:
 def test_a_clock_that_is_right_changes_nothing() -> None:
     (seen_ns,) = ticks_ns((0,), 1_000_000_000)
     assert seen_ns == list(range(0, 1_000_000_000, PERIOD_NS))
-
-
-class WrongRate:
-    """Noise of a node at another bit rate: a stuff error by the tenth bit of every frame."""
-
-    def first_hit_ns(self, start_ns: int, end_ns: int) -> int | None:
-        return start_ns if end_ns == NEVER_NS else start_ns + 9 * BIT_NS + BIT_NS // 2
-
-
-def test_a_node_at_a_wrong_rate_is_kept_out_and_the_others_go_on() -> None:
-    noise = BusNoise(NoiseRates(0.0), 500_000, 1)
-    errors = BusErrors(noise, noise_of={2: WrongRate()})
-    for node in range(3):
-        errors.join(node)
-    bus, received = BusModel(500_000, errors=errors), 0
-    for number in range(300):
-        now_ns = number * 1_000_000
-        while bus.next_event_ns <= now_ns:
-            received += len(bus.advance(bus.next_event_ns))
-        bus.submit(Frame(0x100 + number % 2, b"12345678"), number % 2, now_ns)
-        if number == 100:
-            bus.submit(Frame(0x050, b""), 2, now_ns)
-    while bus.next_event_ns < NEVER_NS:
-        received += len(bus.advance(bus.next_event_ns))
-    assert errors.bus_offs == 1
-    assert bus.lost_in_bus_off == 1
-    assert received == 300  # none of the others' frames is lost

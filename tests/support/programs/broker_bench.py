@@ -35,8 +35,6 @@ class Bench:
         stack: ExitStack,
         conditions: ChannelConditions = UNDISTURBED,
         data_bitrate_bit_s: int | None = None,
-        *,
-        takes_bus_off: bool = False,
     ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
@@ -44,8 +42,7 @@ class Bench:
         listener = stack.enter_context(listening(UnixAddress(self.path)))
         self.now_ns = 0
         self.lines: list[str] = []
-        self.is_read = True
-        self.journal = Journal(self._tell)
+        self.journal = Journal(self.lines.append)
         self.broker = Broker(
             listener,
             BITRATE_BIT_S,
@@ -53,14 +50,12 @@ class Bench:
             self.journal,
             lambda: self.now_ns,
             conditions=conditions,
-            takes_bus_off=takes_bus_off,
         )
-        stack.callback(self.broker.clients.close)
+        stack.callback(self._close)
 
-    def _tell(self, line: str) -> bool:
-        if self.is_read:
-            self.lines.append(line)
-        return self.is_read
+    def _close(self) -> None:
+        for client in self.broker.clients:
+            client.close()
 
     def connect(self) -> socket.socket:
         """A connection that has sent nothing yet."""
@@ -70,15 +65,12 @@ class Bench:
         self.step()
         return client
 
-    def join(
-        self, channel: str = "can0", *, receive_own: bool = False, error_frames: bool = False
-    ) -> socket.socket:
+    def join(self, channel: str = "can0", *, receive_own: bool = False) -> socket.socket:
         """A client on a channel."""
         client = self.connect()
-        hello = Hello(channel, receive_own=receive_own, error_frames=error_frames)
-        client.sendall(hello.pack())
+        client.sendall(Hello(channel, receive_own=receive_own).pack())
         self.step()
-        self.answer = unpack_answer(client.recv(ANSWER.size))
+        assert not unpack_answer(client.recv(ANSWER.size)).reason
         return client
 
     def step(self, times: int = 3) -> None:

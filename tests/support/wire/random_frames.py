@@ -2,15 +2,7 @@
 
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.frame import (
-    BITRATE_SWITCH,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    REMOTE,
-    REMOTE_LENGTH_SHIFT,
-    Frame,
-)
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import DATA_LENGTH_CODE
 
 FORMATS = (
@@ -33,15 +25,3 @@ def sendable_frames(draw: st.DrawFn) -> Frame:
     lengths = [0] if flags & REMOTE else [n for n in DATA_LENGTH_CODE if n <= 8 or flags & FD]
     length = draw(st.sampled_from(lengths))
     return Frame(can_id, bytes(draw(st.lists(_BYTES, min_size=length, max_size=length))), flags)
-
-
-@st.composite
-def frames_on_a_bus(draw: st.DrawFn) -> Frame:
-    """The same, with the length that a remote frame asks for and the state of an FD sender."""
-    frame = draw(sendable_frames())
-    more = 0
-    if frame.flags & REMOTE:
-        more = draw(st.integers(0, 8)) << REMOTE_LENGTH_SHIFT
-    elif frame.flags & FD:
-        more = draw(st.sampled_from((0, ERROR_STATE)))
-    return frame._replace(flags=frame.flags | more)

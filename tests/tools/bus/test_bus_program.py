@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections import Counter
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -19,8 +18,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, Broker
-from steer_by_wire.runtime.emulated_bus.broker_clients import CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from steer_by_wire.tools.bus.program import _first_signal, _print_line, main
 from tests.support.programs.broker_program import client, message, receive, start_broker
@@ -92,7 +90,6 @@ def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Pat
     ("options", "complaint"),
     [
         (["--bit-error-rate", "0.5"], "bit_error_rate = 0.5 should be"),
-        (["--receiver-bit-error-rate", "plant=1e-3"], "plant: is not the number of a client"),
         (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
         (["--bus-settings", "clock.toml"], "clock.toml: clock: this program gives no node a clock"),
     ],
@@ -118,13 +115,13 @@ def test_clients_meet_the_traffic_and_errors_that_were_asked_for(
     address, report = str(directory / "socket"), directory / "report.json"
     options = ["--load", "0.5", "--bit-error-rate", "0.01", "--json", str(report)]
     broker = start_broker(stack, "--address", address, *options)
-    listening = client(stack, address, error_frames=True)
-    kinds = Counter(receive(listening).is_error_frame for _ in range(100))
-    assert min(kinds.values()) >= 5
+    listening = client(stack, address)
+    assert len({receive(listening).arbitration_id for _ in range(100)}) >= 5
     broker.send_signal(signal.SIGINT)
     _, printed = broker.communicate(timeout=PATIENCE_S)
     (channel,) = json.loads(report.read_text(encoding="utf-8"))["channels"].values()
-    assert f", {sum(channel['errors'].values())} errors" in printed
+    assert f", {channel['errors']} errors" in printed
+    assert channel["errors"] >= 5
 
 
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -261,18 +258,6 @@ def test_a_client_refuses_what_its_transmit_buffer_has_no_room_for_and_nothing_e
     broker.kill()  # A client that leaves waits until its frames have been taken.
 
 
-def test_as_a_fifo_frames_go_out_in_the_order_of_their_client(
-    stack: ExitStack, directory: Path
-) -> None:
-    address = str(directory / "socket")
-    start_broker(stack, "--address", address, "--bitrate", "10000", "--fifo")
-    one, other = client(stack, address), client(stack, address)
-    order = [0x300, 0x200, 0x100, 0x210]
-    for can_id in order:
-        one.send(message(can_id, bytes(8)))
-    assert [receive(other).arbitration_id for _ in order] == order
-
-
 def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     stack: ExitStack, directory: Path
 ) -> None:
@@ -294,10 +279,10 @@ def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     assert "disconnected: 1 garbage" in last
     written = json.loads(report.read_text())
     assert written["clients"]["disconnected"]["garbage"] == 1
-    assert written["channels"]["can0"]["arbitration_delay"]["001"]["samples"] == 1
+    assert written["channels"]["can0"]["frames"] == 1
 
 
-def test_a_broker_does_not_wait_for_somebody_to_read_what_it_print_lines(
+def test_a_broker_does_not_wait_for_a_reader_of_its_lines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     read_end, write_end = os.pipe()
@@ -309,9 +294,9 @@ def test_a_broker_does_not_wait_for_somebody_to_read_what_it_print_lines(
     with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         # It would wait for ever if it waited.
-        assert not _print_line("a line that nobody has room for")
+        _print_line("a line that has no room")
         reader.read(1 << 20)
-        assert _print_line("a line")
+        _print_line("a line")
         assert reader.read(100) == b"steer-by-wire bus: a line\n"
 
 

@@ -49,8 +49,7 @@ def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
 
 BAD_BUS = (
     *("--load", "0.5", "--bit-error-rate", "1e-3", "--burst", "0.005:0.5:0.05"),
-    *("--receiver-bit-error-rate", "plant=1e-3", "--stuck", "dominant:0.5:0.51"),
-    *("--needs-acknowledgement", "--clock", "controller=200:10"),
+    *("--clock", "controller=200:10"),
 )
 
 
@@ -153,8 +152,6 @@ def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None
         (["--controller", "missing.toml"], 2, "missing.toml"),
         (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
         (["--bit-error-rate", "0.1"], 2, "bit_error_rate = 0.1 should be"),
-        (["--stuck", "dominant:2:1"], 2, "end_s must not be before start_s"),
-        (["--receiver-bit-error-rate", "rig=1e-3"], 2, "rig: is no node of this bus (plant or"),
         (["--clock", "rig=10"], 2, "clock.rig: is no node of this bus (plant or controller)"),
         (["--rest-bus", "none.dbc"], 2, "rest_bus: none.dbc: No such file"),
         (["--bus-settings", "none.toml"], 2, "none.toml: cannot be read"),
@@ -176,7 +173,6 @@ def test_a_mistake_is_one_line_and_a_status(
     [
         *((f"--bitrate={it}", "10000 to 1000000") for it in ("0", "-5", "2000000", "fast")),
         ("--burst=0.01:3", "has not three parts"),
-        ("--stuck=high:1:2", "neither dominant nor recessive"),
         ("--clock=plant", "not of the form NODE=PPM"),
         ("--load=much", "is not a number"),
     ],

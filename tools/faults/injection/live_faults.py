@@ -19,7 +19,6 @@ TIME_S_MAX = 1e5
 PID_MAX = 1 << 22
 """The largest process number that Linux can be configured for."""
 RECEIVERS = ("plant", "controller", "both")
-NODES = ("plant", "controller")
 
 
 class LiveKind(StrEnum):
@@ -45,8 +44,6 @@ class LiveKind(StrEnum):
     """SIGSTOP, and SIGCONT at the end."""
     CLOCK_JUMP = "clock_jump"
     """A pause of the magnitude: the monotonic clock of a running process cannot be changed."""
-    BUS_OFF = "bus_off"
-    """The CAN controller of a node is off the bus until the end; on an emulated bus only."""
 
 
 class LiveMagnitude(NamedTuple):
@@ -72,11 +69,10 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
         LiveKind.KILL: LiveMagnitude("none", 1.0, 1.0, 1.0),
         LiveKind.PAUSE: LiveMagnitude("none", 1.0, 1.0, 1.0),
         LiveKind.CLOCK_JUMP: LiveMagnitude("s that the clock goes ahead", 1e-3, 1000.0, 0.5),
-        LiveKind.BUS_OFF: LiveMagnitude("none", 1.0, 1.0, 1.0),
     }
 )
 PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
-FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS - {LiveKind.BUS_OFF}
+FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS
 _KEYS_OF_FRAMES = ("onset_s", "duration_s", "magnitude")
 _MALFORMED = (LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER)
 _KEYS = {
@@ -85,7 +81,6 @@ _KEYS = {
     LiveKind.KILL: ("onset_s", "pid"),
     LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
     LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
-    LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
 }
 
 
@@ -94,7 +89,6 @@ class LiveFault(NamedTuple):
 
     ``to``   which node's identifiers a malformed frame uses: plant, controller or both
     ``pid``  of the process that is stopped or killed; 0 for none
-    ``of``   whose CAN controller goes into bus-off: plant or controller; empty for none
     """
 
     kind: LiveKind
@@ -103,7 +97,6 @@ class LiveFault(NamedTuple):
     magnitude: float = 1.0
     to: str = "both"
     pid: int = 0
-    of: str = ""
 
     @property
     def end_s(self) -> float:
@@ -142,9 +135,6 @@ def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
     to = given.get("to", "both")
     if to not in RECEIVERS:
         raise ValueError(f"{kind}: to must be {', '.join(RECEIVERS)}, not {to[:40]!r}")
-    of = given.get("of", "controller") if kind is LiveKind.BUS_OFF else ""
-    if of and of not in NODES:
-        raise ValueError(f"{kind}: of must be {' or '.join(NODES)}, not {of[:40]!r}")
     magnitude = _number(kind, given, "magnitude", default, low, high, f" ({what})")
     if is_whole and magnitude % 1.0:
         raise ValueError(f"{kind}: magnitude ({what}) must be whole, not {magnitude:g}")
@@ -160,7 +150,7 @@ def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
     onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
     duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
     target = number if kind in PROCESS_KINDS else 0
-    return LiveFault(kind, onset_s, duration_s, magnitude, to, target, of)
+    return LiveFault(kind, onset_s, duration_s, magnitude, to, target)
 
 
 def _number(

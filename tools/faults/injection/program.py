@@ -39,7 +39,6 @@ from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.faults.injection.bus_off_fault import BusOffFault
 from steer_by_wire.tools.faults.injection.fault_frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection.injection import Action, ComponentFault, Injection
@@ -113,9 +112,7 @@ def _run(options: argparse.Namespace) -> int:
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
-                if fault.kind is LiveKind.BUS_OFF:
-                    component_faults.append(BusOffFault(fault, start_ns, port))
-                elif fault.kind in PROCESS_KINDS:
+                if fault.kind in PROCESS_KINDS:
                     process = ProcessFault(fault, start_ns)
                     component_faults.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")

@@ -55,7 +55,8 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         end_ns = time.time_ns()
         return [INJECTOR] if case.inject else []
 
-    broker, both = ["--allow-bus-off"], ["--reconnect"] if case.reconnects else []
+    broker: list[str] = []
+    both = ["--reconnect"] if case.reconnects else []
     with private_folder("key") as private:
         if case.with_key:
             key = private / "key"

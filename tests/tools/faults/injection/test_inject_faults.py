@@ -79,12 +79,9 @@ def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
     assert parse_fault("kill,onset_s=1", pid=17).end_s == 1.0
 
 
-def test_a_clock_jumps_by_its_magnitude_and_a_controller_is_off_for_its_duration() -> None:
+def test_a_clock_jumps_by_its_magnitude() -> None:
     jump = parse_fault("clock_jump,onset_s=1,magnitude=2.5", pid=17)
     assert (jump.magnitude, jump.end_s, jump.pid) == (2.5, 3.5, 17)
-    assert parse_fault("bus_off").of == "controller"
-    off = parse_fault("bus_off,of=plant,onset_s=1,duration_s=3", pid=17)
-    assert (off.of, off.end_s, off.pid) == ("plant", 4.0, 0)
 
 
 @pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
@@ -115,8 +112,6 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
         ("clock_jump,duration_s=1", "clock_jump: 'duration_s=1' is not KEY=VALUE"),
         ("clock_jump,magnitude=0", "clock_jump: magnitude .* must be 0.001 to 1000, not '0'"),
         ("clock_jump", "clock_jump: needs a process"),
-        ("bus_off,of=both", "bus_off: of must be plant or controller, not 'both'"),
-        ("bus_off,magnitude=2", "bus_off: 'magnitude=2' is not KEY=VALUE"),
         ("kill", "kill: needs a process, by pid=N here or --pid N, 2 to 4194304"),
         ("pause,pid=1", "pause: needs a process, .*, not '1'"),
         ("pause,pid=²", "pause: needs a process, .*, not '²'"),
@@ -138,7 +133,6 @@ def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> No
         (["pause", "--pid", str(os.getpid())], "is this program itself"),
         (["replay"], "replay: needs a log, by --recording FILE"),
         (["replay", "--recording", "no.log"], "no.log: No such file or directory"),
-        (["bus_off", "-i", "virtual"], "bus_off: only on an emulated bus (-i emulated)"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_clear_line(
