@@ -6,7 +6,7 @@ RUN apt-get update -qq && apt-get install -y -qq --no-install-recommends \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /opt/steer-by-wire
 COPY . .
-RUN pip install --quiet --no-cache-dir '.[tools,cluster]'
+RUN pip install --quiet --no-cache-dir '.[tools,studies]'
 # Not root; --user "$(id -u)" writes into a folder of yours. Its home would be /: nothing is kept there.
 ENV HOME=/tmp
 WORKDIR /work

@@ -21,7 +21,7 @@ docs: $(STAMP)
 	$(BIN)/python -m sphinx -q -a -n -W --keep-going docs docs/_build
 
 benchmark: $(STAMP)
-	$(BIN)/python -m benchmarks loop
+	$(BIN)/python -m pytest benchmarks
 
 $(STAMP): requirements.lock pyproject.toml setup.py
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer: make PYTHON=python3.12")'
@@ -31,7 +31,7 @@ $(STAMP): requirements.lock pyproject.toml setup.py
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap foxglove docs cars dev
+LOCKED_EXTRAS := all dev
 
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:

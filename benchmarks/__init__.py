@@ -1,4 +1,1 @@
-"""What the programs cost on this machine, measured in a checkout; no user needs it.
-
-Which rate a machine keeps is told by ``steer-by-wire doctor``. Begin with ``__main__.py``.
-"""
+"""How fast the programs are on this machine: ``make benchmark``, with pytest-benchmark."""

@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import can
 
-from ...runtime.command_line import installation
 from ...runtime.exit_status import one_line
 from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.frame.message import frame_of
@@ -243,7 +242,7 @@ def open_log(path: Path) -> LogFile:
     if suffix != inner and inner in _BINARY_SUFFIXES:
         raise LogError(f"{path}: unpack it first (gunzip)")
     if suffix == ".mf4" and find_spec("asammdf") is None:
-        raise LogError(f"{path}: .mf4 needs asammdf: {installation('asammdf')}")
+        raise LogError(f"{path}: .mf4 needs asammdf: pip install asammdf")
     try:
         if suffix in _BINARY_SUFFIXES:
             blocks = _Blocks(path)

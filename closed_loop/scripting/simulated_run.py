@@ -207,7 +207,7 @@ class Run(NamedTuple):
         try:
             import pandas as pd
         except ImportError as error:
-            raise ValueError(f"to_pandas() needs pandas: {installation('pandas')}") from error
+            raise ValueError("to_pandas() needs pandas: pip install pandas") from error
         plant, controller = (
             pd.DataFrame(table._asdict()).set_index("time_s")
             for table in (self.plant, self.controller)

@@ -27,7 +27,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ..command_line import installation
 from ..frame import ERROR, FD, REMOTE, Frame
 from ..node.real_time_loop import Port, Received
 
@@ -75,7 +74,7 @@ def recording_obstacle(path: Path) -> str:
     if suffix not in SUFFIXES:
         return f"{path}: records as {', '.join(SUFFIXES)} only, by the end of the name"
     if suffix == ".mf4" and find_spec("asammdf") is None:
-        return f"{path}: .mf4 needs asammdf: {installation('asammdf')}"
+        return f"{path}: .mf4 needs asammdf: pip install asammdf"
     return ""
 
 

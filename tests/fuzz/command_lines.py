@@ -38,7 +38,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": ("tools.design.program.worker_pool",),
     "tools.doctor.__main__": (
-        "tools.doctor.checks.examine", "tools.doctor.measurement_report.measure",
+        "tools.doctor.checks.examine", "tools.doctor.kept_rate.measure",
     ),
     "tools.faults.program": (
         ".execute", ".run_live_campaign",

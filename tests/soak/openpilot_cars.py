@@ -5,7 +5,7 @@ but those of the first 20 ms, before it has seen the car.
 
     python -m tests.soak.openpilot_cars
 
-Needs the extra ``cars``. Takes about five minutes; the first thing that fails ends it.
+Needs opendbc (the extra ``dev``). Takes about five minutes; the first thing that fails ends it.
 """
 
 import sys

@@ -161,7 +161,7 @@ TAG = GIT | {"requested_revision": "v2"}
     ("origin", "library", "reported"),
     [
         ({"dir_info": {}, "url": "file:///a%20b"}, "rich", "'/a b[tools]'"),
-        ({"dir_info": {"editable": True}, "url": "file:///a"}, "distributed", "-e '/a[cluster]'"),
+        ({"dir_info": {"editable": True}, "url": "file:///a"}, "distributed", "-e '/a[studies]'"),
         ({"dir_info": {}, "url": "file:///a"}, "numpy", "'/a'"),
         ({"dir_info": {}, "url": "file:///a"}, "e2e", "'/a'"),
         ({"archive_info": {}, "url": "file:///a.whl"}, "rich", f"'{DISTRIBUTION}[tools] @ file:///a.whl'"),

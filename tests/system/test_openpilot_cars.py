@@ -1,6 +1,6 @@
 """Cars that nobody here made up: the package opendbc reads and drives ours as the car it knows.
 
-It is in the extra ``cars`` (Python below 3.13); without it all tests here are skipped. A minute of
+It is in the extra ``dev`` (Python below 3.13); without it all tests here are skipped. A minute of
 each car, and a million frames: ``python -m tests.soak.openpilot_cars``.
 """
 

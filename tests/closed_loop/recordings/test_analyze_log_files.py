@@ -24,7 +24,7 @@ from tests.support.suite.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_MCAP = pytest.mark.skipif(
-    find_spec("mcap") is None, reason="mcap is not installed (the extra mcap)"
+    find_spec("mcap") is None, reason="mcap is not installed (the extra logs)"
 )
 
 

@@ -23,9 +23,7 @@ from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-NEEDS_ASAMMDF = pytest.mark.skipif(
-    find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"
-)
+NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
 
 
 @pytest.mark.parametrize(

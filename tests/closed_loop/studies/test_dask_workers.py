@@ -15,7 +15,7 @@ from tests.support.runs.small_study import complete, make_scenarios, never, open
 from tests.support.suite.combinations import sampled
 
 pytestmark = pytest.mark.skipif(
-    find_spec("distributed") is None, reason="dask.distributed is not installed (the extra cluster)"
+    find_spec("distributed") is None, reason="dask.distributed is not installed (the extra studies)"
 )
 
 

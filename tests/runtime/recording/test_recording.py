@@ -25,9 +25,7 @@ from steer_by_wire.runtime.recording.recording import (
 )
 from tests.support.frames.recorded_frames import FRAMES, messages_in
 
-NEEDS_ASAMMDF = pytest.mark.skipif(
-    find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"
-)
+NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
 FORMATS = [
     pytest.param(suffix, marks=NEEDS_ASAMMDF if suffix == ".mf4" else ()) for suffix in SUFFIXES
 ]

@@ -15,7 +15,6 @@ import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator import program as plant_program
-from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.recording import recording
@@ -36,7 +35,7 @@ def test_names_that_are_no_recordings_are_refused(monkeypatch: pytest.MonkeyPatc
     ] * 6
     assert "run.txt: records as .log, .asc" in recording_obstacle(Path("run.txt"))
     monkeypatch.setattr(recording, "find_spec", lambda _name: None)
-    assert installation("asammdf") in recording_obstacle(Path("run.mf4"))
+    assert "pip install asammdf" in recording_obstacle(Path("run.mf4"))
 
 
 @pytest.mark.parametrize("name", ["run.txt", "run", "nowhere/run.log"])

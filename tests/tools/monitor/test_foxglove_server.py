@@ -20,7 +20,7 @@ from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWa
 from tests.support.programs.running_program import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(
-    find_spec("foxglove") is None, reason="foxglove-sdk is not installed (the extra foxglove)"
+    find_spec("foxglove") is None, reason="foxglove-sdk is not installed (the extra logs)"
 )
 _DATA = struct.Struct("<BIQ")
 """What begins each message: operation code 1, subscription, time [ns]."""
