@@ -6,10 +6,13 @@ messages as ``listed`` does.
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..runtime.frame import Frame
 from .messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
+
+if TYPE_CHECKING:
+    from .dialect.car_message import CarMessage
 
 
 class Listed(NamedTuple):
@@ -40,7 +43,7 @@ class Heard(NamedTuple):
 
     ``ours``        as frames of ours
     ``name``        of the car's message; empty for a frame of ours, or one that is refused
-    ``is_foreign``  it belongs to nobody
+    ``is_foreign``  it is no message of the bus
     """
 
     ours: Sequence[Frame]
@@ -51,12 +54,12 @@ class Heard(NamedTuple):
 class Listening(Protocol):
     """How a bus is decoded.
 
-    ``listed``      the messages on it, by their names there
-    ``from_plant``  identifiers of the plant's frames
-    ``kept_ids``    identifiers of our own messages that are on it
-    ``signals``     of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
-    ``names``       of a car's messages, by the name of ours that they stand for
-    ``columns``     signals of each message of a car
+    ``listed``        the messages on it, by their names there
+    ``from_plant``    identifiers of the plant's frames
+    ``kept_ids``      identifiers of our own messages that are on it
+    ``signals``       of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
+    ``names``         of a car's messages, by the name of ours that they stand for
+    ``car_messages``  of a car, by name
     """
 
     listed: Mapping[str, Listed]
@@ -64,7 +67,7 @@ class Listening(Protocol):
     kept_ids: frozenset[int]
     signals: Mapping[str, str]
     names: Mapping[str, str]
-    columns: Mapping[str, Sequence[str]]
+    car_messages: Mapping[str, "CarMessage"]
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:
         """Take a frame."""
@@ -72,14 +75,6 @@ class Listening(Protocol):
 
     def counts(self, name: str) -> MessageCounts | None:
         """Return the counts of a message of the car; None for one of ours."""
-        ...
-
-    def values(self, name: str, frame: Frame) -> Mapping[str, float]:
-        """Return the signals of an accepted frame of the car, in its database's units."""
-        ...
-
-    def text(self, name: str, frame: Frame | None) -> str:
-        """Return the signals of an accepted frame of the car in words."""
         ...
 
 
@@ -93,7 +88,7 @@ class OurMessages:
     kept_ids = frozenset(CAN_IDS.values())
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
-    columns: Mapping[str, Sequence[str]] = MappingProxyType({})
+    car_messages: Mapping[str, "CarMessage"] = MappingProxyType({})
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:  # noqa: ARG002 as a car's bus
         """Take a frame."""
@@ -101,14 +96,6 @@ class OurMessages:
 
     def counts(self, name: str) -> None:
         """Return None: nothing here is of a car."""
-
-    def values(self, name: str, frame: Frame) -> Mapping[str, float]:  # noqa: ARG002
-        """Return nothing: nothing here is of a car."""
-        return {}
-
-    def text(self, name: str, frame: Frame | None) -> str:  # noqa: ARG002
-        """Return nothing: nothing here is of a car."""
-        return ""
 
 
 OUR_MESSAGES: Listening = OurMessages()

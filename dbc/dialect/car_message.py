@@ -76,7 +76,10 @@ class CarMessage:
         self.counters = self._counter_values
         if isinstance(rule, E2eRule):
             self.counters = min(self.counters, rule.counters)
-        self._mask = self._packed({rule.signal: self._wrapped(rule.signal, -1)}) if rule else b""
+        self._mask = b""
+        if rule:
+            none_set = dict.fromkeys(signals, 0)
+            self._mask = self._encoded({**none_set, rule.signal: self._wrapped(rule.signal, -1)})
 
     def frame(self, values: Mapping[Quantity, float], number: int) -> Frame:
         """Return the frame of this number; what a signal cannot carry is clamped."""
@@ -154,7 +157,7 @@ class CarMessage:
         if self.settings.counter:
             name = self.settings.counter
             own[name] = self._wrapped(name, (int(raw[name]) + steps) % self.counters)
-        return self._sealed(raw | own, self._beside_signals(data, raw))
+        return self._sealed(raw | own)
 
     def outside(self, data: bytes) -> bytes | None:
         """Return a frame's data with a raw value outside its signal's range, a valid checksum.
@@ -164,7 +167,7 @@ class CarMessage:
         raw = self._raw(data)
         for name, own in self._raws_outside():
             if raw is not None and name in raw:
-                return self._sealed(raw | {name: own}, self._beside_signals(data, raw))
+                return self._sealed(raw | {name: own})
         return None
 
     @property
@@ -189,11 +192,6 @@ class CarMessage:
         raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
         return dict(raw)
 
-    def _beside_signals(self, data: bytes, raw: Mapping[str, float]) -> int:
-        """Return the bits of a frame that belong to no signal."""
-        encoded = self._encoded(raw)
-        return int.from_bytes(data[: self._length], "big") ^ int.from_bytes(encoded, "big")
-
     def _raws_outside(self) -> Iterator[tuple[str, float]]:
         """Yield signals with a raw value outside their range, first those that carry a quantity."""
         carried = [name for name in self.changeable if name in self.settings.signals]
@@ -204,13 +202,13 @@ class CarMessage:
                 if not low <= raw * signal.scale + signal.offset <= high:
                     yield name, raw
 
-    def _sealed(self, raw: Mapping[str, float], beside: int = 0) -> bytes:
-        """Return the data of raw values with their checksum; ``beside`` has the other bits."""
+    def _sealed(self, raw: Mapping[str, float]) -> bytes:
+        """Return the data of raw values with their checksum."""
         rule = self.settings.checksum
         if rule is not None:
-            bare = self._with_bits({**raw, rule.signal: 0}, beside)
+            bare = self._encoded({**raw, rule.signal: 0})
             raw = {**raw, rule.signal: self._checksum(rule, bare)}
-        return self._with_bits(raw, beside) + self._padding
+        return self._encoded(raw) + self._padding
 
     def _checksum(self, rule: Rule, bare: bytes) -> int:
         return self._wrapped(rule.signal, rule.compute(self.can_id, bare, self._mask))
@@ -221,21 +219,12 @@ class CarMessage:
         low = -(1 << signal.length - 1) if signal.is_signed else 0
         return (number - low) % (1 << signal.length) + low
 
-    def _with_bits(self, raw: Mapping[str, float], beside: int) -> bytes:
-        data = self._encoded(raw)
-        if not beside:
-            return data
-        return (int.from_bytes(data, "big") | beside).to_bytes(len(data), "big")
-
     def _encoded(self, raw: Mapping[str, float]) -> bytes:
         return self._message.encode(dict(raw), scaling=False, strict=False)
 
-    def _packed(self, raw: Mapping[str, float]) -> bytes:
-        return self._encoded({**dict.fromkeys(self.signals, 0), **raw})
-
 
 def _without_overlap(message: Message, kept: Collection[str | None]) -> Message:
-    """Return a message without signals that share bits with others and that nobody sets.
+    """Return a message without signals that share bits with others and are not set.
 
     With them cantools would add up their values, or refuse its own frames.
     """

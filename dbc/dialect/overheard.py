@@ -1,12 +1,12 @@
-"""A bus in a car's dialect, for one who only listens: its frames as ours, of both ends."""
+"""How a passive listener decodes a car's bus: its frames as ours, of both ends."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
 from ..listening import Heard, Listed, MessageCounts, OurMessages
-from .car_message import Refused
+from .car_message import CarMessage, Refused
 from .dialect import Dialect
 from .quantities import SAID_BY
 from .reader import CarReader
@@ -20,7 +20,7 @@ class Overheard:
 
     def __init__(self, dialect: Dialect) -> None:
         self._reader = CarReader(dialect, dialect.messages)
-        self._by_name = {one.name: one for one in dialect.messages}
+        self.car_messages: Mapping[str, CarMessage] = {it.name: it for it in dialect.messages}
         self.kept_ids = dialect.kept_ids
         plant_ids = (one.can_id for one in dialect.sent_by(End.PLANT))
         self.from_plant = OurMessages.from_plant & self.kept_ids | {*plant_ids}
@@ -33,9 +33,6 @@ class Overheard:
             carried.carries.value: f"{one.name}.{signal}"
             for one in dialect.messages
             for signal, carried in one.settings.signals.items()
-        }
-        self.columns: Mapping[str, Sequence[str]] = {
-            one.name: one.signals for one in dialect.messages
         }
         self.names: Mapping[str, str] = {
             name: self.signals[first].partition(".")[0]
@@ -60,15 +57,7 @@ class Overheard:
 
     def counts(self, name: str) -> MessageCounts | None:
         """Return the counts of a message of the car; None for one of ours."""
-        return self._reader.counts(name) if name in self._by_name else None
-
-    def values(self, name: str, frame: Frame) -> Mapping[str, float]:
-        """Return the signals of an accepted frame of the car, in its database's units."""
-        return self._by_name[name].values(frame.data)
-
-    def text(self, name: str, frame: Frame | None) -> str:
-        """Return the signals of an accepted frame of the car in words."""
-        return self._by_name[name].text(frame.data) if frame and name in self._by_name else ""
+        return self._reader.counts(name) if name in self.car_messages else None
 
     def _note(self, frame: Frame) -> None:
         """Let the statuses name a command that is not on its way, since a car names none."""

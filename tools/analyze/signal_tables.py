@@ -28,7 +28,7 @@ class CsvTable:
             begin = len(self._columns)
             self._columns += columns_of(name, listening)
             self._places[name] = slice(begin, len(self._columns))
-            if name not in listening.columns:
+            if name not in listening.car_messages:
                 self._formats[name] = _formats(name)
         self._file = open_text(path)
         self._file.write(",".join(("time_s", "message", *self._columns)) + "\n")
@@ -42,12 +42,12 @@ class CsvTable:
 
     def write_of_car(self, at_s: float, name: str, frame: Frame) -> None:
         """Add an accepted frame of a car."""
-        values = self._listening.values(name, frame)
+        message = self._listening.car_messages[name]
+        values = message.values(frame.data)
         newest = self._cells[self._places[name]]
-        names = self._listening.columns[name]
         cells = [
             f"{values[signal]:.10g}" if signal in values else cell  # the multiplexer has others
-            for signal, cell in zip(names, newest, strict=True)
+            for signal, cell in zip(message.signals, newest, strict=True)
         ]
         self._add(at_s, name, cells)
 
@@ -63,8 +63,8 @@ class CsvTable:
 
 def columns_of(name: str, listening: Listening = OUR_MESSAGES) -> list[str]:
     """Return the columns of a message on the bus."""
-    if name in listening.columns:
-        return [f"{name}.{signal}" for signal in listening.columns[name]]
+    if (of_car := listening.car_messages.get(name)) is not None:
+        return [f"{name}.{signal}" for signal in of_car.signals]
     return [f"{name.lower()}.{field}" for field in MESSAGE_TYPES[name]._fields]
 
 

@@ -291,7 +291,9 @@ class Sampler:
         rows = []
         for view in self._watch.messages(now_ns):
             frame, message = self._frames.get(view.name, (None, None))
-            signals = message_text(message) if message else self._listening.text(view.name, frame)
+            signals = message_text(message) if message else ""
+            if frame and (of_car := self._listening.car_messages.get(view.name)):
+                signals = of_car.text(frame.data)
             rows.append(
                 {
                     "name": view.name,
