@@ -1,13 +1,12 @@
 """Cars that nobody here made up: the package opendbc reads and drives ours as the car it knows.
 
-It is in the extra ``dev`` (Python below 3.13); without it all tests here are skipped. A minute of
-each car, and a million frames: ``python -m tests.soak.openpilot_cars``.
+It is in the extra ``dev`` (Python below 3.13); without it all tests here are skipped.
 """
 
 import math
 import random
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -32,7 +31,6 @@ from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.in_c.openpilot_safety import SafetyCode
 
 opendbc: Any = pytest.importorskip("opendbc", reason="no opendbc: no car of others was driven")
 
@@ -154,30 +152,21 @@ def read_by_the_car(name: str, folder: Path) -> Reading:
 
 
 class Follower:
-    """The car's own CarController behind a path follower: P, I, and the heading.
-
-    ``folder``  where openpilot's safety code, which sees all frames, is compiled; None: without
-
-    ``safety``  the code
-    """
+    """The car's own CarController behind a path follower: P, I, and the heading."""
 
     deadline_ns, finished = 0, False
 
-    def __init__(self, car: Car, folder: Path | None) -> None:
+    def __init__(self, car: Car) -> None:
         self._car, self._interface = car, interface_of(car)
-        params = self._interface.CP
-        self.safety = None if folder is None else SafetyCode(opendbc, params, folder)
         self._structs = import_module("opendbc.car").structs
         self._come: list[tuple[int, bytes, int]] = []
         self._error = LateralError(0.0, 0.0)
         self._integral_rad = 0.0
 
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
         can_id, data, _ = frame
         bus = 2 if can_id in self._car.camera else 0
         self._come.append((can_id, data, bus))
-        if self.safety:
-            self.safety.car_sends(now_ns, can_id, data, bus)
         decoded = decode(frame)
         if isinstance(decoded, Decoded) and isinstance(decoded.message, LateralError):
             self._error = decoded.message
@@ -196,11 +185,6 @@ class Follower:
         commands = [bytes(data) for can_id, data, _ in sent if can_id == self._car.command]
         # On the camera's bus the car's own assistant is heard: here it is this one.
         self._come = [(self._car.command, data, 2) for data in commands]
-        if self.safety:
-            for can_id, data, bus in sent:
-                self.safety.controller_sends(now_ns, can_id, bytes(data), bus)
-            for can_id, data, bus in self._come:
-                self.safety.car_sends(now_ns, can_id, data, bus)
         return [Frame(self._car.command, data, 0) for data in commands]
 
 
@@ -224,8 +208,8 @@ def test_the_car_s_own_reader_finds_our_car_valid(name: str, tmp_path: Path) -> 
     assert not any(state.steerFaultTemporary or state.steerFaultPermanent for state in settled)
 
 
-def driven(name: str, folder: Path, *, is_watched: bool = False) -> tuple[Mapping[str, Any], Any]:
-    """Let the car's own controller drive; returns the plant's report, and the follower."""
+@pytest.mark.parametrize("name", CARS)
+def test_the_car_s_own_controller_holds_the_path_at_60_km_h(name: str, tmp_path: Path) -> None:
     overrides = [
         f"duration_s={MOTION_S}",
         "vehicle.speed_m_s=16.667",
@@ -236,18 +220,12 @@ def driven(name: str, folder: Path, *, is_watched: bool = False) -> tuple[Mappin
         PlantSettings, read_preset(PRESETS, "highway_nominal"), None, overrides
     )
     plant, edge = make_virtual_plant(settings)
-    gateway = Gateway(edge, dialect_of(name, folder), End.PLANT, 0)
-    follower = Follower(CARS[name], folder if is_watched else None)
+    gateway = Gateway(edge, dialect_of(name, tmp_path), End.PLANT, 0)
     seconds = iter(range(round(MOTION_S) + 2))
     bus = QuietBus(500_000)
-    run_virtual_nodes(gateway, follower, bus, None, lambda: next(seconds, None) is None)
+    run_virtual_nodes(gateway, Follower(CARS[name]), bus, None, lambda: next(seconds, None) is None)
     assert plant.finished
-    return gateway.report(), follower
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_the_car_s_own_controller_holds_the_path_at_60_km_h(name: str, tmp_path: Path) -> None:
-    report, _ = driven(name, tmp_path)
+    report = gateway.report()
     assert report["dialect"]["refused"] == {"not engaged": 1}  # before it has seen every message
     assert report["dialect"]["accepted"] >= MOTION_S * 50
     assert verdict_text(report).startswith("holds: ")

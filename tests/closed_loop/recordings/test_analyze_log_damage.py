@@ -3,7 +3,6 @@
 import gzip
 import json
 import re
-import sys
 from pathlib import Path
 from random import Random
 
@@ -12,13 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_file import LogError, TextLines, open_log
+from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
-from steer_by_wire.tools.analyze.report import verdict_of
 from tests.support.runs.logged_run import (
     ON_THE_WIRE_S,
     Run,
@@ -68,20 +65,6 @@ def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
     assert figures["unreadable"] == 1
     assert figures["first_unreadable"].startswith(f"{path}:{position + 1}: no frame")
     same_but_for_times(analyse(whole), {**figures, "unreadable": 0, "first_unreadable": ""})
-
-
-def test_a_file_that_ends_in_the_middle_of_a_frame_is_read_up_to_there(
-    beginning: Path, tmp_path: Path
-) -> None:
-    entries = entries_of(beginning)
-    for suffix in (".log", ".blf", ".trc", ".asc", ".csv"):
-        content = convert(entries, tmp_path / f"whole{suffix}").read_bytes()
-        path = tmp_path / f"cut{suffix}"
-        path.write_bytes(content[: len(content) // 2 + 7])
-        figures = analyse(path)
-        assert 0.2 * len(entries) < figures["frames"] < 0.8 * len(entries)
-        assert f"; the log is cut off: {path.name}: " in verdict_of(figures)
-        assert "cut off" not in verdict_of(analyse(tmp_path / f"whole{suffix}"))
 
 
 SHORT = [LogEntry(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
@@ -235,22 +218,6 @@ def test_a_log_of_foreign_frames_only_is_not_judged(
     )
 
 
-def test_a_log_that_ends_with_the_first_commands_is_not_judged(
-    constant: Run, tmp_path: Path
-) -> None:
-    entries = entries_of(constant.log)
-    first = next(n for n, entry in enumerate(entries) if is_of(entry, "STEERING_COMMAND"))
-    figures = analyse(write_log(tmp_path / "first.log", entries[: first + 8]))
-    assert "follow the first command: too few" in figures["not_judged"]
-
-
-def test_a_change_of_the_disturbance_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "set.log"
-    path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 324#FF7F0000000000\n")
-    (config,) = analyse(path)["disturbance_configs"]
-    assert (config["at_s"], config["side_force_n"]) == (2.5, 32_767.0)
-
-
 def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "set.log"
     path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 320#2320032C016400\n")
@@ -303,18 +270,3 @@ def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
     assert read == ([0x110, identifier] if is_one else [0x110])
     is_skipped = suffix == ".asc" and identifier < 0  # by python-can, as no frame at all
     assert log_file.state.unreadable == (not is_one and not is_skipped)
-
-
-def test_a_second_ctrl_c_while_the_first_closes_the_log_is_not_lost_in_a_message(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    file, lost, close = tmp_path / "one.log", list[object](), TextLines.close
-    file.write_text("(1.0) vcan0 110#00\n", encoding="ascii")
-    monkeypatch.setattr(TextLines, "close", lambda lines: interrupt(close(lines)))
-    monkeypatch.setattr(sys, "unraisablehook", lost.append)
-    with pytest.raises(KeyboardInterrupt):
-        analyse_files([file], advance=interrupt)
-    assert lost == []

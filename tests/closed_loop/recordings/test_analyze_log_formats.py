@@ -10,7 +10,6 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.runs.logged_run import (
-    START_NS,
     analyse,
     convert,
     entries_of,
@@ -43,31 +42,6 @@ def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
     can_id, data, _ = entry.frame
     payload = " ".join(f"{byte:02X}" for byte in data)
     return f"{stamp}  vcan0  {marks}{can_id:03X}   [{len(data)}]  {payload}\n"
-
-
-def seconds(time_ns: int) -> str:
-    return f"{time_ns // 1_000_000_000:03}.{time_ns // 1000 % 1_000_000:06}"
-
-
-@pytest.mark.parametrize("way", ["-ta", "-tz", "-td", "-td -x"])
-def test_what_candump_prints_gives_the_same_figures(
-    beginning: Path, tmp_path: Path, way: str
-) -> None:
-    entries = entries_of(beginning)
-    lines = []
-    before_ns = entries[0].time_ns
-    for entry in entries:
-        time_ns = {"-ta": START_NS + entry.time_ns, "-tz": entry.time_ns - entries[0].time_ns}.get(
-            way, entry.time_ns - before_ns
-        )
-        before_ns = entry.time_ns
-        marks = "RX - -  " if "-x" in way else ""
-        lines.append(plain(entry, f" ({seconds(time_ns)})", marks))
-    path = tmp_path / "printed.txt"
-    path.write_text("".join(lines))
-    figures = analyse(path)
-    assert figures["unreadable"] == 0
-    same_but_for_times(analyse(beginning), figures)
 
 
 def test_without_times_there_are_counts_and_signals_only(beginning: Path, tmp_path: Path) -> None:

@@ -58,15 +58,6 @@ def test_what_waited_while_the_program_did_something_else_has_no_time() -> None:
     ]  # fmt: skip
 
 
-def test_a_program_that_was_stopped_while_it_waited_knows_no_time_either() -> None:
-    bus = Bus(10, has_times=False)
-    reader = LiveReader(bus, lambda: bus.now_ns)
-    bus.held_up_ns = 1000 * MS
-    read = reader.next(20 * MS)
-    assert read is not None
-    assert not read.has_time
-
-
 def test_where_the_port_knows_the_arrival_it_stands_and_the_wait_is_known() -> None:
     bus = Bus(10, 20, has_times=True)
     reader = LiveReader(bus, lambda: bus.now_ns)

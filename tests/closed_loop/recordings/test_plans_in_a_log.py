@@ -98,14 +98,6 @@ def test_the_monitor_shows_a_plan_as_a_command_and_nothing_as_stale(
     assert watch.view(time_ns + 2 * 10**9).is_stale("STEERING_COMMAND")
 
 
-def test_a_plan_before_any_measurement_is_its_first_value() -> None:
-    watch = BusWatch(0)
-    watch.on_frame(encode(PLAN, 0), 0)
-    command = watch.view(0).command
-    assert command is not None
-    assert command.steer_rad == pytest.approx(command_at(PLAN, 0).steer_rad)
-
-
 def test_plans_and_commands_are_one_sequence_to_the_listener() -> None:
     listener = BusListener()
     kinds = [*[SteeringPlan] * 40, *[SteeringCommand] * 150, *[SteeringPlan] * 40]

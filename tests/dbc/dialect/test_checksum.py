@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from steer_by_wire.dbc.dialect.car_message import CarMessage, Reading, Refused
 from steer_by_wire.dbc.dialect.checksum import CrcRule, E2eProfile, E2eRule, PluginRule, SumRule
 from steer_by_wire.dbc.dialect.settings import MessageSettings, Quantity, SignalSettings
-from steer_by_wire.dbc.messages import DATA_IDS, Mode, SteeringCommand, encode
 
 LAST_BYTE = bytes(7) + b"\xff"
 payloads = st.binary(min_size=7, max_size=7).map(lambda data: data + b"\0")
@@ -67,16 +66,6 @@ def test_an_e2e_profile_has_the_crc_that_the_standard_prints(
     mask = b"\xff" * len(crc) + bytes(8 - len(crc))
     rule = E2eRule(rule=profile, signal="C", data_id=data_id)
     assert rule.compute(0, bytes(8), mask) == int.from_bytes(crc, "little")
-
-
-@given(st.floats(-0.6, 0.6), st.integers(0, 255))
-def test_our_own_command_is_a_cars_message_of_profile_5(steer_rad: float, counter: int) -> None:
-    command = SteeringCommand(steer_rad, counter, Mode.ACTIVE)
-    data = encode(command, counter).data
-    rule = E2eRule(rule="e2e_p05", signal="CRC", data_id=DATA_IDS[SteeringCommand])
-    assert rule.compute(0x100, bytes(2) + data[2:], b"\xff\xff" + bytes(6)) == int.from_bytes(
-        data[:2], "little"
-    )
 
 
 def test_the_counter_of_profile_1_is_the_one_that_its_library_counts_and_accepts() -> None:

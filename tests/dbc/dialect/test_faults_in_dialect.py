@@ -9,10 +9,9 @@ import pytest
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant
 from steer_by_wire.closed_loop.rig import Rig
 from steer_by_wire.dbc.bus_language import read_language
-from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.plant_emulator.faults.messages_on_bus import messages_in, naming
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from tests.dbc.dialect.test_gateway import CAR, DATABASE, request
@@ -89,26 +88,6 @@ def test_a_value_is_wrong_in_the_car_s_unit_and_counter_and_checksum_are_right(
     assert all(crc_is_right(frame) for _, frame in frames if frame.can_id == ANGLE_ID)
 
 
-def test_damaged_bits_leave_the_checksum_as_it_was() -> None:
-    fault = 'kind = "bit_flips", direction = "uplink", message = "STEER_ANGLE", magnitude = 0.1'
-    frames = [(at_ns, frame) for at_ns, frame in sent(fault) if frame.can_id == ANGLE_ID]
-    assert all(crc_is_right(frame) for at_ns, frame in frames if not is_late(at_ns))
-    wrong = [frame for at_ns, frame in frames if is_late(at_ns) and not crc_is_right(frame)]
-    assert len(wrong) > 40
-
-
-def test_a_constant_of_the_car_can_be_wrong_and_a_frame_can_be_forged() -> None:
-    gear = 'kind = "offset", direction = "uplink", message = "MOTION", signal = "GEAR"'
-    forged = 'kind = "spoof", direction = "uplink", message = "STEER_ANGLE"'
-    forged += ', signal = "HAND_WHEEL_ANGLE", magnitude = 45.0'
-    frames = sent(f"{gear}, magnitude = -3.0", forged)
-    gears = {(is_late(at_ns), one["GEAR"]) for at_ns, one in values(frames, MOTION_ID)}
-    assert gears == {(False, 4), (True, 1)}
-    *_, sound, after = (one for _, one in values(frames, ANGLE_ID))
-    assert after["HAND_WHEEL_ANGLE"] == pytest.approx(45.0)
-    assert after["ANGLE_COUNTER"] == (sound["ANGLE_COUNTER"] + 1) % 16
-
-
 def test_a_raw_value_leaves_the_range_and_a_frame_its_identifier() -> None:
     outside = 'kind = "out_of_range", direction = "uplink", message = "LANE"'
     moved = 'kind = "wrong_identifier", direction = "uplink", message = "STEER_ANGLE"'
@@ -164,24 +143,6 @@ def test_settings_with_our_names_are_refused_in_a_dialect() -> None:
     )
     with pytest.raises(SettingsError, match="must be STEER_ANGLE, MOTION, LANE or all"):
         make_virtual_plant(ours, language=LANGUAGE)
-
-
-def test_bits_of_no_signal_stay_as_they_are() -> None:
-    message = next(one for one in read_dialect(CAR).messages if one.name == "STEER_REQUEST")
-    padded = bytearray(request(2.0, 3).data)
-    padded[5:7] = b"\xa5\x5a"
-    padded[7] = (sum(padded[:7]) + 1 + len(padded)) % 256  # 1: the bytes of 0x100
-    changed = message.changed(bytes(padded), "ANGLE_REQUEST", lambda value: value + 1.0, 1)
-    assert changed is not None
-    assert changed[5:7] == b"\xa5\x5a"
-    assert changed[7] == (sum(changed[:7]) + 1 + len(changed)) % 256
-    said: Any = DATABASE.decode_message(0x100, changed)
-    assert (said["ANGLE_REQUEST"], said["REQUEST_COUNTER"]) == (pytest.approx(3.0), 4)
-
-
-def test_a_moved_frame_has_the_format_of_its_new_identifier() -> None:
-    moved = messages_in(LANGUAGE).moved(Frame(LANE_ID, bytes(8), EXTENDED))
-    assert moved == Frame(ANGLE_ID, bytes(8))
 
 
 def test_onsets_count_from_the_first_request_that_the_car_takes() -> None:

@@ -2,14 +2,13 @@
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.messages import SteeringStatusCode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
@@ -54,6 +53,8 @@ cycle_ms = 10
 signals.OFFSET = { carries = "lateral_error_m" }
 """
 
+NO_NUMBERS = math.nan, math.inf, -math.inf
+
 
 def car(folder: Path, text: str = CAR) -> Dialect:
     (folder / "floats.dbc").write_text(DATABASE, encoding="utf-8")
@@ -75,62 +76,6 @@ def test_a_falsified_float_is_sent_as_the_largest_that_there_is(
         assert struct.unpack_from(end, data)[0] == sent
 
 
-@pytest.mark.parametrize("active", [math.nan, math.inf, -math.inf, 0.5, 1.5])
-def test_a_command_that_is_not_engaged_by_a_number_is_refused(
-    active: float, tmp_path: Path
-) -> None:
-    node = Recorder()
-    gateway = Gateway(node, car(tmp_path), End.PLANT, 0)
-    gateway.on_frame(Frame(256, struct.pack("<ff", 0.0, active)), 0)
-    assert not node.got
-    assert gateway.report()["dialect"]["refused"] == {"not engaged": 1}
-
-
-@pytest.mark.parametrize("angle", [math.nan, math.inf, 1e30])
-def test_a_command_that_is_no_angle_is_refused(angle: float, tmp_path: Path) -> None:
-    gateway = Gateway(Recorder(), car(tmp_path), End.PLANT, 0)
-    gateway.on_frame(Frame(256, struct.pack("<ff", angle, 1.0)), 0)
-    assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
-
-
-@pytest.mark.parametrize(
-    ("follows", "codes", "refused"),
-    [
-        (1.0, [SteeringStatusCode.APPLYING], {}),
-        (0.0, [SteeringStatusCode.NO_COMMAND], {}),
-        *((value, [], {"out of range": 1}) for value in (math.nan, math.inf, -math.inf)),
-    ],
-)
-def test_a_wheel_that_follows_by_no_number_is_refused(
-    follows: float, codes: list[SteeringStatusCode], refused: Mapping[str, int], tmp_path: Path
-) -> None:
-    node = Recorder()
-    gateway = Gateway(node, car(tmp_path), End.CONTROLLER, 0)
-    gateway.on_frame(Frame(259, struct.pack("<ff", 0.1, follows)), 0)
-    assert [one.status for one in node.messages] == codes
-    assert gateway.report()["dialect"]["refused"] == refused
-
-
-@pytest.mark.parametrize("heading", [math.nan, math.inf, 9.0])
-def test_a_wrong_heading_is_refused_and_keeps_no_lateral_error_out(
-    heading: float, tmp_path: Path
-) -> None:
-    node = Recorder()
-    gateway = Gateway(node, car(tmp_path), End.CONTROLLER, 0)
-    for one in (0.25, heading):
-        gateway.on_frame(Frame(257, struct.pack("<f", one)), 0)
-    gateway.on_frame(Frame(258, struct.pack("<eH", 0.5, 0)), 0)
-    (said,) = node.messages
-    assert (said.lateral_error_m, said.heading_error_rad) == (0.5, 0.25)
-    assert gateway.report()["dialect"]["refused"] == {"out of range": 1}
-
-
-def test_a_constant_beyond_the_largest_float_is_refused(tmp_path: Path) -> None:
-    text = CAR.replace('signals.OFFSET = { carries = "lateral_error_m" }', "constants.OFFSET = 1e9")
-    with pytest.raises(SettingsError, match=r"constants\.OFFSET = 1000000000\.0 \(allowed: -65504"):
-        car(tmp_path, text)
-
-
 def test_a_float_of_a_size_that_there_is_not_is_refused(tmp_path: Path) -> None:
     text = CAR.replace("floats.dbc", "other.dbc")
     (tmp_path / "other.dbc").write_text(DATABASE.replace("HEADING : 0|32", "HEADING : 0|24"))
@@ -138,3 +83,22 @@ def test_a_float_of_a_size_that_there_is_not_is_refused(tmp_path: Path) -> None:
         car(tmp_path, text)
     said = "messages.CAMERA: HEADING is a float of 24 bits (allowed: 16, 32, 64)"
     assert refused.value.mistakes == (f"{tmp_path / 'car.toml'}: {said}",)
+
+
+@pytest.mark.parametrize(
+    ("end", "can_id", "values", "cause"),
+    [
+        *((End.PLANT, 256, (0.0, active), "not engaged") for active in (*NO_NUMBERS, 0.5, 1.5)),
+        *((End.PLANT, 256, (angle, 1.0), "out of range") for angle in (*NO_NUMBERS, 1e30)),
+        *((End.CONTROLLER, 259, (0.1, follows), "out of range") for follows in NO_NUMBERS),
+        *((End.CONTROLLER, 257, (heading,), "out of range") for heading in (*NO_NUMBERS, 9.0)),
+    ],
+)
+def test_what_is_no_number_or_beyond_its_range_is_refused(
+    end: End, can_id: int, values: Sequence[float], cause: str, tmp_path: Path
+) -> None:
+    node = Recorder()
+    gateway = Gateway(node, car(tmp_path), end, 0)
+    gateway.on_frame(Frame(can_id, struct.pack(f"<{len(values)}f", *values)), 0)
+    assert not node.got
+    assert gateway.report()["dialect"]["refused"] == {cause: 1}

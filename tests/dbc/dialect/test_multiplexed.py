@@ -31,7 +31,6 @@ BO_ 600 MUXED: 3 PLANT
 
 
 MESSAGE = message("0|255", "0|127", "-1|1")
-ONLY_MULTIPLEXER_HAS_ROOM = message("0|1", "0|127.5", "-1.28|1.27")
 
 
 @given(st.binary(min_size=3, max_size=3))
@@ -56,12 +55,6 @@ def test_a_fault_leaves_the_multiplexer_and_changes_what_it_selects(
     assert changed.keys() == {"SPEED", "ANGLE"}
     made = [one for one in (*changed.values(), MESSAGE.outside(data)) if one is not None]
     assert [one[0] for one in made] == ([data[0]] * 2 if data[0] <= 1 else [])
-
-
-def test_a_multiplexer_is_no_room_outside_a_range() -> None:
-    assert MESSAGE.has_room_outside
-    assert not ONLY_MULTIPLEXER_HAS_ROOM.has_room_outside
-    assert ONLY_MULTIPLEXER_HAS_ROOM.outside(bytes([0, 10, 0])) is None
 
 
 def test_a_multiplexer_keeps_the_values_whose_signals_are_left_out() -> None:
@@ -150,13 +143,3 @@ def test_what_no_frame_can_have_is_refused(
         said = refused.mistakes
     where = tmp_path / "car.toml"
     assert said == tuple(f"{where}: messages.LANE{mistake}" for mistake in mistakes)
-
-
-@pytest.mark.parametrize(
-    ("offset", "names"), [("", "OFFSETK"), ("m0 ", "OFFSETABK"), ("m1 ", "OFFSETAK")]
-)
-def test_signals_that_share_no_bits_can_be_falsified(
-    offset: str, names: str, tmp_path: Path
-) -> None:
-    _, message = car(tmp_path, offset, "").messages
-    assert sorted("".join(message.changeable)) == sorted(names)

@@ -12,8 +12,6 @@ from typing import Any
 
 import cantools.database
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
@@ -22,7 +20,6 @@ from steer_by_wire.closed_loop.recordings.live_reading import LiveFrame
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.status_lights import Known, lights_of
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.dbc.dialect.dialect import read_dialect
@@ -31,17 +28,14 @@ from steer_by_wire.dbc.dialect.overheard import Overheard
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
-    ControllerFault,
-    ControllerSafety,
     Decoded,
-    Freshness,
     LateralError,
     SteeringCommand,
     decode,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
-from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.analyze.__main__ import main as analyze
@@ -149,13 +143,6 @@ def test_a_frame_of_nobody_passes_and_one_of_ours_that_is_not_kept_says_nothing(
     assert overheard.hear(Frame(0x110, bytes(8)), 0) == ((), "", True)
 
 
-@given(st.binary(max_size=8), st.sampled_from([0, EXTENDED]), st.integers(0, 0x7FF))
-def test_any_frame_is_heard(data: bytes, flags: int, can_id: int) -> None:
-    overheard = listening()
-    for identifier in (can_id, 0x100, LANE.frame_id):
-        assert len(overheard.hear(Frame(identifier, data, flags), 0).ours) <= 3
-
-
 def test_analyze_judges_a_log_in_a_dialect(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -183,15 +170,6 @@ def test_a_table_has_a_cars_signals_as_its_database_reads_them(log: Path, tmp_pa
         said = DATABASE.decode_message(frame.can_id, frame.data, decode_choices=False)
         for signal, value in said.items():
             assert float(row[f"{row['message']}.{signal}"]) == pytest.approx(value)
-
-
-def test_lights_name_a_cars_messages() -> None:
-    old = Freshness.STALE
-    stale = ControllerSafety(0, 0, old, old, old, ControllerFault.NONE)
-    lights = lights_of(Known(None, stale, None, None, None, {}, names=listening().names))
-    causes = {light.name: light.cause for light in lights}
-    assert causes["Measurements"] == "LANE, STEER_ANGLE, MOTION: older than its age limit"
-    assert causes["Steering"] == "no STEER_ANGLE on the bus"
 
 
 def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:

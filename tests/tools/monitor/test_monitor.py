@@ -14,7 +14,6 @@ from steer_by_wire.closed_loop.recordings.live_view import (
     STRIP_LENGTH,
     BusWatch,
     View,
-    strip_of,
 )
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
@@ -34,7 +33,7 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
-from steer_by_wire.tools.monitor.screen import one_line, scaled_strip, screen_lines, strip_text
+from steer_by_wire.tools.monitor.screen import one_line, screen_lines, strip_text
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -110,18 +109,6 @@ def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
     assert lateness is not None
     assert lateness.max_s == pytest.approx(0.007, abs=1e-4)
     assert lateness.p99_s < 1e-4
-
-
-def test_commands_that_waited_together_at_the_start_make_no_later_one_late() -> None:
-    watch = BusWatch(0)
-    for number in range(1000):
-        frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
-        watch.on_frame(frame, max(number * 10_000_000, 800_000_000))
-    lateness = watch.view(10 * NS).lateness
-    assert lateness is not None
-    assert lateness.max_s == pytest.approx(0.8, abs=1e-6)
-    assert lateness.p50_s < 1e-6
-    assert watch.lateness_s < 1e-6
 
 
 def test_after_skipped_periods_the_newest_command_is_soon_on_time_again() -> None:
@@ -282,23 +269,3 @@ def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:
     assert strip_text((1.0,) * STRIP_LENGTH, 8, BLOCKS) == BLOCKS[0] * 8
     half = (None,) * (STRIP_LENGTH // 2) + (0.0, -3.0) * (STRIP_LENGTH // 4)
     assert strip_text(half, 4, BLOCKS).startswith("  ")
-
-
-def test_a_strip_shows_the_values_that_its_lowest_and_highest_block_stand_for() -> None:
-    strip = tuple(0.001 * number for number in range(STRIP_LENGTH))
-    last = f"{STRIP_LENGTH - 1:.3g}"
-    text = scaled_strip(strip, 20, BLOCKS)
-    assert len(text) == 20
-    assert text.endswith(f"{BLOCKS[-1]} 0..{last}")
-    assert text.startswith(BLOCKS[0])
-    assert scaled_strip((None,) * STRIP_LENGTH, 20, BLOCKS) == " " * 20
-
-
-def test_a_strip_keeps_the_largest_of_what_falls_together() -> None:
-    import numpy as np
-
-    part_ns = round(SPAN_S * NS / STRIP_LENGTH)
-    ages_ns = np.array([0, 1, 2, part_ns + 1, STRIP_LENGTH * part_ns + 5])
-    strip = strip_of(ages_ns, np.array([0.1, -0.4, 0.2, 0.3, 9.0]))
-    assert strip[-2:] == (0.3, -0.4)
-    assert set(strip[:-2]) == {None}
