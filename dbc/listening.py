@@ -6,13 +6,10 @@ messages as ``listed`` does.
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from ..runtime.frame import Frame
 from .messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
-
-if TYPE_CHECKING:
-    from .dialect.car_message import CarMessage
 
 
 class Listed(NamedTuple):
@@ -51,6 +48,23 @@ class Heard(NamedTuple):
     is_foreign: bool = False
 
 
+class CarSignals(Protocol):
+    """The signals of a car's message, read from the data of an accepted frame."""
+
+    @property
+    def signals(self) -> Sequence[str]:
+        """Their names."""
+        ...
+
+    def values(self, data: bytes) -> Mapping[str, float]:
+        """Return them in the database's units."""
+        ...
+
+    def text(self, data: bytes) -> str:
+        """Return them in words."""
+        ...
+
+
 class Listening(Protocol):
     """How a bus is decoded.
 
@@ -67,7 +81,7 @@ class Listening(Protocol):
     kept_ids: frozenset[int]
     signals: Mapping[str, str]
     names: Mapping[str, str]
-    car_messages: Mapping[str, "CarMessage"]
+    car_messages: Mapping[str, CarSignals]
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:
         """Take a frame."""
@@ -88,7 +102,7 @@ class OurMessages:
     kept_ids = frozenset(CAN_IDS.values())
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
-    car_messages: Mapping[str, "CarMessage"] = MappingProxyType({})
+    car_messages: Mapping[str, CarSignals] = MappingProxyType({})
 
     def hear(self, frame: Frame, now_ns: int) -> Heard:  # noqa: ARG002 as a car's bus
         """Take a frame."""

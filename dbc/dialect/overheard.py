@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
-from ..listening import Heard, Listed, MessageCounts, OurMessages
-from .car_message import CarMessage, Refused
+from ..listening import CarSignals, Heard, Listed, MessageCounts, OurMessages
+from .car_message import Refused
 from .dialect import Dialect
 from .quantities import SAID_BY
 from .reader import CarReader
@@ -20,7 +20,7 @@ class Overheard:
 
     def __init__(self, dialect: Dialect) -> None:
         self._reader = CarReader(dialect, dialect.messages)
-        self.car_messages: Mapping[str, CarMessage] = {it.name: it for it in dialect.messages}
+        self.car_messages: Mapping[str, CarSignals] = {it.name: it for it in dialect.messages}
         self.kept_ids = dialect.kept_ids
         plant_ids = (one.can_id for one in dialect.sent_by(End.PLANT))
         self.from_plant = OurMessages.from_plant & self.kept_ids | {*plant_ids}
