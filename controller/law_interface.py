@@ -144,15 +144,11 @@ class LookingBack(NamedTuple):
     """How ``--check`` analyses a law that is linear only while the latency is constant.
 
     ``opening``, ``closing``  lines before and after the analysis
-    ``state_period_ns``  period of VEHICLE_STATE [ns]; None: the law does not read it
-    ``request_periods``  control periods after which the law repeats itself
     """
 
     opening: tuple[str, ...]
     closing: tuple[str, ...] = ()
     fallback: Fallback | None = None
-    state_period_ns: int | None = None
-    request_periods: int = 1
 
 
 class Law(NamedTuple):
@@ -170,8 +166,6 @@ class Law(NamedTuple):
     ``cutoffs``          keys of its own table that have to be below the Nyquist frequency
     ``looks_back``       whether the law reads more than the first two fields of its ``LawInput``;
                          if not, no history of the bus is kept
-    ``takes_derivative`` whether the law feeds the lateral error through C(s) of [pd], whose
-                         derivative may then be the Kalman filter's
     ``feed_forward_refusal``  why [feed_forward] must not be added; empty: it may be
     ``commands_read``    for a law that is linear in the lateral error and its own last commands:
                          returns the number of these commands from the params; None: not linear
@@ -198,7 +192,6 @@ class Law(NamedTuple):
     needs_vehicle: bool = False
     cutoffs: tuple[str, ...] = ()
     looks_back: bool = False
-    takes_derivative: bool = False
     feed_forward_refusal: str = ""
     commands_read: Callable[[Any], int] | None = None
     heading_gain: Callable[[Any], float] | None = None

@@ -16,6 +16,7 @@ from ..runtime.settings import SharedTable, load_settings, read_preset, read_tab
 from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
 from .laws.law_from_settings import design_law
 from .laws.settings import LawSettings
+from .limits.designed_ranges import DesignedRanges, designed_ranges_of
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
 
 PRESETS = "steer_by_wire.controller.presets"
@@ -50,6 +51,11 @@ class ControllerSettings(LawSettings):
     def steer_limits(self) -> SteerLimits:
         """The bounds of one command."""
         return steer_limits_of(self.limits, self.period_ns)
+
+    @property
+    def demand_ranges(self) -> DesignedRanges:
+        """The speeds at which the law may ask for all of its steer."""
+        return designed_ranges_of(None if self.law_record.schedules_demand else self.validity)
 
     @property
     def age_limits(self) -> AgeLimits:

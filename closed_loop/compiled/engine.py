@@ -276,8 +276,8 @@ def _filled(column: FloatArray) -> int:
 def _constants(
     plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
 ) -> Constants:
-    table = None if controller.law_record.schedules_demand else controller.validity
-    share = share_of_demand(table, quantised_speed_m_s(plant.vehicle.speed_m_s))
+    speed_m_s = quantised_speed_m_s(plant.vehicle.speed_m_s)
+    share = share_of_demand(controller.demand_ranges, speed_m_s)
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,

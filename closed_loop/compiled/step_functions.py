@@ -27,7 +27,6 @@ from ...controller.history.plan import limit_plan
 from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
-from ...controller.laws.kalman_derivative import KalmanParams, kalman_step
 from ...controller.laws.plugin_law import numbers_or_none
 from ...controller.laws.set_point import (
     FollowedPointParams,
@@ -87,7 +86,6 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
 _AROUND: dict[type, Callable[..., Any]] = {
     FeedForwardParams: feed_forward_step,
     FollowedPointParams: followed_point_step,
-    KalmanParams: kalman_step,
 }
 """Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))

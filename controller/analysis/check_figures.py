@@ -84,12 +84,10 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
     Raises ValueError where the two periods have no common multiple.
     """
     design = design_law(linear(settings))
-    law = design.looking_back
-    if law is None:
+    if design.looking_back is None:
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
         return _loop_of(settings, design, vehicle, known)
-    periods = law.state_period_ns, law.request_periods
-    return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), *periods, known)
+    return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), known)
 
 
 def _loop_of(
@@ -103,7 +101,7 @@ def _loop_of(
     if not _has_two_rates(settings):
         return SampledLoop(design, model, settings.period_ns)
     loop_model = LoopModel(plant if design.heading_gain else model)
-    return PeriodicLoop(design, settings.loop_delay, loop_model, responses=responses)
+    return PeriodicLoop(design, settings.loop_delay, loop_model, responses)
 
 
 def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[DelayInterval, ...]:
@@ -207,9 +205,7 @@ def _looking_back(
             stable = stable_delays_of(_loop_of(settings, fallback, settings.model), fallback_ns)
             delays = _delays(stable, fallback_ns)
             figures["fallback"] = {"law": name, "when": when, "stable_delays": delays}
-        loop = PeriodicLoop(
-            design, settings.loop_delay, loop_model, law.state_period_ns, law.request_periods
-        )
+        loop = PeriodicLoop(design, settings.loop_delay, loop_model)
     except ValueError as error:
         return figures | {"opening": (), "closing": (), "not_analysed": f"{error}"}
     progress("poles and sensitivity")

@@ -40,10 +40,8 @@ def check_text(settings: ControllerSettings, figures: Figures | None = None) -> 
 
 def _unused(settings: ControllerSettings) -> list[str]:
     """Return the tables that the law does not read, as far as they have their default values."""
-    pd = settings.pd
-    filtered = settings.law == "predictor" or (pd is not None and pd.derivative == "kalman")
     is_default = settings.estimator == type(settings).model_fields["estimator"].default
-    return ["estimator"] if not filtered and is_default else []
+    return ["estimator"] if settings.law != "predictor" and is_default else []
 
 
 def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:

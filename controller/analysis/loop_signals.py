@@ -5,9 +5,6 @@ commands act, which command the echo names, and what the controller has received
 the vehicle exactly from event to event, in the order of ``closed_loop.compiled.loop``: commands
 that are due, samples, the tick, and its command if there is no latency.
 ``controller.analysis.unit_responses`` computes the response of a tick.
-
-Besides lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
-sends only with some of its samples. Between two of them the law uses the last one.
 """
 
 from collections.abc import Callable
@@ -48,9 +45,8 @@ class LoopModel(NamedTuple):
 class Timing(NamedTuple):
     """Times of all events in the period that begins with ``first_tick`` and ``first_sample``.
 
-    ``samples_per_state``  from one VEHICLE_STATE to the next; 0: the law does not read it
-    ``commands_read``      how many of its last commands the law reads; None: all from the one that
-                           the echo names, and the echo too
+    ``commands_read``  how many of its last commands the law reads; None: all from the one that the
+                       echo names, and the echo too
     """
 
     loop_delay: LoopDelayParams
@@ -60,7 +56,6 @@ class Timing(NamedTuple):
     first_sample: int
     ticks: int
     samples: int
-    samples_per_state: int = 0
     commands_read: int | None = None
 
     @property
@@ -82,13 +77,6 @@ class Timing(NamedTuple):
         return (
             tick * self.loop_delay.period_ns - self.uplink_ns
         ) // self.loop_delay.sensor_period_ns
-
-    def states_known(self, tick: int, before_sample: int) -> range:
-        """Return the samples with a VEHICLE_STATE, from the newest arrived by a tick on."""
-        if self.samples_per_state == 0:
-            return range(0)
-        newest = self.newest_sample(tick) // self.samples_per_state * self.samples_per_state
-        return range(newest, before_sample, self.samples_per_state)
 
     def applied_tick(self, sample: int) -> int:
         """Return the tick whose command is in effect at a sample."""
@@ -157,17 +145,15 @@ class Signals:
         known = timing.newest_sample(self._tick - 1)
         ticks = timing.commands_kept(self._tick)
         samples = range(known, self._sample)
-        states = timing.states_known(self._tick - 1, self._sample)
         acting = timing.acting_tick(self._now_ns)
         vehicle, held = len(self._b), (timing.delay_ns % timing.loop_delay.period_ns > 0)
-        self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + len(states) + held
+        self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + held
         columns = np.eye(self._order + timing.samples + timing.ticks)
         rows, added = iter(columns[: self._order]), columns[self._order + timing.samples :]
         self._vehicle = np.array([next(rows) for _ in range(vehicle)])
         self._law = np.array([next(rows) for _ in range(law_floats)])
         self._commands = {tick: next(rows) for tick in ticks}
         self._errors = {sample: (next(rows), next(rows)) for sample in samples}
-        self._yaw_rates = {sample: next(rows) for sample in states}
         self._added = {acting: next(rows)} if held else {}
         self._begins = range(acting + held, acting + held + timing.ticks)
         self._added |= dict(zip(self._begins, added, strict=True))
@@ -193,19 +179,15 @@ class Signals:
         noise = np.zeros(self._vehicle.shape[1])
         noise[self._order + self._sample - timing.first_sample] = 1.0
         self._errors[self._sample] = (self._vehicle[Y] + noise, self._vehicle[PSI].copy())
-        if timing.samples_per_state and self._sample % timing.samples_per_state == 0:
-            self._yaw_rates[self._sample] = self._vehicle[R].copy()
         self._sample += 1
 
     def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:
         """Run the law's tick."""
         ticks, samples = self._timing.rows_read_at(self._tick)
-        states = self._timing.states_known(self._tick, self._sample)[:1]
         rows = [
             *self._law,
             *(self._commands[tick] for tick in ticks),
             *(row for sample in samples for row in self._errors[sample]),
-            *(self._yaw_rates[sample] for sample in states),
         ]
         after = respond(self._timing, self._tick) @ np.array(rows)
         self._law, steer = after[:-1], after[-1]
@@ -217,14 +199,12 @@ class Signals:
         """Return the final state, and the steers and acting commands in between."""
         known = self._timing.newest_sample(self._tick - 1)
         ticks = self._timing.commands_kept(self._tick)
-        states = self._timing.states_known(self._tick - 1, self._sample)
         acting = self._timing.acting_tick(self._now_ns)
         rows = [
             *self._vehicle,
             *self._law,
             *(self._commands[tick] for tick in ticks),
             *(row for sample in range(known, self._sample) for row in self._errors[sample]),
-            *(self._yaw_rates[sample] for sample in states),
             *([self._added[acting]] if acting in self._added else []),
         ]
         end, steers = np.array(rows), np.array(self._steers)

@@ -2,10 +2,8 @@
 
 The controller decides every control period on the newest measurement, which the plant takes every
 sensor period. All of it repeats itself with the common multiple of both. At a constant latency the
-echo shows a constant delay and every measurement arrives, so that the laws that look back are
-linear too: the predictor, a law with dy/dt from the Kalman filter, and the delayed set point, whose
-multiple includes the periods of VEHICLE_STATE and of its stored requests. The state at the
-beginning of a multiple is
+echo shows a constant delay and every measurement arrives, so that the predictor, which looks back,
+is linear too. The state at the beginning of a multiple is
 
     x = (vehicle and wheel, law and filter, commands sent, measurements in transit)
 
@@ -61,9 +59,7 @@ class PeriodicLoop:
 
     ``design``      the law, its parameters those of the vehicle's speed
     ``loop_delay``  periods of controller and sensors
-    ``state_period_ns``  of VEHICLE_STATE, a multiple of the sensors', if the law reads its yaw rate
-    ``ticks_repeated``   after how many ticks the law does the same again, if it counts them
-    ``responses``        of the same law around other vehicles, extended by those computed here
+    ``responses``   of the same law around other vehicles, extended by those computed here
 
     Raises ValueError where the two periods have no common multiple within 100 of either.
     """
@@ -73,18 +69,13 @@ class PeriodicLoop:
         design: LawDesign,
         loop_delay: LoopDelayParams,
         loop_model: LoopModel,
-        state_period_ns: int | None = None,
-        ticks_repeated: int = 1,
         responses: Responses | None = None,
     ) -> None:
         self.loop_model = loop_model
         self._design, self._loop_delay = design, loop_delay
         speed_m_s = loop_model.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
-        sample_ns = loop_delay.sensor_period_ns
-        self._samples_per_state = 0 if state_period_ns is None else state_period_ns // sample_ns
-        state_ns = sample_ns if state_period_ns is None else state_period_ns
-        self.period_ns = math.lcm(loop_delay.period_ns * ticks_repeated, sample_ns, state_ns)
+        self.period_ns = math.lcm(loop_delay.period_ns, loop_delay.sensor_period_ns)
         if (
             max(
                 self.period_ns // loop_delay.period_ns,
@@ -180,7 +171,6 @@ class PeriodicLoop:
             start_ns // loop_delay.sensor_period_ns,
             self.period_ns // loop_delay.period_ns,
             self.period_ns // loop_delay.sensor_period_ns,
-            self._samples_per_state,
             self._commands_read,
         )
 

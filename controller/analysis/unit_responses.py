@@ -44,8 +44,6 @@ def unit_responses(
         ring[number % _RING] = _UNIT
         responses.append(design.step(params, rest, loop_input.observed(tick)))
         ring[number % _RING] = 0.0
-    if timing.samples_per_state:
-        responses.append(design.step(params, rest, loop_input.observed(tick, _UNIT)))
     rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in responses]
     columns: FloatArray = (np.array(rows) - np.array(rest_rows)) / _UNIT
     return columns.T
@@ -56,7 +54,7 @@ def _settled_at_rest(
 ) -> Any:
     """Return the state before a tick of a law after zero input for long enough.
 
-    The law starts with the first tick of a common multiple, as laws that count periods require.
+    The law starts with the first tick of a common multiple.
     """
     rest: Any = None
     for periods in (1, ceil(_SETTLED_NS / loop_input.period_ns)):
@@ -65,7 +63,7 @@ def _settled_at_rest(
         for before in range(first, tick):
             rest, _ = design.step(params, rest, loop_input.observed(before))
         if not any(value is False for value in floats_of(rest)):
-            break  # it predicts, or takes its derivative from the filter
+            break  # it predicts
     return rest
 
 
@@ -95,13 +93,13 @@ class _LoopInput:
             [0.0] * _RING,
         )
 
-    def observed(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
+    def observed(self, tick: int) -> LawInput:
         """Return the law's input at a tick."""
         newest = self._timing.newest_sample(tick)
         return LawInput(
             self.lateral_error_m[newest % _RING],
             self.sent_rad[(tick - 1) % _RING],
-            VehicleReading(self._speed_m_s, yaw_rate_rad_s, 0.0),
+            VehicleReading(self._speed_m_s, 0.0, 0.0),
             LoopDelay(tick, newest, newest, self._delay_ns, True),
             self._history,
         )

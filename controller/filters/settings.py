@@ -23,8 +23,6 @@ class PdSettings(Settings):
     proportional_gain_rad_m: Annotated[float, Field(gt=0.0, le=1e6)]  # K_p
     derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0, le=1e6)]  # K_d
     derivative_filter_rad_s: CutoffRadS | None = None  # N; omitted: the ideal derivative
-    derivative: Literal["filtered", "kalman"] = "filtered"
-    """kalman: derivative of the measured error from the filter of [estimator], with echoes only."""
 
 
 class DobSettings(Settings):

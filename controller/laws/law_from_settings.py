@@ -6,14 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
-from ..filters.discretization import design_pd
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule, VehicleBelief
 from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
-from ..prediction.gains_over_speed import design_schedule, together
-from ..prediction.vehicle_kalman_filter import settling_samples
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
-from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
 from .plugin_law import Guard
 from .set_point import (
     FollowedPointParams,
@@ -70,8 +66,6 @@ def design_law(settings: "LawSettings") -> LawDesign:
     """
     law = settings.law_record
     design = _guarded(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
-    if settings.pd is not None and settings.pd.derivative == "kalman":
-        design = _with_kalman_derivative(design, settings)
     if settings.feed_forward is not None:
         design = _with_feed_forward(design, settings, settings.feed_forward.gain)
     if settings.followed_point != "preview":
@@ -160,61 +154,6 @@ def _with_params(law: LawDesign, around: Callable[[Any], Any]) -> LawDesign:
         params=around(law.params),
         params_at=None if at is None else lambda speed_m_s: around(at(speed_m_s)),
         looks_back=True,
-    )
-
-
-def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesign:
-    """Return a law that takes dy/dt from the Kalman filter.
-
-    Raises SettingsError where there are no gains.
-    """
-    vehicle, period_s = vehicle_of(settings), settings.period_s
-    schedule = design_schedule(
-        settings.estimator, vehicle, period_s, settings.link.sensor_period_s, None
-    )
-    gains_at = together([schedule])
-    lowest_m_s, highest_m_s = schedule.speeds_m_s[0], schedule.speeds_m_s[-1]
-    gains_of_pd = required(settings.pd)
-    pd, loop_delay, params_at = (
-        design_pd(gains_of_pd, period_s),
-        settings.loop_delay,
-        law.params_at,
-    )
-
-    def at(speed_m_s: float) -> KalmanParams:
-        derivative = DerivativeParams(
-            gains_at(speed_m_s)[0],
-            loop_delay,
-            pd,
-            gains_of_pd.proportional_gain_rad_m,
-            gains_of_pd.derivative_gain_rad_s_m,
-            min(max(speed_m_s, lowest_m_s), highest_m_s),
-            vehicle.preview_distance_m,
-            FADE_RAD_S * period_s,
-            settling_samples(settings.link.sensor_period_s),
-        )
-        return KalmanParams(law.params if params_at is None else params_at(speed_m_s), derivative)
-
-    slowest = at(0.0)
-    return law._replace(
-        params=slowest,
-        params_at=at,
-        initial_state=partial(kalman_at_rest, law.initial_state, slowest.derivative),
-        step=partial(kalman_step, law.step),
-        looks_back=True,
-        commands_read=None,
-        looking_back=LookingBack(
-            filter_opening(settings), ("Without echoes the derivative is the filtered difference.",)
-        ),
-    )
-
-
-def filter_opening(settings: "LawSettings") -> tuple[str, ...]:
-    """Return the introduction to the analysis of a law with a Kalman filter."""
-    speed_m_s = vehicle_of(settings).speed_m_s
-    return (
-        "The law has a filter that looks back. Analysed with a constant latency of the commands,",
-        f"none of the measurements, and every echo there, at {speed_m_s:.4g} m/s.",
     )
 
 

@@ -28,6 +28,5 @@ LAW = Law(
     _design,
     LawNumber.PD,
     needs=("pd",),
-    takes_derivative=True,
     commands_read=last_command,
 )

@@ -56,6 +56,5 @@ LAW = Law(
     _design,
     LawNumber.PD_CDOB,
     needs=("pd", "cdob", "nominal_model"),
-    takes_derivative=True,
     commands_read=last_command,
 )

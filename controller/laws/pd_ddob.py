@@ -75,6 +75,5 @@ LAW = Law(
     design_ddob,
     LawNumber.PD_DDOB,
     needs=("pd", "dob", "cdob", "nominal_model"),
-    takes_derivative=True,
     commands_read=last_command,
 )

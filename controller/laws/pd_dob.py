@@ -54,6 +54,5 @@ LAW = Law(
     _design,
     LawNumber.PD_DOB,
     needs=("pd", "dob", "nominal_model"),
-    takes_derivative=True,
     commands_read=last_command,
 )

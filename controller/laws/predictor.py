@@ -48,7 +48,7 @@ from ..prediction.vehicle_kalman_filter import (
     settling_samples,
     start_estimate,
 )
-from .law_from_settings import filter_opening, vehicle_of
+from .law_from_settings import vehicle_of
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 from .set_point import ahead_of_cg_m
 
@@ -241,8 +241,13 @@ def design_predictor(settings: "LawSettings") -> Schedule:
 
 def _looking_back(settings: "LawSettings", _params: PredictorParams) -> LookingBack:
     horizon_s = settings.table_of(PredictorSettings).horizon_s_max
+    speed_m_s = vehicle_of(settings).speed_m_s
     return LookingBack(
-        filter_opening(settings),
+        (
+            "The law has a filter that looks back. Analysed with a constant latency of the"
+            " commands,",
+            f"none of the measurements, and every echo there, at {speed_m_s:.4g} m/s.",
+        ),
         ("Lag and mass are those of the settings, also where they are measured.",),
         fallback=Fallback(FALLBACK, f"Beyond {horizon_s:g} s, and without echoes"),
     )

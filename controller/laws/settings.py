@@ -188,14 +188,6 @@ class LawSettings(_TablesOfLaws):
         return self.nominal_model
 
     @model_validator(mode="after")
-    def _refuse_an_estimate_without_a_vehicle(self) -> Self:
-        if self.pd is not None and self.pd.derivative == "kalman":
-            if not self.law_record.takes_derivative:
-                raise ValueError(f"pd.derivative = 'kalman' is not for law = {self.law!r}")
-            self._vehicle_for("pd.derivative = 'kalman'")
-        return self
-
-    @model_validator(mode="after")
     def _refuse_a_second_feed_forward(self) -> Self:
         if self.feed_forward is not None:
             if self.law_record.feed_forward_refusal:

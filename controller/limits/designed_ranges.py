@@ -9,10 +9,10 @@ gains follow the speed, lowers its weight of the error instead
 (``controller.prediction.gains_over_speed``).
 """
 
-import math
+import sys
 from collections.abc import Mapping
 from itertools import product
-from typing import Annotated, Self
+from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -71,8 +71,7 @@ class ValiditySettings(VehicleRanges):
 NOT_FORWARD_M_S = 0.1
 """A vehicle slower than this stands or reverses, and no law steers it."""
 _TOLERANCE_M_S = resolutions(VehicleState)["speed_m_s"]
-_TO_SLOW_DOWN = frozenset({Validity.SPEED_HIGH, Validity.DELAY_LONG, Validity.MODEL_MISFIT})
-_NO_REQUEST, _SLOW_DOWN, _STOP = MotionRequest
+_NO_LIMIT = sys.float_info.max
 _IN_WORDS: Mapping[Validity, str] = {
     Validity.UNKNOWN: "",
     Validity.VALID: "",
@@ -83,50 +82,65 @@ _IN_WORDS: Mapping[Validity, str] = {
 }
 
 
-def tolerated_m_s(low_m_s: float, high_m_s: float) -> tuple[float, float]:
-    """Return a range of speeds with the signal's resolution at either end."""
-    return low_m_s - _TOLERANCE_M_S, high_m_s + _TOLERANCE_M_S
+class DesignedRanges(NamedTuple):
+    """The ranges that are watched while the controller runs.
+
+    ``is_known``           whether the settings state any
+    ``speed_m_s_max``      ``tolerated_m_s_max`` and ``tolerated_m_s_min`` are wider by the signal's
+                           resolution
+    ``delay_s_max``        from command to measurement [s]
+    """
+
+    is_known: bool
+    speed_m_s_max: float
+    tolerated_m_s_max: float
+    tolerated_m_s_min: float
+    delay_s_max: float
+
+
+def designed_ranges_of(table: ValiditySettings | None) -> DesignedRanges:
+    """Return the ranges of settings."""
+    low_m_s, high_m_s = (table and table.speed_m_s) or (0.0, _NO_LIMIT)
+    tolerated_m_s = high_m_s + _TOLERANCE_M_S, low_m_s - _TOLERANCE_M_S
+    delay_s_max = 1e-3 * table.delay_ms_max if table else _NO_LIMIT
+    return DesignedRanges(table is not None, high_m_s, *tolerated_m_s, delay_s_max)
 
 
 def validity_of(
-    table: ValiditySettings | None,
-    speed_m_s: float | None,
-    delay_s: float | None,
-    *,
-    fits_model: bool = True,
+    p: DesignedRanges, speed_m_s: float | None, delay_s: float | None, fits_model: bool
 ) -> Validity:
     """Return whether a speed and a delay are within the ranges; an unknown one counts as within.
 
     ``delay_s``     from command to measurement [s]
     ``fits_model``  whether the vehicle is within the ranges, as far as is known
     """
-    if table is None:
+    if not p.is_known:
         return Validity.UNKNOWN
-    least_m_s, most_m_s = tolerated_m_s(*(table.speed_m_s or (0.0, math.inf)))
-    if speed_m_s is not None and speed_m_s > most_m_s:
+    if speed_m_s is not None and speed_m_s > p.tolerated_m_s_max:
         return Validity.SPEED_HIGH
-    if delay_s is not None and delay_s > 1e-3 * table.delay_ms_max:
+    if delay_s is not None and delay_s > p.delay_s_max:
         return Validity.DELAY_LONG
     if not fits_model:
         return Validity.MODEL_MISFIT
-    is_low = speed_m_s is not None and speed_m_s < least_m_s
+    is_low = speed_m_s is not None and speed_m_s < p.tolerated_m_s_min
     return Validity.SPEED_LOW if is_low else Validity.VALID
 
 
-def request_of(validity: Validity, *, must_stop: bool) -> MotionRequest:
+def request_of(validity: Validity, must_stop: bool) -> MotionRequest:
     """Return what to ask of the vehicle's drive."""
     if must_stop:
-        return _STOP
-    return _SLOW_DOWN if validity in _TO_SLOW_DOWN else _NO_REQUEST
+        return MotionRequest.STOP
+    if validity is Validity.UNKNOWN or validity is Validity.VALID:
+        return MotionRequest.NONE
+    return MotionRequest.NONE if validity is Validity.SPEED_LOW else MotionRequest.SLOW_DOWN
 
 
-def share_of_demand(table: ValiditySettings | None, speed_m_s: float) -> float:
+def share_of_demand(p: DesignedRanges, speed_m_s: float) -> float:
     """Return which share of its steer a law may ask for at a speed."""
-    if table is None or table.speed_m_s is None:
+    if speed_m_s <= p.tolerated_m_s_max or speed_m_s == 0.0:
         return 1.0
-    high_m_s = table.speed_m_s[1]
-    ratio = high_m_s / max(speed_m_s, high_m_s)
-    return 1.0 if speed_m_s <= tolerated_m_s(*table.speed_m_s)[1] else ratio * ratio
+    ratio = p.speed_m_s_max / speed_m_s
+    return ratio * ratio
 
 
 def in_words(validity: Validity) -> str:

@@ -16,6 +16,17 @@ IN_FLIGHT_MAX = 4096
 that a counter that has wrapped is not mistaken for the old one."""
 
 
+def echoed_age(count: int, counter: int) -> int | None:
+    """Return how many commands ago the one with an echoed counter was sent, 0 for the newest.
+
+    ``count``  commands sent so far. None if no command of IN_FLIGHT_MAX has the counter
+    """
+    age = (count - 1 - counter) % COMMAND_COUNTERS
+    if age >= count or age >= IN_FLIGHT_MAX:
+        return None
+    return age
+
+
 class SentCommands:
     """Stores sending times and angles; ``count`` is the number of commands sent."""
 
@@ -41,11 +52,10 @@ class SentCommands:
 
         None if the command with this counter is not stored.
         """
-        newest = self.count - 1
-        age = (newest - counter) % COMMAND_COUNTERS
-        if age > newest or age >= IN_FLIGHT_MAX:
+        age = echoed_age(self.count, counter)
+        if age is None:
             return None
-        index = (newest - age) % IN_FLIGHT_MAX
+        index = (self.count - 1 - age) % IN_FLIGHT_MAX
         is_first = not self._is_echoed[index]
         self._is_echoed[index] = True
         return self._sent_ns[index], self._steer_rad[index], is_first

@@ -30,7 +30,7 @@ def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) ->
     presets are such laws at 1 kHz.
     """
     period_s, pd = settings.period_ns / NS_PER_S, settings.pd
-    is_ideal = pd is not None and pd.derivative_filter_rad_s is None and pd.derivative != "kalman"
+    is_ideal = pd is not None and pd.derivative_filter_rad_s is None
     if not is_ideal or sensor_period_s < 1.5 * period_s:
         return ""
     return (

@@ -58,7 +58,7 @@ class LawRunner:
         self.acting = -1
         self.is_distrusted = False
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
-        self._validity = None if settings.law_record.schedules_demand else settings.validity
+        self._ranges = settings.demand_ranges
         self._share = 1.0
         self._state: Any = None
         self._fade_rad = 0.0
@@ -85,7 +85,7 @@ class LawRunner:
         if speed_m_s == self._speed_m_s:
             return
         self._speed_m_s = speed_m_s
-        self._share = share_of_demand(self._validity, speed_m_s)
+        self._share = share_of_demand(self._ranges, speed_m_s)
         if self.design.params_at is not None:
             self._params = self.design.params_at(speed_m_s)
 

@@ -21,12 +21,12 @@ and while the deviation of w is at most DEVIATION_MAX. Where the wheel turns lit
 side wind, which the controller steers against, moves w by more than its deviation says.
 """
 
-from math import exp, sqrt
-from typing import Any
+from math import sqrt
+from typing import Any, NamedTuple
 
 from ..filters.nominal_model import NominalVehicle
 from ..limits.designed_ranges import ValiditySettings
-from ..prediction.regression import regressed
+from ..prediction.regression import Coefficients, regressed
 from ..settings import ControllerSettings
 from .plausibility import Motion, nominal_vehicle
 
@@ -47,9 +47,12 @@ _TIMING = 0.25
 """Of a step's change of the yaw rate: wheel angle and yaw rate come at times of their own."""
 _TRANSIENT = 0.03
 """Of the yaw rate: how it follows a wheel that turns differs from one vehicle to the other."""
-_WALKS_PER_S = (1e-4, 2.5e-5)
+_W_WALKS_PER_S, _B_WALKS_PER_S = 1e-4, 2.5e-5
 """Variance that w and b [rad²/s²] gain in a second."""
-_VARIANCES_MAX = (25.0, 0.01)
+_W_VARIANCE_MAX, _B_VARIANCE_MAX = 25.0, 0.01
+_LAG_S_MIN = 1e-3
+_LOG_2 = 0.6931471805599453
+_NEGLIGIBLE = -700.0
 _NARROWEST_S2_M = 1e-4
 """A box of no width in K gets this one: 0.03 m of L + K V² at 60 km/h."""
 
@@ -69,67 +72,158 @@ def gradients_s2_m(vehicle: NominalVehicle, box: ValiditySettings) -> tuple[floa
     return least, largest
 
 
+class FitParams(NamedTuple):
+    """The box: its wheelbase, least and largest K, and the nominal vehicle."""
+
+    length_m: float
+    least_s2_m: float
+    largest_s2_m: float
+    vehicle: NominalVehicle
+
+
+def fit_params(vehicle: NominalVehicle, box: ValiditySettings) -> FitParams:
+    """Return the parameters of a box around a nominal vehicle."""
+    length_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
+    return FitParams(length_m, *gradients_s2_m(vehicle, box), vehicle)
+
+
+class FitState(NamedTuple):
+    """State of the fit.
+
+    ``late_rad``, ``wheel_rad``, ``yaw_rate_rad_s``  the means so far, smoothed
+    ``share``        w, b and their variances
+    ``least_rad_s``  r_least, ``left_rad2_s2``: the noise
+    ``yaw_lag_s``    at ``speed_m_s``
+    ``lasted_s``     how long the share has contradicted ``fits``
+    ``fits``         whether the vehicle is in the box, as far as is known
+    """
+
+    late_rad: float
+    wheel_rad: float
+    yaw_rate_rad_s: float
+    share: Coefficients
+    least_rad_s: float
+    left_rad2_s2: float
+    steps: float
+    speed_m_s: float
+    yaw_lag_s: float
+    lasted_s: float
+    fits: bool
+
+
+def start_fit() -> FitState:
+    """Return the state of a vehicle of which nothing is known."""
+    share = (0.5, 0.0, _W_VARIANCE_MAX, 0.0, _B_VARIANCE_MAX)
+    return FitState(0.0, 0.0, 0.0, share, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, True)
+
+
+def fit_step(
+    p: FitParams, x: FitState, lasted_s: float, v: float, yaw_rate_rad_s: float, wheel_rad: float
+) -> FitState:
+    """Take the means of speed, yaw rate and wheel angle since the last step, ``lasted_s`` ago."""
+    yaw_lag_s = x.yaw_lag_s if v == x.speed_m_s else lag_s(p.vehicle, v)
+    v2 = v * v
+    least_m, largest_m = p.length_m + p.least_s2_m * v2, p.length_m + p.largest_s2_m * v2
+    if yaw_lag_s == 0.0 or least_m == 0.0 or largest_m == 0.0:
+        return x
+    # The yaw rate follows a turning wheel late, by about this.
+    late_rad = x.late_rad + (1.0 - decay(-lasted_s / yaw_lag_s)) * (wheel_rad - x.late_rad)
+    taken = 1.0 - decay(-lasted_s / _SMOOTHED_S)
+    smooth_rad = x.wheel_rad + taken * (late_rad - x.wheel_rad)
+    r = x.yaw_rate_rad_s + taken * (yaw_rate_rad_s - x.yaw_rate_rad_s)
+    least_rad_s, largest_rad_s = v * smooth_rad / least_m, v * smooth_rad / largest_m
+    timing_rad_s = _TIMING * (least_rad_s - x.least_rad_s)
+    transient_rad_s = _TRANSIENT * least_rad_s
+    uncertain_rad2_s2 = timing_rad_s * timing_rad_s + transient_rad_s * transient_rad_s
+    noise_rad2_s2 = max(x.left_rad2_s2, _NOISE_RAD2_S2_MIN) + uncertain_rad2_s2
+    width_rad_s, over_rad_s = largest_rad_s - least_rad_s, r - least_rad_s
+    before = walked(x.share, lasted_s)
+    share = regressed(before, width_rad_s, 1.0, over_rad_s, noise_rad2_s2)
+    left_rad_s = over_rad_s - share[0] * width_rad_s - share[1]
+    steps = x.steps + 1.0
+    if steps == 0.0:
+        return x
+    weight = max(1.0 / steps, min(lasted_s / _NOISE_FORGETS_S, 1.0))
+    left_rad2_s2 = x.left_rad2_s2 + weight * (left_rad_s * left_rad_s - x.left_rad2_s2)
+    is_wide = abs(width_rad_s) >= WIDTH_MIN * abs(least_rad_s)
+    fits, beyond_s = x.fits, x.lasted_s
+    if is_wide and share[2] <= DEVIATION_MAX * DEVIATION_MAX:
+        beyond_s = beyond_s + lasted_s if is_outside(share) == fits else 0.0
+        if beyond_s >= DEBOUNCE_S:
+            fits, beyond_s = not x.fits, 0.0
+    return FitState(
+        late_rad, smooth_rad, r, share, least_rad_s, left_rad2_s2, steps, v, yaw_lag_s,
+        beyond_s, fits,
+    )  # fmt: skip
+
+
+def walked(share: Coefficients, lasted_s: float) -> Coefficients:
+    """Return w and b with the variances that they have gained."""
+    w, b, p_ww, p_wb, p_bb = share
+    walked_ww = min(p_ww + _W_WALKS_PER_S * lasted_s, _W_VARIANCE_MAX)
+    walked_bb = min(p_bb + _B_WALKS_PER_S * lasted_s, _B_VARIANCE_MAX)
+    return w, b, walked_ww, p_wb, walked_bb
+
+
+def is_outside(share: Coefficients) -> bool:
+    """Whether a share is outside the box, for certain."""
+    over = max(share[0] - 1.0, -share[0]) - MARGIN
+    return over > 0.0 and over * over > DEVIATIONS * DEVIATIONS * share[2]
+
+
+def lag_s(p: NominalVehicle, speed_m_s: float) -> float:
+    """Return the lag of the yaw rate behind a turning wheel."""
+    m, j = p.virtual_mass_kg, p.yaw_inertia_kg_m2
+    c_f, l_f = p.front_cornering_stiffness_n_rad, p.front_axle_distance_m
+    c_r, l_r = p.rear_cornering_stiffness_n_rad, p.rear_axle_distance_m
+    v = max(speed_m_s, 0.1)
+    m_v, m_v2, j_v = m * v, m * v * v, j * v
+    if m_v == 0.0 or m_v2 == 0.0 or j_v == 0.0 or j == 0.0:
+        return _LAG_S_MIN
+    a_11, a_12 = -(c_r + c_f) / m_v, -1.0 + (c_r * l_r - c_f * l_f) / m_v2
+    a_21, a_22 = (c_r * l_r - c_f * l_f) / j, -(c_r * (l_r * l_r) + c_f * (l_f * l_f)) / j_v
+    b_1, b_2 = c_f / m_v, c_f * l_f / j
+    gain, determinant = a_21 * b_1 - a_11 * b_2, a_11 * a_22 - a_12 * a_21
+    if gain == 0.0 or determinant == 0.0:
+        return _LAG_S_MIN
+    return max(-(a_11 + a_22) / determinant - b_2 / gain, _LAG_S_MIN)
+
+
+def decay(x: float) -> float:
+    """Return e^x for x <= 0, to 3e-14: no library's, so that all machines agree."""
+    if x < _NEGLIGIBLE:
+        return 0.0
+    scale, rest = 1.0, x
+    while rest < -0.5 * _LOG_2:
+        scale, rest = 0.5 * scale, rest + _LOG_2
+    tail = 1.0 + rest / 9.0 * (1.0 + rest / 10.0 * (1.0 + rest / 11.0 * (1.0 + rest / 12.0)))
+    middle = 1.0 + rest / 5.0 * (1.0 + rest / 6.0 * (1.0 + rest / 7.0 * (1.0 + rest / 8.0 * tail)))
+    head = 1.0 + rest / 2.0 * (1.0 + rest / 3.0 * (1.0 + rest / 4.0 * middle))
+    return scale * (1.0 + rest * head)
+
+
 def model_fit(settings: ControllerSettings) -> "ModelFit | None":
     """Return what judges the fit; None where the settings state no vehicle or no box."""
     vehicle, box = nominal_vehicle(settings), settings.validity
-    return None if vehicle is None or box is None else ModelFit(vehicle, box)
+    return None if vehicle is None or box is None else ModelFit(fit_params(vehicle, box))
 
 
 class ModelFit:
-    """Follows the vehicle's share of the box.
+    """Follows the vehicle's share of the box of ``params``."""
 
-    ``vehicle``  the nominal one
-    ``box``      what the settings were designed for
+    def __init__(self, params: FitParams) -> None:
+        self._params = params
+        self._x = start_fit()
 
-    ``fits``     whether it is in the box, as far as is known
-    """
-
-    def __init__(self, vehicle: NominalVehicle, box: ValiditySettings) -> None:
-        self._least, self._largest = gradients_s2_m(vehicle, box)
-        self._vehicle = vehicle
-        self._nominal = understeer_gradient_s2_m(vehicle)
-        self._length_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
-        self._late_rad = self._wheel_rad = self._yaw_rate_rad_s = 0.0
-        self._x = (0.5, 0.0, _VARIANCES_MAX[0], 0.0, _VARIANCES_MAX[1])
-        self._least_rad_s = self._left_rad2_s2 = 0.0
-        self._steps = 0
-        self._speed_m_s, self._yaw_lag_s = 0.0, 1.0
-        self._lasted_s = 0.0
-        self.fits = True
+    @property
+    def fits(self) -> bool:
+        """Whether the vehicle is in the box, as far as is known."""
+        return self._x.fits
 
     def step(self, motion: Motion) -> None:
         """Take the means since the last step."""
         lasted_s, v, yaw_rate_rad_s = motion[:3]
-        # The yaw rate follows a turning wheel late, by about this.
-        if v != self._speed_m_s:
-            self._speed_m_s, self._yaw_lag_s = v, self._lag_s(v)
-        taken = 1.0 - exp(-lasted_s / self._yaw_lag_s)
-        self._late_rad += taken * (motion.wheel_rad - self._late_rad)
-        taken = 1.0 - exp(-lasted_s / _SMOOTHED_S)
-        self._wheel_rad += taken * (self._late_rad - self._wheel_rad)
-        self._yaw_rate_rad_s += taken * (yaw_rate_rad_s - self._yaw_rate_rad_s)
-        r = self._yaw_rate_rad_s
-        length_m, v2 = self._length_m, v * v
-        least_rad_s = v * self._wheel_rad / (length_m + self._least * v2)
-        largest_rad_s = v * self._wheel_rad / (length_m + self._largest * v2)
-        turning_rad_s = least_rad_s - self._least_rad_s
-        self._least_rad_s = least_rad_s
-        timing_rad_s, transient_rad_s = _TIMING * turning_rad_s, _TRANSIENT * least_rad_s
-        noise_rad2_s2 = max(self._left_rad2_s2, _NOISE_RAD2_S2_MIN)
-        noise_rad2_s2 += timing_rad_s * timing_rad_s + transient_rad_s * transient_rad_s
-        w, b, p_ww, p_wb, p_bb = self._x
-        p_ww = min(p_ww + _WALKS_PER_S[0] * lasted_s, _VARIANCES_MAX[0])
-        p_bb = min(p_bb + _WALKS_PER_S[1] * lasted_s, _VARIANCES_MAX[1])
-        width_rad_s, over_rad_s = largest_rad_s - least_rad_s, r - least_rad_s
-        coefficients = (w, b, p_ww, p_wb, p_bb)
-        self._x = regressed(coefficients, width_rad_s, 1.0, over_rad_s, noise_rad2_s2)
-        left_rad_s = over_rad_s - self._x[0] * width_rad_s - self._x[1]
-        self._steps += 1
-        weight = max(1.0 / self._steps, min(lasted_s / _NOISE_FORGETS_S, 1.0))
-        self._left_rad2_s2 += weight * (left_rad_s * left_rad_s - self._left_rad2_s2)
-        is_wide = abs(width_rad_s) >= WIDTH_MIN * abs(least_rad_s)
-        if is_wide and self._x[2] <= DEVIATION_MAX * DEVIATION_MAX:
-            self._judge(lasted_s)
+        self._x = fit_step(self._params, self._x, lasted_s, v, yaw_rate_rad_s, motion.wheel_rad)
 
     def report(self) -> dict[str, Any]:
         """Return what is known of the vehicle, ready for JSON.
@@ -138,31 +232,14 @@ class ModelFit:
         ``virtual_mass_kg``  that turns so on the settings' tyres, None while the speed shows
                              nothing of it; ``virtual_mass_std_kg`` is its standard deviation
         """
-        share, deviation = self._x[0], sqrt(self._x[2])
+        p, x = self._params, self._x
+        share, deviation = x.share[0], sqrt(x.share[2])
         # The yaw rate, not K, is linear in the share.
-        v2, per_kg = self._speed_m_s**2, self._nominal / self._vehicle.virtual_mass_kg
-        least, largest = (1.0 / (self._length_m + k * v2) for k in (self._least, self._largest))
+        v2, per_kg = x.speed_m_s**2, understeer_gradient_s2_m(p.vehicle) / p.vehicle.virtual_mass_kg
+        least, largest = (1.0 / (p.length_m + k * v2) for k in (p.least_s2_m, p.largest_s2_m))
         gain = least + share * (largest - least)
         if deviation > _DEVIATION_KNOWN_MAX or least - largest < WIDTH_MIN * least:
             return {"fits": self.fits, "virtual_mass_kg": None, "virtual_mass_std_kg": None}
         deviation_kg = deviation * (least - largest) / (gain * gain * v2 * abs(per_kg))
-        mass_kg = (1.0 / gain - self._length_m) / (v2 * per_kg)
+        mass_kg = (1.0 / gain - p.length_m) / (v2 * per_kg)
         return {"fits": self.fits, "virtual_mass_kg": mass_kg, "virtual_mass_std_kg": deviation_kg}
-
-    def _lag_s(self, speed_m_s: float) -> float:
-        """Return the lag of the yaw rate behind a turning wheel."""
-        m, j, c_f, c_r, l_f, l_r, _, _ = self._vehicle
-        v = max(speed_m_s, 0.1)
-        a_11, a_12 = -(c_r + c_f) / (m * v), -1.0 + (c_r * l_r - c_f * l_f) / (m * v * v)
-        a_21, a_22 = (c_r * l_r - c_f * l_f) / j, -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
-        b_1, b_2 = c_f / (m * v), c_f * l_f / j
-        zero = b_2 / (a_21 * b_1 - a_11 * b_2)
-        return max(-(a_11 + a_22) / (a_11 * a_22 - a_12 * a_21) - zero, 1e-3)
-
-    def _judge(self, lasted_s: float) -> None:
-        share, variance = self._x[0], self._x[2]
-        over = max(share - 1.0, -share) - MARGIN
-        is_outside = over > 0.0 and over * over > DEVIATIONS * DEVIATIONS * variance
-        self._lasted_s = self._lasted_s + lasted_s if is_outside == self.fits else 0.0
-        if self._lasted_s >= DEBOUNCE_S:
-            self.fits, self._lasted_s = not self.fits, 0.0

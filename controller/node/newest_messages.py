@@ -24,16 +24,17 @@ SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleSt
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
 _APPLYING = SteeringStatusCode.APPLYING
-OVERRULING = frozenset(
-    {
-        SteeringStatusCode.LIMITED_BY_SAFETY,
-        SteeringStatusCode.FALLBACK,
-        SteeringStatusCode.SAFE_STATE,
-    }
-)
-"""What the steering reports while the wheel's angle is not of any command."""
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
+
+
+def is_overruled(code: SteeringStatusCode) -> bool:
+    """Whether the wheel's angle is not that of any command."""
+    return (
+        code is SteeringStatusCode.LIMITED_BY_SAFETY
+        or code is SteeringStatusCode.FALLBACK
+        or code is SteeringStatusCode.SAFE_STATE
+    )
 
 
 class Received:
@@ -72,7 +73,7 @@ class Received:
         longer follows, winds up. One that is held is a late command, as in any network.
         """
         code = self.steering
-        if code is _APPLYING or code not in OVERRULING:  # the hash of a code takes long
+        if code is _APPLYING or not is_overruled(code):
             return sent_rad
         arrival_ns = self.statuses.arrival_ns
         is_stale = arrival_ns is None or now_ns - arrival_ns > self._limits.steering_status_ns

@@ -42,7 +42,7 @@ from .model_fit import model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
-from .reported_delay import reported_delay_of
+from .reported_delay import ReportedDelay, echo_rule
 from .run_figures import ControlSample, RunFigures
 from .safety_alarms import SafetyReport
 from .status_frames import MODEL_PERIODS, STATUS_PERIOD_NS, StatusFrames
@@ -99,7 +99,7 @@ class ControllerNode:
         self._sent_steer_rad = 0.0
         periods_per_sample = settings.link.sensor_period_s / self._period_s
         self._commands = CommandFrames(self._limits, periods_per_sample)
-        self._delay = reported_delay_of(settings)
+        self._delay = ReportedDelay(echo_rule(settings))
         self._statuses = StatusFrames(settings.law_record.number)
         self._command_rad = 0.0
         self._reported: list[Reported] = []

@@ -13,51 +13,80 @@ predict: the downlink only, between counters. It does not contain the uplink or 
 the clocks.
 """
 
+from typing import NamedTuple
+
 from ...dbc.messages import DelayStatus, EchoState, limits
 from ...runtime.node import NS_PER_S
 from ..settings import ControllerSettings
 
 _DELAY_S_MAX = limits(DelayStatus)["echo_delay_s"].maximum
+_NS_PER_S = float(NS_PER_S)
 
 
-class ReportedDelay:
-    """Measures the delay by the echo of the command counter.
+class EchoRule(NamedTuple):
+    """Parameters of the mean.
 
-    ``averaging_ns``  time constant of the mean [ns]
+    ``averaging_ns``  its time constant [ns]
     ``timeout_ns``    the delay is unknown after this time without an echo [ns]
     """
 
-    def __init__(self, period_ns: int, averaging_ns: int, timeout_ns: int) -> None:
-        self._half_period_ns = period_ns / 2
-        self._averaging_ns = averaging_ns
-        self._timeout_ns = timeout_ns
-        self._echo_ns: int | None = None
-        self._mean_ns = 0.0
+    half_period_ns: float
+    averaging_ns: float
+    timeout_ns: int
+
+
+def echo_rule(settings: ControllerSettings) -> EchoRule:
+    """Return the parameters that the settings ask for."""
+    averaging_ns = float(round(settings.link.delay_averaging_s * NS_PER_S))
+    return EchoRule(settings.period_ns / 2, averaging_ns, settings.age_limits.steering_status_ns)
+
+
+class EchoMean(NamedTuple):
+    """When the newest echo came, None before the first, and the mean delay of echoes [ns]."""
+
+    echo_ns: int | None
+    mean_ns: float
+
+
+NO_ECHO = EchoMean(None, 0.0)
+
+
+def echo_step(p: EchoRule, x: EchoMean, sent_ns: int, now_ns: int) -> EchoMean:
+    """Take an echo of a command by when that was sent."""
+    weight = 1.0
+    if x.echo_ns is not None and now_ns - x.echo_ns <= p.timeout_ns:
+        weight = min(float(now_ns - x.echo_ns) / p.averaging_ns, 1.0)
+    return EchoMean(now_ns, x.mean_ns + weight * (float(now_ns - sent_ns) - x.mean_ns))
+
+
+def echo_delay_s(p: EchoRule, x: EchoMean, now_ns: int) -> float | None:
+    """Return the delay [s], None if the last echo is older than the timeout."""
+    if x.echo_ns is None or now_ns - x.echo_ns > p.timeout_ns:
+        return None
+    return max(0.0, (x.mean_ns - p.half_period_ns) / _NS_PER_S)
+
+
+def delay_status(delay_s: float | None) -> DelayStatus:
+    """Return the message; the delay is clamped to the range of its signal."""
+    if delay_s is None:
+        return DelayStatus(0.0, EchoState.UNKNOWN)
+    return DelayStatus(min(delay_s, _DELAY_S_MAX), EchoState.KNOWN)
+
+
+class ReportedDelay:
+    """Measures the delay by the echo of the command counter."""
+
+    def __init__(self, rule: EchoRule) -> None:
+        self._rule, self._x = rule, NO_ECHO
 
     def on_echo(self, sent_ns: int, now_ns: int) -> None:
         """Take an echo of a command by when that was sent."""
-        weight = 1.0
-        if self._echo_ns is not None and now_ns - self._echo_ns <= self._timeout_ns:
-            weight = min((now_ns - self._echo_ns) / self._averaging_ns, 1.0)
-        self._mean_ns += weight * (now_ns - sent_ns - self._mean_ns)
-        self._echo_ns = now_ns
+        self._x = echo_step(self._rule, self._x, sent_ns, now_ns)
 
     def echo_s(self, now_ns: int) -> float | None:
-        """Return the delay [s], None if the last echo is older than the timeout."""
-        if self._echo_ns is None or now_ns - self._echo_ns > self._timeout_ns:
-            return None
-        return max(0.0, (self._mean_ns - self._half_period_ns) / NS_PER_S)
+        """Return the delay [s], None while it is unknown."""
+        return echo_delay_s(self._rule, self._x, now_ns)
 
     def status(self, now_ns: int) -> DelayStatus:
-        """Return the message; the delay is clamped to the range of its signal."""
-        echo_s = self.echo_s(now_ns)
-        if echo_s is None:
-            return DelayStatus(0.0, EchoState.UNKNOWN)
-        return DelayStatus(min(echo_s, _DELAY_S_MAX), EchoState.KNOWN)
-
-
-def reported_delay_of(settings: ControllerSettings) -> ReportedDelay:
-    """Return the measurement that the settings ask for."""
-    averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
-    timeout_ns = settings.age_limits.steering_status_ns
-    return ReportedDelay(settings.period_ns, averaging_ns, timeout_ns)
+        """Return the message."""
+        return delay_status(self.echo_s(now_ns))

@@ -30,7 +30,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
-from ..limits.designed_ranges import ValiditySettings, request_of, validity_of
+from ..limits.designed_ranges import ValiditySettings, designed_ranges_of, request_of, validity_of
 from .modes import Supervisor
 from .newest_messages import SUPERVISED, Received
 
@@ -40,7 +40,7 @@ which a refusal must be reported."""
 _AGES = ("lateral_error", "steering_status", "vehicle_state")
 _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 _ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
-_NO_OTHER = SecondSender.NONE
+_NO_OTHER, _STALE = SecondSender.NONE, Freshness.STALE
 _NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
 """From this code on the steering follows no commands."""
 
@@ -57,23 +57,46 @@ class SafetyFacts(NamedTuple):
     validity: Validity
     motion_request: MotionRequest
 
-    def is_worse_than(self, reported: "SafetyFacts") -> bool:
-        """Whether a report must leave at once.
 
-        A message has become stale, a fault was detected, or more is asked of the vehicle's drive.
-        """
-        return (
-            self.fault is not reported.fault
-            or self.motion_request > reported.motion_request
-            or any(self.newly_stale(reported))
-        )
+def newly_stale(x: SafetyFacts, before: SafetyFacts) -> Iterator[str]:
+    """Return which messages have become stale since."""
+    for name in _AGES:
+        if getattr(x, name) is _STALE and getattr(before, name) is not _STALE:
+            yield name
 
-    def newly_stale(self, before: "SafetyFacts") -> Iterator[str]:
-        """Return which messages have become stale since."""
-        stale = Freshness.STALE
-        for name in _AGES:
-            if getattr(self, name) is stale and getattr(before, name) is not stale:
-                yield name
+
+def is_worse(x: SafetyFacts, reported: SafetyFacts) -> bool:
+    """Whether a report must leave at once.
+
+    A message has become stale, a fault was detected, or more is asked of the vehicle's drive.
+    """
+    return (
+        x.fault is not reported.fault
+        or x.motion_request > reported.motion_request
+        or (x.lateral_error is _STALE and reported.lateral_error is not _STALE)
+        or (x.steering_status is _STALE and reported.steering_status is not _STALE)
+        or (x.vehicle_state is _STALE and reported.vehicle_state is not _STALE)
+    )
+
+
+def is_report_due(x: SafetyFacts, reported: SafetyFacts, since_ns: int) -> bool:
+    """Whether to report facts before the next cycle, ``since_ns`` after the last report."""
+    return x != reported and (since_ns >= INTERVAL_NS or is_worse(x, reported))
+
+
+def controller_safety(x: SafetyFacts, lost: int) -> ControllerSafety:
+    """Return the message."""
+    return ControllerSafety(
+        x.rejected % _LOST_COUNTERS,
+        lost % _LOST_COUNTERS,
+        x.lateral_error,
+        x.steering_status,
+        x.vehicle_state,
+        x.fault,
+        x.second_sender,
+        x.validity,
+        x.motion_request,
+    )
 
 
 def must_stop(mode: Mode, goes_forward: bool, steering: SteeringStatusCode) -> bool:
@@ -98,8 +121,8 @@ class SafetyReport:
     def __init__(
         self, table: ValiditySettings | None, received: Received, modes: Supervisor, start_ns: int
     ) -> None:
-        self._table, self._received, self._modes = table, received, modes
-        self.validity = validity_of(table, None, None)
+        self._ranges, self._received, self._modes = designed_ranges_of(table), received, modes
+        self.validity = validity_of(self._ranges, None, None, True)
         self.facts = SafetyFacts(
             0,
             *received.freshness(start_ns),
@@ -130,7 +153,7 @@ class SafetyReport:
         """
         received = self._received
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
-        self.validity = validity_of(self._table, speed_m_s, delay_s, fits_model=fits_model)
+        self.validity = validity_of(self._ranges, speed_m_s, delay_s, fits_model)
 
     def on_tick(self, fault: ControllerFault, now_ns: int) -> bool:
         """Find the facts of a tick; returns whether to report them before the next cycle."""
@@ -139,12 +162,10 @@ class SafetyReport:
         if facts is before and facts is reported:
             return False
         if before is not None and facts != before:
-            for name in facts.newly_stale(before):
+            for name in newly_stale(facts, before):
                 self._went_stale[name] += 1
         self._before = facts
-        if reported is None or facts == reported:
-            return False
-        return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
+        return reported is not None and is_report_due(facts, reported, now_ns - self._reported_ns)
 
     def frame(self, fault: ControllerFault, now_ns: int) -> Frame:
         """Return the frame that reports the present facts and the frames lost so far.
@@ -153,8 +174,7 @@ class SafetyReport:
         """
         facts, lost = self._facts_at(fault, now_ns), self._received.reception.lost
         self._reported, self._reported_ns = facts, now_ns
-        counts = facts.rejected % _LOST_COUNTERS, lost % _LOST_COUNTERS
-        return self._sender.frame((*counts, *facts[1:]))
+        return self._sender.frame(controller_safety(facts, lost))
 
     def _facts_at(self, fault: ControllerFault, now_ns: int) -> SafetyFacts:
         """Return the facts."""
@@ -167,7 +187,7 @@ class SafetyReport:
             return self.facts
         self._found_from = found_from
         is_steered = not must_stop(modes.mode, modes.goes_forward, received.steering)
-        request = request_of(validity, must_stop=not is_steered)
+        request = request_of(validity, not is_steered)
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
         found = (received.refused, *freshness, fault, second_sender, validity, request)

@@ -11,7 +11,6 @@ from ...dbc.messages import (
     ModelStatus,
     Sender,
     ShownMassState,
-    SignalRange,
     limits,
 )
 from ...runtime.frame import Frame
@@ -22,7 +21,26 @@ STATUS_PERIOD_NS = 100_000_000
 MODEL_PERIODS = 10
 """MODEL_STATUS comes with every tenth of these."""
 _LIMITS, _MODEL_LIMITS = limits(ControllerStatus), limits(ModelStatus)
+_DISTURBANCE, _NETWORK = _LIMITS["disturbance_rad"], _LIMITS["network_disturbance_rad"]
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1
+
+
+def controller_status(
+    mode: Mode, law: LawNumber, disturbance_rad: float, network_rad: float, skipped: int
+) -> ControllerStatus:
+    """Return the status; an estimate is clamped to the range of its signal."""
+    return ControllerStatus(
+        mode,
+        law,
+        clamped(disturbance_rad, _DISTURBANCE.minimum, _DISTURBANCE.maximum),
+        clamped(network_rad, _NETWORK.minimum, _NETWORK.maximum),
+        skipped % _SKIPPED_COUNTERS,
+    )
+
+
+def clamped(value: float, minimum: float, maximum: float) -> float:
+    """Return a finite ``value`` clamped to a signal's range."""
+    return min(max(value, minimum), maximum)
 
 
 class StatusFrames:
@@ -34,15 +52,9 @@ class StatusFrames:
         self._models = Sender(ModelStatus)
 
     def status(self, mode: Mode, output: LawOutput, skipped: int) -> Frame:
-        """Return the status; an estimate is clamped to the range of its signal."""
-        status = ControllerStatus(
-            mode,
-            self._law,
-            _clamp(output.disturbance_rad, _LIMITS["disturbance_rad"]),
-            _clamp(output.network_disturbance_rad, _LIMITS["network_disturbance_rad"]),
-            skipped % _SKIPPED_COUNTERS,
-        )
-        return self._statuses.frame(status)
+        """Return the status."""
+        estimates = output.disturbance_rad, output.network_disturbance_rad
+        return self._statuses.frame(controller_status(mode, self._law, *estimates, skipped))
 
     def delay(self, status: DelayStatus) -> Frame:
         """Return the frame of the delay."""
@@ -52,10 +64,8 @@ class StatusFrames:
         """Return the frame of the vehicle as the law takes it, and as its yaw rate shows it."""
         state = ShownMassState.UNKNOWN if shown_mass_kg is None else ShownMassState.KNOWN
         values = (*belief, shown_mass_kg or 0.0)
-        lag_s, mass_kg, shown_kg = map(_clamp, values, _MODEL_LIMITS.values())
+        lag_s, mass_kg, shown_kg = (
+            clamped(value, it.minimum, it.maximum)
+            for value, it in zip(values, _MODEL_LIMITS.values(), strict=False)
+        )
         return self._models.frame(ModelStatus(lag_s, mass_kg, shown_kg, state))
-
-
-def _clamp(value: float, allowed: SignalRange) -> float:
-    """Return a finite ``value`` clamped to the signal's range."""
-    return min(max(value, allowed.minimum), allowed.maximum)

@@ -11,6 +11,8 @@ def regressed(
     a, b, p_aa, p_ab, p_bb = x
     to_a, to_b = p_aa * h_a + p_ab * h_b, p_ab * h_a + p_bb * h_b
     variance = noise_variance + h_a * to_a + h_b * to_b
+    if variance == 0.0:
+        return x
     error = value - (a * h_a + b * h_b)
     return (
         a + to_a / variance * error,

@@ -117,7 +117,7 @@ def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     """The numbers for ``signal``, standing for a field of type ``kind`` (float, int or an IntEnum).
 
     Raises ValueError for an integer with a resolution other than 1, and for an enumeration without
-    all values of its signal's range.
+    an end of its signal's range.
     """
     if kind is not float and signal.scale != 1:
         raise ValueError(f"{signal.name}: an integer needs the resolution 1")

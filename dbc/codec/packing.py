@@ -35,7 +35,7 @@ kind they are
         mode = word >> 44 & 0x7
         if (
             -500 <= speed_m_s <= 500
-            and mode <= 1
+            and mode in of_mode
         ):
             return new(Message, (speed_m_s * 0.001, number, of_mode[mode],)), word >> 16 & 255
         return refusal(speed_m_s, number, mode)
@@ -108,7 +108,10 @@ def packing_of(
     for name, signal in signals.items():
         if issubclass(signal.kind, IntEnum):
             names[signal.kind.__name__] = signal.kind
-            names[f"of_{name}"] = {member.value: member for member in signal.kind}
+            allowed = range(signal.raw_minimum, signal.raw_maximum + 1)
+            names[f"of_{name}"] = {
+                member.value: member for member in signal.kind if member in allowed
+            }
     exec(compile(source, f"<packing of {message_type.__name__}>", "exec"), names)  # noqa: S102
     return Packing(names["pack"], names["unpack"], source)
 
@@ -203,7 +206,9 @@ def _raw_in_word(signal: PackedSignal) -> str:
 
 
 def _in_range(name: str, signal: PackedSignal) -> str:
-    """Return the condition that a raw is in its range; empty if every raw is."""
+    """Return the condition that a raw is in its range or its enum; empty if every raw is."""
+    if issubclass(signal.kind, IntEnum):
+        return f"{name} in of_{name}"
     low = f"{signal.raw_minimum} <= " if signal.raw_minimum > -signal.sign else ""
     high = f" <= {signal.raw_maximum}" if signal.raw_maximum < signal.mask - signal.sign else ""
     return f"{low}{name}{high}" if low or high else ""

@@ -24,7 +24,6 @@ class LawNumber(IntEnum):
     PD_DDOB = 3
     PREDICTOR = 4
     SMITH = 5
-    DELAYED_SET_POINT = 6
     CUSTOM = 7
     """A law from another package."""
     PACKET = 8

@@ -93,7 +93,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20_000_000)
     monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     monkeypatch.setattr(jitter, "MEANS_MS", (80,))
-    looks_back = preset(name).law in ("predictor", "packet", "delayed_set_point")
+    looks_back = preset(name).law in ("predictor", "packet")
     rates = ("rate_hz=100",) if looks_back else ("rate_hz=64", "link.sensor_period_ms=15.625")
     settings = preset(name, *rates)
     is_first = name == next(
@@ -137,7 +137,6 @@ def test_check_prints_json_with_the_figures_of_the_text(capsys: Capture) -> None
     [
         (["--preset", "practical_pd"], False),
         (["--preset", "practical_pd", "--set", "estimator.actuator_lag_s=0.1"], True),
-        (["--preset", "practical_pd", "--set", "pd.derivative=kalman"], True),
     ],
 )
 def test_check_shows_the_estimator_only_where_it_is_read_or_was_set(

@@ -90,7 +90,9 @@ def random_frame(definition: Definition, source: random.Random) -> Frame:
         assert signal.minimum is not None
         assert signal.maximum is not None
         ends = round(signal.minimum / signal.scale), round(signal.maximum / signal.scale)
-        raws[signal.name] = source.choice([*ends, source.randint(*ends), source.randint(*ends)])
+        drawn = [*ends, source.randint(*ends), source.randint(*ends)]
+        named = [raw for raw in signal.choices or () if ends[0] <= raw <= ends[1]]
+        raws[signal.name] = source.choice(named or drawn)
     payload = bytearray(definition.encode(raws, scaling=False))
     if header_bits(definition.name).keys() <= raws.keys():
         assert definition.dbc is not None

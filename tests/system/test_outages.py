@@ -155,11 +155,6 @@ def test_a_compiled_run_with_outages_equals_the_nodes(overrides: Sequence[str]) 
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
 
 
-def test_a_filtered_derivative_with_outages_is_compiled_as_it_is_in_the_nodes() -> None:
-    law = controller_preset("practical_pd_ddob", ["pd.derivative=kalman"])
-    assert_same_as_nodes(plant_settings(OUTAGES), law)
-
-
 def peak_m(kind: str, magnitude: float) -> float:
     """Return the largest error of a laden car whose commands are disturbed in a lane change."""
     fault: dict[str, Any] = {"kind": kind, "message": "STEERING_COMMAND", "direction": "downlink"}

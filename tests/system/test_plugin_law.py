@@ -67,17 +67,6 @@ def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
 
 
-def test_what_is_put_around_our_laws_is_put_around_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    example = import_module("own_law")
-    derived = example.LAW._replace(takes_derivative=True)
-    monkeypatch.setattr(example, "DERIVED", derived, raising=False)
-    settings = controller("own_law:DERIVED", "pd.derivative=kalman", "feed_forward={}")
-    network = ["latency.downlink.mean_s=0.08"]
-    run = assert_same_as_nodes(plant_settings(network, 3.0), settings)
-    plain = run_compiled(plant_settings(network, 3.0), controller(OWN, "feed_forward={}"))
-    assert (run.lateral_error_m != plain.lateral_error_m).any()
-
-
 def test_a_node_runs_it_as_it_is() -> None:
     settings = controller(OWN)
     node, _ = run_nodes(settings)
@@ -156,7 +145,6 @@ def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
         (OWN, ["own_law.tracking_tim_s=1"], "(did you mean own_law.tracking_time_s?)"),
         (OWN, ['own_law.tracking_time_s="1"'], 'own_law.tracking_time_s = "1" should be a valid'),
         ("pd", ["own_law.gain=1"], "law = 'pd' has no table [own_law]"),
-        (OWN, ["pd.derivative=kalman"], "pd.derivative = 'kalman' is not for law = 'own_law:LAW'"),
         ("own_law", [], 'law = "own_law" is not a known one (allowed: pd, pd_dob,'),
     ],
 )

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
 from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogError
@@ -44,7 +45,6 @@ from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argumen
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
-from steer_by_wire.tools.analyze.mcap_export import McapFile
 from steer_by_wire.tools.analyze.report import report_html, verdict_of
 from steer_by_wire.tools.analyze.result import QUANTITIES, Result, print_results
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
@@ -213,8 +213,12 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
 
 
 def _exports(folder: Path, options: argparse.Namespace, listening: Listening) -> list[Export]:
-    mcap: list[Export] = [McapFile(folder / "signals.mcap")] if options.mcap else []
-    return [*mcap, CsvTable(folder / "signals.csv", listening)]
+    exports: list[Export] = [CsvTable(folder / "signals.csv", listening)]
+    if options.mcap:
+        topics = FoxgloveTopics()
+        topics.write_to(folder / "signals.mcap")
+        exports.append(topics)
+    return exports
 
 
 @contextmanager

@@ -31,7 +31,6 @@ SMOOTHED = {
     "curvature_1_m": ("curvature [1/km]", 1e3),
     "steering_offset_rad": ("steering offset [mrad]", 1e3),
     "delay_s": ("delay down and up [ms]", 1e3),
-    "steering_lag_s": ("steering lag [ms]", 1e3),
 }
 """Axis of each smoothed column, and how many of its unit make the SI unit."""
 
@@ -114,10 +113,10 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
 def draw_smoothed(table: "SmoothedTable") -> Picture:
     """Draw what the smoother found, each with a band of two standard deviations."""
     with plot_style():
-        figure = Figure(figsize=(WIDTH_IN, 8.4))
-        every = figure.subplots(4, 2, sharex=True)
+        figure = Figure(figsize=(WIDTH_IN, 12.6))
+        every = figure.subplots(len(SMOOTHED), 1, sharex=True)
         columns = zip(SMOOTHED.values(), table.values.T, table.deviations.T, strict=True)
-        for axes, ((label, scale), value, deviation) in zip(every.T.flat, columns, strict=True):
+        for axes, ((label, scale), value, deviation) in zip(every, columns, strict=True):
             is_known = np.isfinite(deviation)
             middle = np.where(is_known, scale * value, np.nan)
             half = np.where(is_known, 2.0 * scale * deviation, 0.0)
@@ -127,10 +126,8 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
             # A band that is wide at the ends does not hide the line.
             margin = 2.0 * float(np.median(half))
             axes.set(ylabel=label, ylim=(low - margin, high + margin))
-        for axes in every[-1]:
-            axes.set_xlabel("time since the first frame [s]")
-        fit = table.figures["vehicle"]["in_words"]
-        return Picture(png_of(figure), f"Smoothed: estimate and two standard deviations; {fit}")
+        every[-1].set_xlabel("time since the first frame [s]")
+        return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:

@@ -58,9 +58,8 @@ def print_results(results: Sequence[Result]) -> None:
         if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
         if smoothed := figures.get("smoothed"):
-            for name in ("delay_s", "steering_lag_s", "steering_offset_rad"):
+            for name in ("delay_s", "steering_offset_rad"):
                 print(f"smoothed {_smoothed_line(name, **smoothed[name])}")
-            print(smoothed["vehicle"]["in_words"])
         print(f"report: {result.folder / 'report.html'}")
 
 

@@ -7,18 +7,14 @@ The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's; the model
              which is also what a side force or a bank look like
     delay    a random walk, seen by every echo: the time of a STEERING_STATUS less that of the
              command which it names
-    lag T    of the wheel δ behind the commands u that the echoes name, with the sensors' period P:
-             δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],  α = exp(-P/T);
-             b is where in between they changed
 
-A value and its standard deviation are what the model makes of the record: a wrong vehicle, which
-``vehicle_fit`` shows, or a network that changes faster than the random walk is not in the
-deviation.
+A value and its standard deviation are what the model makes of the record: a wrong vehicle, or a
+network that changes faster than the random walk, is not in the deviation.
 
 The result is smoothed.csv, with a row for every sample of LATERAL_ERROR and STEERING_STATUS, which
 share their counter, at the time at which it came, evenly spread:
 
-    time_s, side_slip_rad, ..., delay_s, steering_lag_s, and each with _std behind its name
+    time_s, side_slip_rad, ..., delay_s, and each with _std behind its name
 """
 
 from collections.abc import Sequence
@@ -49,7 +45,6 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...runtime.array_types import FloatArray
-from .vehicle_fit import yaw_rate_fit
 
 VEHICLE_STATES = (
     "side_slip_rad",
@@ -64,10 +59,6 @@ _FIRST_DEVIATIONS = (0.1, 0.5, 0.5, 5.0, 0.1, 0.1)
 DELAY_WALK_S_SQRT_S = 0.02
 """How far a delay goes in a second."""
 _DELAY_NOISE_S_MIN = 5e-4
-_ALPHA_WALK_1_SQRT_S = 0.003
-_ALPHA_MAX = 0.9999
-_WHEEL_NOISE_RAD_MIN = 5e-6
-"""Half the resolution of WHEEL_ANGLE."""
 
 
 class Smoothed(NamedTuple):
@@ -142,44 +133,7 @@ def smooth_delay(time_s: FloatArray, delay_s: FloatArray) -> Smoothed:
     return Smoothed(x[:, 0, 0], np.sqrt(p[:, 0, 0]))
 
 
-def smooth_lag(period_s: float, wheel_rad: FloatArray, command_rad: FloatArray) -> Smoothed:
-    """Return the steering's lag T at every sample [s]; infinite deviations where nothing shows it.
-
-    ``command_rad``  the command in effect at a sample; NaN where it is not known or not followed
-    """
-    u0, u1 = command_rad[:-1], command_rad[1:]
-    rows = np.column_stack((wheel_rad[:-1] - u1, u0 - u1))
-    target = wheel_rad[1:] - u1
-    known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
-    shows = known & (np.abs(rows) > 2.0 * _WHEEL_NOISE_RAD_MIN).any(axis=1)
-    if shows.sum() < 2:
-        return Smoothed(np.zeros(len(wheel_rad)), np.full(len(wheel_rad), np.inf))
-    fitted, *_ = np.linalg.lstsq(rows[shows], target[shows], rcond=None)
-    noise_rad = max(_WHEEL_NOISE_RAD_MIN, float(np.std(target[shows] - rows[shows] @ fitted)))
-    kalman = KalmanFilter(dim_x=2, dim_z=1)
-    kalman.F, kalman.R = np.eye(2), np.eye(1) * noise_rad**2
-    kalman.Q = np.eye(2) * _ALPHA_WALK_1_SQRT_S**2 * period_s
-    kalman.x, kalman.P = np.zeros((2, 1)), np.eye(2)
-    means, covariances = [kalman.x.copy()], [kalman.P.copy()]
-    for row, value, is_shown in zip(rows, target, shows, strict=True):
-        kalman.predict()
-        kalman.update(np.array([[value]]) if is_shown else None, H=row[None] if is_shown else None)
-        means.append(kalman.x.copy())
-        covariances.append(kalman.P.copy())
-    x, p, _, _ = kalman.rts_smoother(np.array(means), np.array(covariances))
-    alpha, deviation = x[:, 0, 0], np.sqrt(p[:, 0, 0])
-    lag_s = _lag_s(period_s, alpha)
-    wider_s = np.abs([_lag_s(period_s, alpha + sign * deviation) - lag_s for sign in (-1.0, 1.0)])
-    return Smoothed(lag_s, wider_s.max(axis=0))
-
-
-def _lag_s(period_s: float, alpha: FloatArray) -> FloatArray:
-    """Return T of exp(-period/T); 0 where α is not positive."""
-    inside = np.clip(alpha, 1e-12, _ALPHA_MAX)
-    return np.where(alpha > 0.0, -period_s / np.log(inside), 0.0)
-
-
-COLUMNS = (*VEHICLE_STATES, "delay_s", "steering_lag_s")
+COLUMNS = (*VEHICLE_STATES, "delay_s")
 _SAMPLES_MIN = 100
 
 
@@ -193,12 +147,10 @@ class _Error(NamedTuple):
 
 
 class _Status(NamedTuple):
-    """A STEERING_STATUS; the command in effect is NaN where it is not known or not followed."""
+    """A STEERING_STATUS, and the number of its sample."""
 
     sample: int
-    at_s: float
     wheel_rad: float
-    command_rad: float
 
 
 class SmoothedTable:
@@ -208,21 +160,18 @@ class SmoothedTable:
 
     ``time_s``      of each sample since the first frame, shape (n,)
     ``values``      of COLUMNS, shape (n, columns), and their standard ``deviations``
-    ``figures``     of each column the mean, and that of its standard deviation; how the yaw rate
-                    compares with that of ``vehicle``, also in words
+    ``figures``     of each column the mean, and that of its standard deviation
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
         self._path, self._vehicle = path, vehicle
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
-        self._motions: list[tuple[float, float, float]] = []
-        """When they came [s], speed [m/s] and yaw rate [rad/s]."""
-        self._commands: dict[int, tuple[float, SteeringCommand | SteeringPlan]] = {}
+        self._speeds_m_s: list[float] = []
+        self._sent_s: dict[int, float] = {}
         """When each was sent [s], by its counter."""
         self._echoes: list[tuple[float, float]] = []
         """When a command was echoed first, and how long after it was sent [s]."""
-        self._echoed = -1
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
@@ -236,18 +185,17 @@ class SmoothedTable:
             self._errors.append(_Error(sample, at_s, *message))
         elif isinstance(message, SteeringStatus):
             sample = self._sample(self._statuses, received.counter)
-            command_rad = self._on_echo(message, received.counter, at_s)
-            self._statuses.append(_Status(sample, at_s, message.wheel_angle_rad, command_rad))
+            self._statuses.append(_Status(sample, message.wheel_angle_rad))
+            self._on_echo(message, at_s)
         elif isinstance(message, VehicleState):
-            self._motions.append((at_s, message.speed_m_s, message.yaw_rate_rad_s))
+            self._speeds_m_s.append(message.speed_m_s)
         elif isinstance(message, SteeringCommand | SteeringPlan):
-            self._commands[command_at(message, 0).command_counter] = (at_s, message)
+            self._sent_s[command_at(message, 0).command_counter] = at_s
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""
         samples = min(len(self._errors), len(self._statuses))
-        motion_s, speeds_m_s, yaw_rates_rad_s = np.array(self._motions or [(0.0, 0.0, 0.0)]).T
-        speed_m_s = float(np.mean(speeds_m_s))
+        speed_m_s = float(np.mean(self._speeds_m_s or [0.0]))
         if samples < _SAMPLES_MIN or not np.isfinite(self._errors[0].at_s) or speed_m_s <= 0.0:
             raise LogError(
                 "--smooth needs a log with times, a speed above 0 in VEHICLE_STATE, and at least"
@@ -256,37 +204,30 @@ class SmoothedTable:
         first, last = self._errors[0], self._errors[-1]
         period_s: float = (last.at_s - first.at_s) / (last.sample - first.sample)
         count = last.sample - first.sample + 1
-        measured, wheel_rad, command_rad = self._by_sample(first.sample, count)
+        measured, wheel_rad = self._by_sample(first.sample, count)
         time_s = first.at_s + period_s * np.arange(count, dtype=np.float64)
         states = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
-        lag = smooth_lag(period_s, wheel_rad, command_rad)
         delay = self._delay_at(time_s)
-        values = np.column_stack((states.values, delay.values, lag.values))
-        deviations = np.column_stack((states.deviations, delay.deviations, lag.deviations))
+        values = np.column_stack((states.values, delay.values))
+        deviations = np.column_stack((states.deviations, delay.deviations))
         names = [name for column in COLUMNS for name in (column, f"{column}_std")]
         rows = np.column_stack((time_s, np.stack((values, deviations), axis=2).reshape(count, -1)))
         header = ",".join(("time_s", *names))
         np.savetxt(self._path, rows, "%.9g", ",", header=header, comments="")
         self.time_s, self.values, self.deviations = time_s, values, deviations
         means = zip(COLUMNS, values.mean(axis=0), deviations.mean(axis=0), strict=True)
-        yaw_rate_rad_s = np.interp(time_s, motion_s, yaw_rates_rad_s)
-        fit = yaw_rate_fit(self._vehicle, speeds_m_s, period_s, wheel_rad, yaw_rate_rad_s)
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
-        self.figures["vehicle"] = {**fit._asdict(), "in_words": fit.in_words()}
 
-    def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what was measured, the wheel and the command in effect at each sample."""
-        measured, command_rad = np.full((count, 2), np.nan), np.full(count, np.nan)
+    def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return what was measured at each sample, and the wheel."""
+        measured = np.full((count, 2), np.nan)
         for error in self._errors:
             measured[error.sample - first] = error.lateral_error_m, error.heading_error_rad
-        inside = [one for one in self._statuses if 0 <= one.sample - first < count]
-        at = np.array([one.sample - first for one in inside])
-        command_rad[at] = [one.command_rad for one in inside]
+        at = [one.sample - first for one in self._statuses]
         # A lost wheel angle lies between its neighbours.
-        wheel_rad = np.interp(np.arange(count), at, [one.wheel_rad for one in inside])
-        return measured, wheel_rad, command_rad
+        return measured, np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
 
     def _delay_at(self, time_s: FloatArray) -> Smoothed:
         """Return the delay at each sample; NaN where no command was ever echoed."""
@@ -303,15 +244,8 @@ class SmoothedTable:
             return unwrapped(counter, own[-1].sample + 1, COUNTERS)
         return unwrapped(counter, other[-1].sample, COUNTERS) if other else counter
 
-    def _on_echo(self, status: SteeringStatus, counter: int, at_s: float) -> float:
-        """Return the command in effect, and keep how long it took."""
-        sent = self._commands.get(status.applied_counter)
-        if sent is None or status.status is SteeringStatusCode.NO_COMMAND:
-            return float("nan")
-        sent_s, command = sent
-        if status.applied_counter != self._echoed:
-            self._echoed = status.applied_counter
+    def _on_echo(self, status: SteeringStatus, at_s: float) -> None:
+        """Keep how long a command took that is echoed for the first time."""
+        sent_s = self._sent_s.pop(status.applied_counter, None)
+        if sent_s is not None and status.status is not SteeringStatusCode.NO_COMMAND:
             self._echoes.append((at_s, at_s - sent_s))
-        if status.status is not SteeringStatusCode.APPLYING:
-            return float("nan")
-        return command_at(command, counter).steer_rad

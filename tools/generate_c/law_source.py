@@ -159,7 +159,6 @@ def params_of(settings: ControllerSettings) -> Any:
         f"followed_point = {settings.followed_point!r}": settings.followed_point != "preview",
         "pid.heading_gain_rad_rad": settings.law == "pid"
         and settings.table_of(PidSettings).heading_gain_rad_rad is not None,
-        "pd.derivative = 'kalman'": settings.pd is not None and settings.pd.derivative == "kalman",
     }.items():
         if is_there:
             raise SettingsError(f"{key} does not become C: leave it out")

@@ -4,11 +4,10 @@
 machines. All are copied, so that the folder needs nothing else.
 """
 
-import sys
 from collections.abc import Iterator
 from importlib.resources import files
 
-from steer_by_wire.controller.limits.designed_ranges import tolerated_m_s
+from steer_by_wire.controller.limits.designed_ranges import designed_ranges_of
 from steer_by_wire.controller.node.model_fit import gradients_s2_m
 from steer_by_wire.controller.node.newest_messages import RECEIVED, SENT
 from steer_by_wire.controller.node.plausibility import nominal_vehicle
@@ -95,11 +94,10 @@ def _defines(settings: ControllerSettings) -> Iterator[tuple[str, str]]:
     yield "STALL_PERIODS_MAX", str(overruns.stall_periods_max)
     validity, vehicle = settings.validity, nominal_vehicle(settings)
     yield "HAS_VALIDITY", str(int(validity is not None))
-    low_m_s, high_m_s = (validity and validity.speed_m_s) or (0.0, sys.float_info.max)
-    least_m_s, most_m_s = tolerated_m_s(low_m_s, high_m_s)
-    yield "SPEED_M_S_MAX", hexadecimal(high_m_s)
-    yield "SPEED_TOLERATED_M_S_MIN", hexadecimal(least_m_s)
-    yield "SPEED_TOLERATED_M_S_MAX", hexadecimal(most_m_s)
+    ranges = designed_ranges_of(validity)
+    yield "SPEED_M_S_MAX", hexadecimal(ranges.speed_m_s_max)
+    yield "SPEED_TOLERATED_M_S_MIN", hexadecimal(ranges.tolerated_m_s_min)
+    yield "SPEED_TOLERATED_M_S_MAX", hexadecimal(ranges.tolerated_m_s_max)
     yield "DELAY_S_MAX", hexadecimal(1e-3 * validity.delay_ms_max if validity else 0.0)
     has_fit = vehicle is not None and validity is not None
     yield "HAS_MODEL_FIT", str(int(has_fit))

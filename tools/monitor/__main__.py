@@ -16,17 +16,20 @@ from functools import partial
 from rich.console import Console, Group
 from rich.live import Live
 
+from steer_by_wire.closed_loop.recordings.bus_listener import Taken
+from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
+from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
 from steer_by_wire.runtime.port.python_can import shutting_down
 from steer_by_wire.runtime.program.stop_request import StopRequest
-from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 
 NAME = "steer-by-wire monitor"
@@ -36,6 +39,23 @@ _WAIT_S = 0.05
 """Longest time until a signal takes effect."""
 _FRAMES_PER_TURN_MAX = 1000
 """A flood must not keep the monitor from drawing."""
+
+
+class ServedWatch(BusWatch):
+    """A watch whose messages go to Foxglove too."""
+
+    def __init__(self, start_ns: int, listening: Listening, topics: FoxgloveTopics) -> None:
+        super().__init__(start_ns, listening)
+        self._topics = topics
+        # Times on the bus are monotonic, those of Foxglove count from 1970.
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+
+    def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> Taken:
+        """Take a frame that arrived at ``now_ns``, and pass on the messages that it brings."""
+        taken = super().on_frame(frame, now_ns, has_time=has_time)
+        for received in taken.messages:
+            self._topics.write(self._epoch_ns + now_ns, now_ns / NS_PER_S, received)
+        return taken
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,9 +83,9 @@ def _run(options: argparse.Namespace) -> int:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns, listening)
         if options.foxglove is not None:
-            server = stack.enter_context(closing(FoxgloveServer(options.foxglove)))
-            say(NAME, f"Foxglove: open a connection to {server.address}")
-            watch = ServedWatch(start_ns, listening, server)
+            topics = stack.enter_context(closing(FoxgloveTopics()))
+            say(NAME, f"Foxglove: open a connection to {topics.serve(options.foxglove)}")
+            watch = ServedWatch(start_ns, listening, topics)
         if sys.stdout.isatty():
             _show(opened.port, opened.description, watch, stop)
         else:

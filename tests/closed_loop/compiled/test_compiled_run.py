@@ -30,8 +30,6 @@ from tests.support.suite.combinations import combined, sampled
 LOOKING_BACK = (
     ("practical_predictor",),
     ("practical_smith",),
-    ("practical_delayed_set_point",),
-    ("practical_pd_ddob", 'pd.derivative="kalman"'),
     ("practical_pd", "feed_forward={}"),
     ("practical_pid", "pid.heading_gain_rad_rad=0.5", "feed_forward={}"),
     ("practical_pd_ddob", "followed_point=rear_axle", "feed_forward={}"),

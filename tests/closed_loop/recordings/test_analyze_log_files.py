@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
+from steer_by_wire.closed_loop.recordings.bus_listener import ReceivedMessage
+from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.reports.plot_style import png_of
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
 from steer_by_wire.runtime.command_line import installation
@@ -24,7 +26,8 @@ from tests.support.suite.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_MCAP = pytest.mark.skipif(
-    find_spec("mcap") is None, reason="mcap is not installed (the extra logs)"
+    find_spec("foxglove") is None or find_spec("mcap") is None,
+    reason="foxglove-sdk or mcap is not installed (the extras logs and dev)",
 )
 
 
@@ -83,12 +86,23 @@ def test_mcap_holds_every_message_with_its_time_schema_and_names(
     assert last_ns <= entries_of(varying.log)[-1].time_ns
 
 
+@NEEDS_MCAP
+def test_a_full_disk_ends_a_file_for_foxglove_with_its_name() -> None:
+    topics = FoxgloveTopics()
+    topics.write_to(Path("/dev/full"))
+    for counter in range(20_000):
+        command = SteeringCommand(1e-5 * counter, counter, Mode.ACTIVE)
+        topics.write(counter, 0.0, ReceivedMessage("STEERING_COMMAND", command, 0, False, 0))
+    with pytest.raises(OSError, match="/dev/full"):
+        topics.close()
+
+
 def test_a_missing_library_is_one_clear_line_that_names_the_extra(
     constant: Run, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
+    monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
     assert main([str(constant.log), "--out", str(tmp_path), "--mcap"]) == ExitStatus.SETTINGS
-    assert installation("mcap") in capsys.readouterr().err
+    assert installation("foxglove") in capsys.readouterr().err
 
 
 def test_the_report_needs_nothing_but_itself(

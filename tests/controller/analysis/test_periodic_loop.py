@@ -21,7 +21,6 @@ from tests.support.loops.straight_runs import PUSH, decay_1_s, run_straight
 
 MS = 1_000_000
 PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
-KALMAN = ("pd.derivative=kalman",)
 CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
 
 
@@ -100,28 +99,22 @@ def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
         assert loop.peak_sensitivity(delay_ns) == pytest.approx(margins.peak_sensitivity, rel=2e-3)
 
 
-@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
 @pytest.mark.parametrize("delay_ns", [0, 83_700_000])
-def test_noise_makes_the_steer_as_restless_as_a_run_shows(
-    law: tuple[str, ...], delay_ns: int
-) -> None:
+def test_noise_makes_the_steer_as_restless_as_a_run_shows(delay_ns: int) -> None:
     vehicle, noise_m = paper_box().nominal, 0.004  # with more the limit of the steer rate has a say
-    expected_rad = noise_m * loop_of(law, vehicle).noise_gain_rad_m(delay_ns)
-    done = run(law, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
+    expected_rad = noise_m * loop_of(PREDICTOR, vehicle).noise_gain_rad_m(delay_ns)
+    done = run(PREDICTOR, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
     steer_rad = done.sent_rad[done.tick_s > 5.0]
     assert float(np.sqrt(np.mean(np.square(steer_rad)))) == pytest.approx(expected_rad, rel=0.1)
 
 
-@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
 @pytest.mark.parametrize("overrides", [("rate_hz=50",), ("link.sensor_period_ms=20",)])
-def test_periods_of_their_own_are_one_period_together(
-    law: tuple[str, ...], overrides: tuple[str, ...]
-) -> None:
+def test_periods_of_their_own_are_one_period_together(overrides: tuple[str, ...]) -> None:
     """With half the ticks or half the samples the same slow modes are there, nearly."""
     vehicle = paper_box().nominal
-    other = loop_of((*law, *overrides), vehicle)
+    other = loop_of((*PREDICTOR, *overrides), vehicle)
     assert other.period_ns == 20 * MS
-    expected = loop_of(law, vehicle).decay_1_s(100 * MS)
+    expected = loop_of(PREDICTOR, vehicle).decay_1_s(100 * MS)
     assert other.decay_1_s(100 * MS) == pytest.approx(expected, rel=0.15)
 
 
@@ -148,16 +141,6 @@ def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays(
     assert "delay margin  above 600 ms" in text
     assert "pd_ddob" in text
     assert "nan" not in text
-
-
-def test_the_check_of_the_filtered_derivative_says_where_it_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
-    text = check_text(controller(*KALMAN, "rate_hz=50"))
-    (line,) = [line for line in text.splitlines() if "delay margin" in line]
-    assert 300.0 < float(line.split()[-2]) < 550.0
-    assert "Without echoes the derivative is the filtered difference." in text
 
 
 def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:

@@ -1,4 +1,4 @@
-"""Smith predictor, set point and feed-forward: compiled runs, presets, settings and words."""
+"""Smith predictor and feed-forward: compiled runs, presets, settings and words."""
 
 import math
 import re
@@ -9,14 +9,13 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.controller.analysis.check_in_words import check_text
-from steer_by_wire.controller.analysis.linear_system import NotLinearError, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
-from tests.support.loops.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
+from tests.support.loops.baseline_runs import FEED_FORWARD, run_nodes, vehicle_of
 from tests.support.runs.compiled_runs import NETWORKS, assert_same_as_nodes
 from tests.support.runs.compiled_runs import plant_settings as rig
 from tests.support.suite.no_jitter import no_jitter as no_jitter
@@ -31,13 +30,8 @@ ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0
 @pytest.mark.parametrize(
     ("name", "overrides", "network"),
     [
-        *product(
-            ("practical_smith", "practical_delayed_set_point"),
-            ((),),
-            ("off the grid", "as it arrives", "schedule"),
-        ),
+        *product(("practical_smith",), ((),), ("off the grid", "as it arrives", "schedule")),
         *product(("practical_smith", "practical_pd_ddob"), (FEED_FORWARD,), ("as it arrives",)),
-        ("practical_delayed_set_point", (), "bursts"),
     ],
 )
 def test_a_compiled_run_equals_the_nodes(name: str, overrides: Sequence[str], network: str) -> None:
@@ -54,9 +48,8 @@ def corner(name: str, delay_ms: int) -> PlantSettings:
     return plant_preset(f"paper_corner_{name}", overrides)
 
 
-@pytest.mark.parametrize("law", ["smith", "delayed_set_point"])
-def test_the_presets_keep_the_error_their_files_state(law: str) -> None:
-    name = f"practical_{law}"
+def test_the_smith_preset_keeps_the_error_its_file_states() -> None:
+    name = "practical_smith"
     text = read_preset("steer_by_wire.controller.presets", name).text
     stated = re.search(r"# +RMS error +([\d.]+) m at 0 ms, ([\d.]+) m at 250 ms", text)
     assert stated
@@ -90,15 +83,11 @@ def test_the_smith_preset_is_stable_as_far_as_its_file_states() -> None:
     ("overrides", "message"),
     [
         (('law="smith"',), r"law = 'smith' needs the table \[smith\]"),
-        (('law="delayed_set_point"',), r"needs the table \[delayed_set_point\]"),
         (("smith={delay_s=-0.1}",), "smith.delay_s"),
         (("smith={delay_s=2.5}",), "smith.delay_s"),
         (("smith={delay_s=0.1, washout_rad_s=400}",), "must be below pi"),
-        ((*SET_POINT, *FEED_FORWARD), "takes the map's curvature by itself"),
-        ((*SET_POINT, "delayed_set_point.proportional_gain=11"), "proportional_gain"),
         (("feed_forward={gain=3}",), "feed_forward.gain"),
         (('nominal_model={kind="paper_eq19"}', *FEED_FORWARD), "needs nominal_model.kind"),
-        (('nominal_model={kind="paper_eq19"}', *SET_POINT), "needs nominal_model.kind"),
     ],
 )
 def test_settings_without_sense_are_refused(overrides: Sequence[str], message: str) -> None:
@@ -112,11 +101,6 @@ def test_the_predictor_takes_no_feed_forward() -> None:
         preset("practical_pd_ddob", overrides)
 
 
-def test_a_law_that_reads_the_yaw_rate_is_not_taken_for_a_linear_one() -> None:
-    with pytest.raises(NotLinearError):
-        law_system(design_law(preset("practical_pd", SET_POINT)))
-
-
 @pytest.mark.usefixtures("no_jitter")
 def test_the_check_says_what_can_be_said_of_each() -> None:
     assert "stable at     0.00 to " in check_text(preset("practical_smith"))
@@ -125,6 +109,5 @@ def test_the_check_says_what_can_be_said_of_each() -> None:
 
 
 def test_the_plant_learns_which_law_it_is() -> None:
-    for name, overrides in (("practical_smith", ()), ("practical_pd", SET_POINT)):
-        node = run_nodes(rig([], 1.0), preset(name, overrides))
-        assert node.report()["law"] == preset(name, overrides).law
+    node = run_nodes(rig([], 1.0), preset("practical_smith"))
+    assert node.report()["law"] == "smith"

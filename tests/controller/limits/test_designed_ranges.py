@@ -12,6 +12,7 @@ from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.limits.designed_ranges import (
     ValiditySettings,
+    designed_ranges_of,
     request_of,
     share_of_demand,
     validity_of,
@@ -64,22 +65,23 @@ def preset(name: str, *overrides: str) -> ControllerSettings:
 def test_speed_and_delay_are_judged_at_their_bounds(
     speed_m_s: float | None, delay_s: float | None, expected: Validity
 ) -> None:
-    assert validity_of(WALKING, speed_m_s, delay_s) is expected
-    assert validity_of(None, speed_m_s, delay_s) is Validity.UNKNOWN
+    assert validity_of(designed_ranges_of(WALKING), speed_m_s, delay_s, True) is expected
+    assert validity_of(designed_ranges_of(None), speed_m_s, delay_s, True) is Validity.UNKNOWN
 
 
 def test_twice_too_fast_a_law_asks_for_a_quarter() -> None:
-    assert share_of_demand(WALKING, 4.0) == 0.25
-    assert share_of_demand(WALKING, 2.005) == 1.0
-    assert share_of_demand(None, 40.0) == 1.0
-    shares = [share_of_demand(WALKING, 0.1 * step) for step in range(1, 800)]
+    walking = designed_ranges_of(WALKING)
+    assert share_of_demand(walking, 4.0) == 0.25
+    assert share_of_demand(walking, 2.005) == 1.0
+    assert share_of_demand(designed_ranges_of(None), 40.0) == 1.0
+    shares = [share_of_demand(walking, 0.1 * step) for step in range(1, 800)]
     assert all(later <= earlier for earlier, later in pairwise(shares))
 
 
 def test_stopping_is_asked_for_before_slowing_down() -> None:
-    assert request_of(Validity.SPEED_HIGH, must_stop=True) is MotionRequest.STOP
-    assert request_of(Validity.DELAY_LONG, must_stop=False) is MotionRequest.SLOW_DOWN
-    assert request_of(Validity.SPEED_LOW, must_stop=False) is MotionRequest.NONE
+    assert request_of(Validity.SPEED_HIGH, True) is MotionRequest.STOP
+    assert request_of(Validity.DELAY_LONG, False) is MotionRequest.SLOW_DOWN
+    assert request_of(Validity.SPEED_LOW, False) is MotionRequest.NONE
 
 
 def drive(

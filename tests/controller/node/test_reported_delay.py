@@ -3,7 +3,7 @@
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.controller.node.reported_delay import ReportedDelay
+from steer_by_wire.controller.node.reported_delay import EchoRule, ReportedDelay
 from steer_by_wire.dbc.messages import DelayStatus, EchoState, limits
 from steer_by_wire.runtime.node import NS_PER_S
 
@@ -11,7 +11,7 @@ PERIOD_NS = 10_000_000
 
 
 def measuring() -> ReportedDelay:
-    return ReportedDelay(PERIOD_NS, averaging_ns=500_000_000, timeout_ns=300_000_000)
+    return ReportedDelay(EchoRule(PERIOD_NS / 2, 500e6, 300_000_000))
 
 
 def test_the_echo_measures_down_and_up_less_half_a_period() -> None:

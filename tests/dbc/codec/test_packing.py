@@ -54,6 +54,20 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
     assert [made.unpack(made.pack(Number(raw), 0)) for raw in (0, 255)] == [((0,), 0), ((255,), 0)]
 
 
+def test_a_number_that_an_enumeration_leaves_out_is_refused() -> None:
+    class Law(IntEnum):
+        PD = 0
+        PID = 2
+
+    class Status(NamedTuple):
+        law: Law
+
+    signals = {"law": PackedSignal(Law, 1, 0, 0x3, 0, 0, 2, None, "LAW")}
+    made = packing_of(Status, 1, None, signals, ValueError, "bad crc", lambda *_: "refused")
+    unpacked = [made.unpack(bytes([raw])) for raw in range(4)]
+    assert unpacked == [((Law.PD,), 0), "refused", ((Law.PID,), 0), "refused"]
+
+
 def test_a_refusal_names_no_value_beyond_the_signal_s_range() -> None:
     row = ("MODE", "mode", 44, 3, False, 1, 0, 0, "", None)
     assert packed_signal(SignalLayout._make(row), Mode).text == "MODE: allowed is one of Mode.OFF"

@@ -1,4 +1,4 @@
-"""Settings of delayed set point and feed-forward, and runs of the nodes with them."""
+"""Settings of the feed-forward, and runs of the nodes with them."""
 
 from collections.abc import Sequence
 
@@ -13,10 +13,6 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.runs.compiled_runs import plant_settings as rig
 
 FEED_FORWARD = ("feed_forward={}",)
-SET_POINT = (
-    'law="delayed_set_point"',
-    "delayed_set_point={delay_s=0.1, proportional_gain=0.3, integral_gain_1_s=0.5}",
-)
 CIRCLE = ('path={kind="circle", radius_m=30.0}',)
 
 

@@ -38,8 +38,6 @@ def test_preset_and_file_are_named(tmp_path: Path) -> None:
          "[feed_forward] does not become C: leave it out"),
         ("--preset practical_pd --set followed_point=rear_axle",
          "followed_point = 'rear_axle' does not become C: leave it out"),
-        ("--preset practical_pd_dob --set pd.derivative=kalman",
-         "pd.derivative = 'kalman' does not become C: leave it out"),
         ("--preset practical_pid --set pid.heading_gain_rad_rad=1",
          "pid.heading_gain_rad_rad does not become C: leave it out"),
         ("--preset practical_pd --set supervision.stops_if_implausible=true",

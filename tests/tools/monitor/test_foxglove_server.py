@@ -12,11 +12,12 @@ from typing import Any
 import aiohttp
 import pytest
 
+from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.dbc.codec.protection import COUNTERS
 from steer_by_wire.dbc.listening import OUR_MESSAGES
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.monitor.foxglove_server import FoxgloveServer, ServedWatch
+from steer_by_wire.tools.monitor.__main__ import ServedWatch
 from tests.support.programs.running_program import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(
@@ -54,20 +55,21 @@ async def first_message(address: str) -> tuple[Any, int, Any]:
     raise AssertionError("the server has closed")
 
 
-async def heard_by_a_client(server: FoxgloveServer) -> tuple[Any, int, Any]:
+async def heard_by_a_client(topics: FoxgloveTopics) -> tuple[Any, int, Any]:
+    address = topics.serve(0)
     sending = asyncio.create_task(
-        keep_sending(ServedWatch(time.monotonic_ns(), OUR_MESSAGES, server))
+        keep_sending(ServedWatch(time.monotonic_ns(), OUR_MESSAGES, topics))
     )
     try:
-        return await first_message(server.address)
+        return await first_message(address)
     finally:
         sending.cancel()
 
 
 def test_a_client_gets_every_signal_with_its_time_and_names() -> None:
     before_ns = time.time_ns()
-    with closing(FoxgloveServer(0)) as server:
-        channel, time_ns, content = asyncio.run(heard_by_a_client(server))
+    with closing(FoxgloveTopics()) as topics:
+        channel, time_ns, content = asyncio.run(heard_by_a_client(topics))
     assert channel["topic"] == "/STEERING_COMMAND"
     assert json.loads(channel["schema"])["properties"]["mode_name"] == {"type": "string"}
     assert content == {
@@ -80,7 +82,7 @@ def test_a_client_gets_every_signal_with_its_time_and_names() -> None:
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:
-    with closing(FoxgloveServer(0)) as server:
-        port = int(server.address.rpartition(":")[2])
+    with closing(FoxgloveTopics()) as topics:
+        port = int(topics.serve(0).rpartition(":")[2])
         with pytest.raises(SettingsError, match=rf"--foxglove {port}: .*; 0 takes any free port"):
-            FoxgloveServer(port)
+            FoxgloveTopics().serve(port)
