@@ -84,7 +84,7 @@ class History(NamedTuple):
 def newest_heading_rad(observed: "LawInput") -> float:
     """Return the heading error of the newest lateral error [rad]; 0 without a history."""
     history = observed.history
-    return history.heading_error_rad[observed.link.error_sample & history.sample_mask]
+    return history.heading_error_rad[observed.loop_delay.error_sample & history.sample_mask]
 
 
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)
@@ -103,7 +103,7 @@ class LawInput(NamedTuple):
     lateral_error_m: float
     sent_steer_rad: float
     vehicle: VehicleReading = NO_VEHICLE
-    link: LoopDelay = NO_LOOP_DELAY
+    loop_delay: LoopDelay = NO_LOOP_DELAY
     history: History = NO_HISTORY
 
 

@@ -81,7 +81,7 @@ def design(settings: ControllerSettings) -> Schedule:
 
 
 def step(p: Params, before: State, observed: LawInput) -> tuple[State, LawOutput]:
-    loop_delay, history, sample, x = observed.link, observed.history, before.sample, before.x
+    loop_delay, history, sample, x = observed.loop_delay, observed.history, before.sample, before.x
     while sample < loop_delay.error_sample:
         x = p.f @ x + p.g * command_from(p.loop_delay, loop_delay, history, sample)
         sample += 1
@@ -101,9 +101,9 @@ def step(p: Params, before: State, observed: LawInput) -> tuple[State, LawOutput
 
 
 def plan(_p: Params, x: State, observed: LawInput) -> int:
-    if x.acting >= PLAN_VALUES or not observed.link.is_measured:
+    if x.acting >= PLAN_VALUES or not observed.loop_delay.is_measured:
         return -1
-    observed.history.plans[observed.link.tick & observed.history.plan_mask][:] = x.row
+    observed.history.plans[observed.loop_delay.tick & observed.history.plan_mask][:] = x.row
     return x.acting
 
 

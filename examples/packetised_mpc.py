@@ -106,7 +106,7 @@ def planned(p: Params, x: Any, observed: LawInput) -> int:
     acting = PACKET.plan(p.inside, x, observed) if PACKET.plan else -1
     if acting < 0:
         return acting
-    loop_delay, history, of = observed.link, observed.history, p.inside.predictor
+    loop_delay, history, of = observed.loop_delay, observed.history, p.inside.predictor
     row = history.plans[loop_delay.tick & history.plan_mask]
     spacing, acts, count = int(row[1]), int(row[0] + acting * row[1]), len(row) - 2 - acting
     g = measured_gains(of.measured, x.measured)
@@ -132,7 +132,7 @@ def step(p: Params, x: State, observed: LawInput) -> tuple[State, LawOutput]:
     inside, output = PACKET.step(p.inside, x.inside, observed)
     acting = planned(p, inside, observed)
     if acting >= 0:
-        row = observed.history.plans[observed.link.tick & observed.history.plan_mask]
+        row = observed.history.plans[observed.loop_delay.tick & observed.history.plan_mask]
         output = output._replace(steer_rad=row[2 + acting])
     return State(inside, acting), output
 

@@ -27,7 +27,7 @@ from ...controller.history.plan import limit_plan
 from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
-from ...controller.laws.plugin_law import numbers_or_none
+from ...controller.laws.law_guard import numbers_or_none
 from ...controller.laws.set_point import (
     FollowedPointParams,
     followed_point_plan,

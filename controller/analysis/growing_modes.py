@@ -29,7 +29,7 @@ import numpy as np
 
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ..prediction.matrices import zero_order_hold
+from ..matrices import zero_order_hold
 from .linear_system import companion_form, heading_row, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 

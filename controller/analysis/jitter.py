@@ -27,7 +27,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ..prediction.matrices import zero_order_hold
+from ..matrices import zero_order_hold
 from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, heading_row, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop

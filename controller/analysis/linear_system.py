@@ -21,7 +21,7 @@ from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..law_interface import NO_HISTORY, NO_LOOP_DELAY, NO_VEHICLE, LawInput
 from ..laws.law_from_settings import LawDesign
-from ..prediction.matrices import zero_order_hold
+from ..matrices import zero_order_hold
 
 
 class LinearSystem(NamedTuple):

@@ -17,7 +17,7 @@ from ...runtime.node import NS_PER_S
 from ..filters.nominal_model import NominalVehicle
 from ..filters.transfer_function import TransferFunction
 from ..history.echo_delay import LoopDelayParams
-from ..prediction.matrices import zero_order_hold
+from ..matrices import zero_order_hold
 from .linear_system import companion_form
 
 BETA, R, PSI, Y, WHEEL = range(5)

@@ -90,7 +90,7 @@ def feed_forward_step(
     """Advance the inner law by one period with ``law_step``, and add the steer for the curve."""
     own_rad = observed.sent_steer_rad - x.curve.value
     own = LawInput(
-        observed.lateral_error_m, own_rad, observed.vehicle, observed.link, observed.history
+        observed.lateral_error_m, own_rad, observed.vehicle, observed.loop_delay, observed.history
     )
     x_law, output = law_step(p.law, x.law, own)
     curve = curve_step(p.steady, p.fade_step_rad, x.curve, observed.vehicle)

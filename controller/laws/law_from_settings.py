@@ -10,7 +10,7 @@ from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule, VehicleBelief
 from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
-from .plugin_law import Guard
+from .law_guard import Guard
 from .set_point import (
     FollowedPointParams,
     followed_point_after_hold,
@@ -99,24 +99,17 @@ def _guarded(law: Law, settings: "LawSettings") -> LawDesign:
 
     Raises SettingsError where its design fails.
     """
-    guard = Guard(law)
+    guard = Guard()
     try:
-        design = _alone(law, settings)
+        design = _alone(guard.around(law), settings)
     except SettingsError:
         raise
     except Exception as error:
         cause = f"{type(error).__name__}: {error}".splitlines()[0]
         raise SettingsError(f"law = {settings.law!r}: its design fails: {cause}") from error
-    after_hold = partial(guard.after_hold, design.params)
     at = design.params_at
     return design._replace(
-        params_at=None if at is None else partial(guard.params_at, at),
-        initial_state=partial(guard.at_rest, design.params),
-        step=guard.step,
-        recovered_state=None if law.after_hold is None else after_hold,
-        plan=None if law.plan is None else guard.plan,
-        believes=None,
-        mistake=lambda: guard.mistake,
+        params_at=None if at is None else guard.called(at), mistake=lambda: guard.mistake
     )
 
 

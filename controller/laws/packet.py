@@ -96,7 +96,7 @@ def packet_plan(p: PacketParams, x: PredictorState, observed: LawInput) -> int:
 
     -1: there is no plan, and the command is sent alone. ``x`` is the state after the step.
     """
-    loop_delay, history = observed.link, observed.history
+    loop_delay, history = observed.loop_delay, observed.history
     inside = p.predictor
     gains = measured_gains(inside.measured, x.measured)
     if not x.is_predicting or x.fade_rad != 0.0:

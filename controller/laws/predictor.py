@@ -116,7 +116,7 @@ def predictor_step(
 ) -> tuple[PredictorState, LawOutput]:
     """Advance one control period."""
     x_fallback, output = pd_ddob_step(p.fallback, x.fallback, observed)
-    loop_delay, history = observed.link, observed.history
+    loop_delay, history = observed.loop_delay, observed.history
     estimate, settled_sample = start_estimate(x.estimate, loop_delay, history), x.settled_sample
     if estimate.sample != x.estimate.sample and estimate.sample >= 0:
         settled_sample = estimate.sample

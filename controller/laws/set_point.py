@@ -134,6 +134,6 @@ def followed_point_step(
         p.fade_step_m, x.shown, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
     )
     error_m = observed.lateral_error_m - shown.value
-    own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.link, observed.history)
+    own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.loop_delay, observed.history)
     x_law, output = law_step(p.law, x.law, own)
     return FollowedPointState(x_law, set_point_m, shown), output

@@ -69,7 +69,7 @@ class SmithState(NamedTuple):
 
 def smith_step(p: SmithParams, x: SmithState, observed: LawInput) -> tuple[SmithState, LawOutput]:
     """Advance one control period."""
-    newest = observed.link.tick - 1
+    newest = observed.loop_delay.tick - 1
     on_its_way_rad = command_at(observed.history, newest, 0.0) - command_at(
         observed.history, newest, p.delay_ticks
     )

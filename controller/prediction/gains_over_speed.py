@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings, SettingsError
 from ..filters.settings import VehicleModelSettings
-from .matrices import Matrix, zero_order_hold
+from ..matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gains
 from .vehicle_kalman_filter import GAP_DOUBLINGS, Correction, VehicleGains
 

@@ -10,7 +10,7 @@ scipy, which live programs do not import. All matrices may be stacks of systems,
 
 import numpy as np
 
-from .matrices import Matrix, contracts, product, quotient, transposed
+from ..matrices import Matrix, contracts, product, quotient, transposed
 
 _DOUBLINGS = 60
 _SETTLED = 1e-13

@@ -95,7 +95,7 @@ def test_noise_that_meets_the_rate_limit_does_not_empty_the_integral() -> None:
 
 def test_it_reads_the_heading_error_only_where_that_has_a_gain() -> None:
     rings = NO_HISTORY._replace(heading_error_rad=(0.0, 0.03), sample_mask=1)
-    observed = LawInput(0.1, 0.0, link=NO_LOOP_DELAY._replace(error_sample=5), history=rings)
+    observed = LawInput(0.1, 0.0, loop_delay=NO_LOOP_DELAY._replace(error_sample=5), history=rings)
     steers_rad = []
     for gain in (None, 2.0):
         table = {"integral_gain_rad_m_s": K_I, "heading_gain_rad_rad": gain}

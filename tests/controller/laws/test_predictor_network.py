@@ -86,8 +86,10 @@ def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
     """Beside the path by 0.3 m they ask for 0.1 rad of difference: half a second of fading."""
     law = design_law(controller())
     far_off = history()._replace(lateral_error_m=[0.3] * 64)
-    observed = LawInput(0.3, 0.0, link=LoopDelay(30, 20, 20, 30.0 * MS, True), history=far_off)
-    unmeasured = observed._replace(link=LoopDelay(31, 20, 20, 30.0 * MS, False))
+    observed = LawInput(
+        0.3, 0.0, loop_delay=LoopDelay(30, 20, 20, 30.0 * MS, True), history=far_off
+    )
+    unmeasured = observed._replace(loop_delay=LoopDelay(31, 20, 20, 30.0 * MS, False))
     params = law.params._replace(settling_samples=0)
     state: Any = law.initial_state(0.3)
     commands = []

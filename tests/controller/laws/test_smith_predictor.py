@@ -24,7 +24,7 @@ def sent_history(sent_rad: Sequence[float], error_m: float) -> LawInput:
     history = NO_HISTORY._replace(tick_mask=-1, sent_rad=sent_rad)
     newest_rad = sent_rad[-1] if sent_rad else 0.0
     return LawInput(
-        error_m, newest_rad, link=NO_LOOP_DELAY._replace(tick=len(sent_rad)), history=history
+        error_m, newest_rad, loop_delay=NO_LOOP_DELAY._replace(tick=len(sent_rad)), history=history
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from steer_by_wire.controller.prediction.matrices import Matrix
+from steer_by_wire.controller.matrices import Matrix
 from steer_by_wire.controller.prediction.riccati_equation import (
     feedback_gain,
     filter_gains,
