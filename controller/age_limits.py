@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, PositiveFloat, Tag
 
-from ..dbc.codec.sequence_and_second_sender import SequenceRule
+from ..dbc.codec.counter_rule import CounterRule
 from ..dbc.messages import Freshness
 from ..runtime.node import NS_PER_MS
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
@@ -117,10 +117,10 @@ def age_limits_of(table: SupervisionSettings, period_ns: int) -> AgeLimits:
     return AgeLimits(*(limit_ns(getattr(table, key)) for key in _TIMEOUTS))
 
 
-def counters_of(table: SupervisionSettings, period_ns: int) -> SequenceRule:
+def counters_of(table: SupervisionSettings, period_ns: int) -> CounterRule:
     """Return which counters of the measurements are believed."""
     lead_ns = round(table.counter_lead_ms * NS_PER_MS)
-    return SequenceRule(lead_ns, table.recovery_frames, resync_ns_of(table, period_ns))
+    return CounterRule(lead_ns, table.recovery_frames, resync_ns_of(table, period_ns))
 
 
 def resync_ns_of(table: SupervisionSettings, period_ns: int) -> int:

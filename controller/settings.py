@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ..dbc.codec.sequence_and_second_sender import SequenceRule
+from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
@@ -63,7 +63,7 @@ class ControllerSettings(LawSettings):
         return age_limits_of(self.supervision, self.period_ns)
 
     @property
-    def counters(self) -> SequenceRule:
+    def counters(self) -> CounterRule:
         """Which counters of the measurements are believed."""
         return counters_of(self.supervision, self.period_ns)
 

@@ -15,7 +15,7 @@ from ..runtime.frame import EXTENDED, FD
 from ..runtime.node.end import End
 from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
-from ..runtime.recording.recorder import fd_obstacle
+from ..runtime.recording.recording import fd_obstacle
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
 from .messages import CAN_IDS, Message
@@ -80,15 +80,12 @@ def _of_car(end: End, options: argparse.Namespace, car: "Dialect") -> Edge:
 
 
 def _say_refused(name: str, report: Mapping[str, Any]) -> None:
-    """Name refused frames, and messages that had two senders during the run."""
+    """Name refused frames."""
     if secured := report["rejected"].get(Refused.NO_KEY.value):
         why = "their sender has a key, this end has none"
         say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
     if refused := report.get("authentication", {}).get("refused"):
         say(name, f"frames refused by authentication: {causes_line(refused)}", sys.stderr)
-    if messages := report["second_senders"]:
-        what = "two nodes on the bus send what only one may"
-        say(name, f"second sender of {', '.join(messages)}: {what}", sys.stderr)
 
 
 def _say_translated(name: str, report: Mapping[str, Any]) -> None:

@@ -139,15 +139,15 @@ def decode(frame: Frame) -> Decoded | Rejection:
     can_id, data, flags = frame
     codec = _CODECS_BY_ID.get(can_id)
     if codec is None or flags != codec.flags or len(data) != codec.length:
-        return rejection_of(frame)
+        return misfit_of(frame)
     unpacked = codec.unpack(data)
     if isinstance(unpacked, Rejection):
-        return _cause(unpacked, data)
+        return cause_of(unpacked, data)
     return new_record(Decoded, unpacked)
 
 
-def rejection_of(frame: Frame) -> Rejection:
-    """Why ``frame``, which is not a valid message, is rejected."""
+def misfit_of(frame: Frame) -> Rejection:
+    """Return why the identifier, length and flags of ``frame`` are those of no message."""
     can_id, data, flags = frame
     if flags & ERROR:  # its identifier is an error class and may equal one of ours
         return Rejection.WRONG_FORMAT
@@ -156,16 +156,11 @@ def rejection_of(frame: Frame) -> Rejection:
         return Rejection.UNKNOWN_ID
     if flags & (EXTENDED | REMOTE):
         return Rejection.WRONG_FORMAT
-    if len(data) != codec.length:
-        return Rejection.WRONG_LENGTH
-    unpacked = codec.unpack(data)
-    if flags != codec.flags or not isinstance(unpacked, Rejection):  # the length happens to fit
-        return Rejection.WRONG_FORMAT
-    return _cause(unpacked, data)
+    return Rejection.WRONG_LENGTH if len(data) != codec.length else Rejection.WRONG_FORMAT
 
 
-def _cause(unpacked: Rejection, data: bytes) -> Rejection:
-    """Tell a payload of another message from a damaged one."""
+def cause_of(unpacked: Rejection, data: bytes) -> Rejection:
+    """Return why a payload was refused; tells that of another message from a damaged one."""
     if unpacked is Rejection.BAD_CRC and is_masqueraded(data, _ID_MARKS):
         return Rejection.MASQUERADED
     return unpacked

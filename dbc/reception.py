@@ -1,60 +1,53 @@
-"""Which received frames a node accepts, and why it refuses the others.
+"""Reception: which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest accepted one (``dbc.codec.sequence_and_second_sender``). Refused
-frames are counted by cause.
+counter, in sequence (``dbc.codec.counter_rule``). Refused frames are counted by cause.
 
-**Own identifiers.** A node does not receive its own frames, so an intact one under an identifier
-that only it sends comes from somebody else, for certain, and its peer may follow that. So for
-PAUSE_NS it takes no message. A single such frame stops nobody. While more come, all is silent to
-the node, against which it has its fallback; what came of a forged measurement is not followed.
+A second sender is reported, of a message that is received (``dbc.codec.second_sender``) or that
+this node alone sends: a node does not receive its own frames, except for the echo that some CAN
+adapters return, which is one of its last ECHO_TICKS ticks.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Literal, TypeVar
 
-from ..runtime.frame import FD, Frame
+from ..runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
-from .codec.sequence_and_second_sender import CHANGING, SequenceCheck, SequenceResult, SequenceRule
+from .codec.counter_check import CounterCheck
+from .codec.counter_rule import CounterResult, CounterRule
 from .messages import (
     ACTIVE_CYCLE_TIMES_MS,
     CAN_IDS,
     DATA_IDS,
     MESSAGE_TYPES,
     NUMBERED_WITH,
-    Decoded,
     Message,
     Rejection,
     SecondSender,
-    decode,
-    rejection_of,
+    cause_of,
+    misfit_of,
     unpacking,
 )
 from .secoc.secured_frame import Refused, is_secured
 
-Cause = Rejection | SequenceResult | Refused
-_Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
-_ACCEPTED = SequenceResult.ACCEPTED
+Cause = Rejection | CounterResult | Refused
+_Cause = TypeVar("_Cause", Rejection, CounterResult, Refused)
+_ACCEPTED = CounterResult.ACCEPTED
 _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
 _SECOND_SENDERS = tuple(SecondSender)
 NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
-PAUSE_NS = 50_000_000
-"""How long a node takes no message after a frame that only it sends [ns]; a single pause is too
-short to end its control. ``tests.soak.forged_frames`` prints what others cost."""
+ECHO_TICKS = 256
+"""An echo comes before a node has sent in more ticks than this."""
+SecondSenderAction = Literal["report", "silent"]
+"""What a node does while there is a second sender: it only reports it, or no longer acts."""
 
 
-class TakenBack(NamedTuple):
-    """A message that is in use again, because those after it may have been forged."""
-
-    message: Message
-
-
-def second_sender_line(reception: "Reception") -> str:
-    """Return in words whose messages have a second sender; empty without any."""
-    names = ", ".join(reception.second_senders)
-    return f"second sender on the bus: {names}" if names else ""
+def second_sender_line(messages: Sequence[str]) -> str:
+    """Return in words which messages have had a second sender; empty without any."""
+    why = "two programs on the bus send what only one may"
+    return f"second sender of {', '.join(messages)}: {why}" if messages else ""
 
 
 def cycle_ns(message_type: type[Message]) -> int:
@@ -69,21 +62,19 @@ class Reception:
     ``rule``           what is believed of the counters of each type
     ``sent_types``     what this node alone sends
 
-    ``accepted``, ``refused``  frames so far that came into use, and refused for any cause
-    ``sends``   whether the node sends its messages now. One that still waits for others to begin
-                does not pause: with its own frames it will contradict those that now are followed
+    ``accepted``, ``refused``  frames so far that were accepted, and refused for any cause
     """
 
     def __init__(
         self,
         message_types: Collection[type[Message]],
-        rule: SequenceRule,
+        rule: CounterRule,
         sent_types: Collection[type[Message]] = (),
     ) -> None:
         self._checks = {
             CAN_IDS[message_type]: None
             if message_type not in DATA_IDS  # sent by hand, so it has no counter
-            else SequenceCheck(rule, cycle_ns(message_type))
+            else CounterCheck(rule._replace(period_ns=cycle_ns(message_type)))
             for message_type in message_types
             if message_type not in NUMBERED_WITH
         }
@@ -94,13 +85,12 @@ class Reception:
             )
             for message_type in message_types
         }
-        self._taken = self._received
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
+        self._sent: deque[Sequence[Frame]] = deque(maxlen=ECHO_TICKS)
+        self.on_sent = self._sent.append
         self._own_seen: set[int] = set()
         self._own_ns = -NEVER_NS
-        self._paused_until_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
-        self.sends = True
         self.accepted = 0
         self.refused = 0
 
@@ -139,89 +129,51 @@ class Reception:
                 number |= _PEER
         return _SECOND_SENDERS[number]
 
-    def newest(self, message_type: type[Message]) -> SequenceCheck:
+    def newest(self, message_type: type[Message]) -> CounterCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""
         check = self._checks[CAN_IDS[message_type]]
         if check is None:
             raise ValueError(f"{message_type.__name__} has no counter")
         return check
 
-    def take(self, frame: Frame, now_ns: int = 0) -> Message | TakenBack | Cause | None:
+    def take(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
-
-        Beside a second sender it may be the message of an earlier frame, which comes into use now.
-        It is TakenBack where others after it have been in use.
 
         ``now_ns``  when it arrived
         """
         can_id, data, flags = frame
-        received = self._taken.get(can_id)
+        received = self._received.get(can_id)
         if received is None:
-            return self._take_other(frame, now_ns)
+            return self._take_own(frame, now_ns) if can_id in self._sent_ids else None
         length, wanted_flags, unpack, check = received
         if flags != wanted_flags or len(data) != length:
-            return self._refuse_unread(frame)
+            if flags & FD and is_secured(frame):  # with a key, the classic frame arrives here
+                return self._refuse(Refused.NO_KEY)
+            return self._refuse(misfit_of(frame))
         unpacked = unpack(data)
-        if type(unpacked) is not tuple:
-            return self._refuse_unread(frame)
+        if isinstance(unpacked, Rejection):
+            return self._refuse(cause_of(unpacked, data))
         message, counter = unpacked
         if check is not None:
             result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
-                return self._later(result, check)
+                return self._refuse(result)
         self.accepted += 1
         return message
 
-    def _later(
-        self, result: SequenceResult, check: SequenceCheck
-    ) -> Message | TakenBack | SequenceResult:
-        """Return what to act on after a frame that is not used at once."""
-        if result is SequenceResult.CONFIRMED:
-            self.accepted += 1
-        elif result is not SequenceResult.WAITING:
-            self._refuse(result)
-        if result in CHANGING and isinstance(check.content, bytes):
-            message = self._message_of(check, check.content)
-            if message is not None and result is SequenceResult.TAKEN_BACK:
-                return TakenBack(message)
-            return message or result
-        return result
-
-    def _message_of(self, check: SequenceCheck, data: bytes) -> Message | None:
-        """Return the message of an earlier frame; its length says which of two in one sequence."""
-        for length, _, unpack, its in self._received.values():
-            if its is check and length == len(data):
-                unpacked = unpack(data)
-                return unpacked[0] if isinstance(unpacked, tuple) else None
-        return None
-
-    def _take_other(self, frame: Frame, now_ns: int) -> Message | TakenBack | Cause | None:
-        """Take a frame that is not received here, or not in a pause."""
-        can_id = frame.can_id
-        if can_id in self._sent_ids:
-            self._notice_own(frame, now_ns)
-            return self._refuse(Rejection.OWN_IDENTIFIER)
-        if can_id not in self._received:
-            return None
-        if now_ns < self._paused_until_ns:
-            return self._refuse(Rejection.PAUSED)
-        self._taken = self._received
-        return self.take(frame, now_ns)
-
-    def _notice_own(self, frame: Frame, now_ns: int) -> None:
-        """Note a frame that only this node sends; an intact one begins a pause."""
-        self._own_seen.add(frame.can_id)
+    def _take_own(self, frame: Frame, now_ns: int) -> Rejection | None:
+        """Refuse a frame that only this node sends, unless it is the echo of its own."""
+        can_id, data, flags = frame
+        if flags & (ERROR | EXTENDED | REMOTE):  # another identifier, or none
+            return self._refuse(Rejection.WRONG_FORMAT)
+        for frames in reversed(self._sent):
+            if any(sent.can_id == can_id and sent.data == data for sent in frames):
+                return None
+        self._own_seen.add(can_id)
         self._own_ns = now_ns
-        if self.sends and isinstance(decode(frame), Decoded):
-            self._paused_until_ns, self._taken = now_ns + PAUSE_NS, {}
-
-    def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
-        """Refuse a frame that is not a valid message, for the cause found by ``rejection_of``."""
-        if frame.flags & FD and is_secured(frame):  # with a key, the classic frame arrives here
-            return self._refuse(Refused.NO_KEY)
-        return self._refuse(rejection_of(frame))
+        return self._refuse(Rejection.OWN_IDENTIFIER)
 
     def _refuse(self, cause: _Cause) -> _Cause:
-        self._rejected[cause.value] += 1
+        self._rejected[cause.name.lower()] += 1
         self.refused += 1
         return cause

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..dbc.codec.sequence_and_second_sender import SequenceRule
+from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
@@ -109,10 +109,10 @@ class PlantSettings(Settings):
         return tuple(find(place) for find, place in places if place is not None and ":" in place)
 
     @property
-    def counters(self) -> SequenceRule:
+    def counters(self) -> CounterRule:
         """Which counters of the commands are believed."""
         lead_ns = round(self.counter_lead_ms * NS_PER_MS)
-        return SequenceRule(lead_ns, self.resync_frames, resync_ns_of(self.safety))
+        return CounterRule(lead_ns, self.resync_frames, resync_ns_of(self.safety))
 
     @property
     def sensor_period_ns(self) -> int:

@@ -56,7 +56,8 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
             "can": _tool(
                 "can",
-                "bounds on the delay of each message on a bus",
+                "frames bit by bit; bounds on the delay of each message",
+                "bits",
                 "response-times",
             ),
         },

@@ -16,14 +16,9 @@ from ...controller.history.history import RING_SIZE, HistoryParams, Rings
 from ...controller.history.plan import ROW_LENGTH
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
-from ...dbc.codec.protection import COUNTERS
-from ...dbc.codec.sequence_and_second_sender import (
-    CHANGING,
-    HALF,
-    SequenceCheck,
-    SequenceResult,
-    SequenceRule,
-)
+from ...dbc.codec.counter_check import CounterCheck
+from ...dbc.codec.counter_rule import CounterResult, CounterRule
+from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.messages import (
     LateralError,
     Message,
@@ -89,14 +84,10 @@ class RunSchedule(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """Frames of one message that the controller accepts: when each arrives, of which sample.
-
-    ``taken_back``  indices of those that came into use again, because newer ones are doubted
-    """
+    """Frames of one message that the controller accepts: when each arrives, of which sample."""
 
     arrival_ns: IntArray
     sample: IntArray
-    taken_back: IntArray = np.empty(0, dtype=np.int64)
 
 
 class NothingArrivesError(ValueError):
@@ -180,7 +171,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
 
 
 def arrivals_of(
-    message: Uplink, plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
+    message: Uplink, plant: PlantSettings, rule: CounterRule, samples: int, motion_start_ns: int
 ) -> Arrivals:
     """Return the arrivals of one message of the first samples."""
     every = samples_per_vehicle_state(plant.sensor_period_ns)
@@ -193,49 +184,39 @@ def arrivals_of(
     frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
     up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
-    period_ns = cycle_ns(_MESSAGES[message])
-    return _believed(rule, period_ns, number, Arrivals(up.due_ns, sample[up.frame]))
+    rule = rule._replace(period_ns=cycle_ns(_MESSAGES[message]))
+    return _accepted(rule, number, Arrivals(up.due_ns, sample[up.frame]))
 
 
-def _believed(rule: SequenceRule, period_ns: int, number: IntArray, arrived: Arrivals) -> Arrivals:
-    """Return the frames of a message that the check of their counters lets the controller use."""
+def _accepted(rule: CounterRule, number: IntArray, arrived: Arrivals) -> Arrivals:
+    """Return the frames of a message that the counter rule accepts."""
     steps = np.diff(number)
-    # As ``SequenceRule.step_max`` of the longest period that the check may measure.
-    explained = 1 + (rule.lead_ns + np.diff(arrived.arrival_ns)) // period_ns
-    if ((steps >= 1) & (steps <= np.minimum(explained, HALF - 1))).all():
+    # As the rule's bound with the longest period that it may measure.
+    is_explained = (steps - 1) * rule.period_ns <= rule.lead_ns + np.diff(arrived.arrival_ns)
+    if ((steps >= 1) & (steps < HALF) & is_explained).all():
         return arrived
-    check = SequenceCheck(rule, period_ns)
-    used: list[tuple[int, object]] = []
-    taken_back = []
-    for count, now_ns, sample in zip(
-        number.tolist(), arrived.arrival_ns.tolist(), arrived.sample.tolist(), strict=True
-    ):
-        # A sample's number identifies the frame, as its payload does in a node.
-        result = check.check(count % COUNTERS, now_ns, sample)
-        if result is SequenceResult.TAKEN_BACK:
-            taken_back.append(len(used))
-        if result in CHANGING:
-            used.append((now_ns, check.content))
-    arrival_ns, used_sample = np.array(used, dtype=np.int64).T
-    return Arrivals(arrival_ns, used_sample, np.array(taken_back, dtype=np.int64))
+    check = CounterCheck(rule)
+    is_accepted = [
+        check.check(count, now_ns) is CounterResult.ACCEPTED
+        for count, now_ns in zip(
+            (number % COUNTERS).tolist(), arrived.arrival_ns.tolist(), strict=True
+        )
+    ]
+    return Arrivals(arrived.arrival_ns[is_accepted], arrived.sample[is_accepted])
 
 
 def _segments(
     controller: ControllerSettings, arrivals: Arrivals, in_use: IntArray, tick_ns: IntArray
 ) -> tuple[Segment, ...]:
-    """Return the modes of the ticks; the first tick ends the wait.
-
-    Where the law starts anew after a measurement that was taken back, ACTIVE follows ACTIVE.
-    """
+    """Return the modes of the ticks; the first tick ends the wait."""
     supervision = supervision_of(controller)
-    arrival_ns, _, taken_back = arrivals
+    arrival_ns = arrivals.arrival_ns
     is_fresh = tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns
-    if is_fresh.all() and not (len(taken_back) and len(tick_ns)):
+    if is_fresh.all():
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
     supervisor, arrived = Supervisor(supervision, 0), 0
     before_ns: int | None = None
     entered: list[tuple[Mode, int]] = []
-    anew = set(np.searchsorted(in_use, taken_back).tolist())
     for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
         while arrived <= newest:
             arrived_ns = int(arrival_ns[arrived])
@@ -243,8 +224,8 @@ def _segments(
             before_ns = arrived_ns
             arrived += 1
         mode = supervisor.move_on(before_ns, now_ns)
-        if mode is not None or (tick in anew and supervisor.mode is Mode.ACTIVE):
-            entered.append((supervisor.mode, tick))
+        if mode is not None:
+            entered.append((mode, tick))
     ends = [first for _, first in entered[1:]] + [len(tick_ns)]
     return tuple(
         Segment(int(mode), first, end, index > 0 and entered[index - 1][0] is not Mode.ACTIVE)
@@ -360,7 +341,7 @@ def empty_rings(*, keeps_plans: bool) -> Rings:
 def _received(
     plant: PlantSettings,
     _parts: tuple[Part, ...],
-    rule: SequenceRule,
+    rule: CounterRule,
     samples: int,
     motion_start_ns: int,
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:

@@ -9,14 +9,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from ...dbc.codec.protection import COUNTERS
-from ...dbc.codec.sequence_and_second_sender import (
-    HALF,
-    PERIOD_NS_MIN,
-    SequenceCheck,
-    SequenceResult,
-    SequenceRule,
-)
+from ...dbc.codec.counter_check import CounterCheck
+from ...dbc.codec.counter_rule import PERIOD_NS_MIN, CounterResult, CounterRule
+from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.listening import OUR_MESSAGES, Listening, MessageCounts
 from ...dbc.messages import (
     CAN_IDS,
@@ -35,7 +30,7 @@ from ...dbc.secoc.secured_frame import plain
 from ...plant_emulator.steering.plan_buffer import planned_rad
 from ...runtime.frame import ERROR, Frame
 
-RULE = SequenceRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
+RULE = CounterRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
 """Accept whatever is newer, and a restart of the sender after 20 rejected counters in a row."""
 FOREIGN_IDS_MAX = 1000
 """How many foreign identifiers are counted separately."""
@@ -100,7 +95,7 @@ class BusListener:
     def __init__(self, listening: Listening = OUR_MESSAGES) -> None:
         self.listening = listening
         self._checks = {
-            name: SequenceCheck(RULE, PERIOD_NS_MIN)
+            name: CounterCheck(RULE)
             for kind, name in NAMES.items()
             if kind in DATA_IDS and kind not in NUMBERED_WITH
         }  # others are sent by hand, so it has no counter, or are of another's sequence
@@ -150,15 +145,15 @@ class BusListener:
             kind = type(message)
             name = NAMES[kind]
             result = self._in_sequence(NAMES[NUMBERED_WITH.get(kind, kind)], counter)
-            if result is SequenceResult.ACCEPTED:
+            if result is CounterResult.ACCEPTED:
                 self._accepted[name] += 1
                 if isinstance(message, LateralError):
                     self._sample = counter
                 return ReceivedMessage(name, message, counter, False, self._sample)
-            if result is SequenceResult.OUT_OF_ORDER:
+            if result is CounterResult.OUT_OF_ORDER:
                 self._late[name] += 1
                 return ReceivedMessage(name, message, counter, True, self._sample)
-            self._refused[name][result.value] += 1
+            self._refused[name][result.name.lower()] += 1
         elif frame.flags & ERROR:
             self.error_frames += 1
         elif decoded is Rejection.UNKNOWN_ID:
@@ -172,6 +167,6 @@ class BusListener:
         if can_id in self.foreign or len(self.foreign) < FOREIGN_IDS_MAX:
             self.foreign[can_id] += 1
 
-    def _in_sequence(self, name: str, counter: int) -> SequenceResult:
+    def _in_sequence(self, name: str, counter: int) -> CounterResult:
         check = self._checks.get(name)
-        return SequenceResult.ACCEPTED if check is None else check.check(counter)
+        return CounterResult.ACCEPTED if check is None else check.check(counter)

@@ -120,16 +120,10 @@ def error_step(
     heading_error_rad: float,
     now_ns: int,
 ) -> Errors:
-    """Store a measurement at the sample at which it was taken; lost samples have none.
-
-    One of an earlier sample comes again when the reception takes back all newer ones, because a
-    contradiction shows that one of them may be forged. So these have none either.
-    """
+    """Store a measurement at the sample at which it was taken; lost samples have none."""
     sample = _sample_of(p.loop_delay, x, echoes, counter, now_ns)
     if sample < 0:  # before the first received frame
         return x
-    for doubted in range(sample + 1, x.sample + 1):
-        rings.has_error[doubted & _MASK] = False
     for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
         rings.has_error[lost & _MASK] = False
     index = sample & _MASK

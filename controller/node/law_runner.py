@@ -1,11 +1,8 @@
 """Runs the law: keeps its parameters and state, and fades its commands in.
 
-On recovery the law starts anew, at rest at the present measurement. Its first command differs from
+On recovery the law starts again, at rest at the present measurement. Its first command differs from
 the held one. The difference is added to its commands and fades out at the ramp rate, so that the
 first command equals the last one held. As always, the law's input is the command that acts.
-
-It also starts anew after a measurement that was taken back, since it may be forged and its filters
-have taken it in. What the law commanded then is not to continue, so nothing fades.
 """
 
 from math import isfinite
@@ -90,21 +87,19 @@ class LawRunner:
             self._params = self.design.params_at(speed_m_s)
 
     def start(self, before: Mode, received: Received) -> None:
-        """Prepare for ACTIVE after another mode; some laws continue after a hold."""
+        """Prepare for ACTIVE after another mode: at rest at the newest measurement.
+
+        Some laws continue in part after a hold.
+        """
         if before is not Mode.HOLDING:
             self._state = None
-        self._start_anew(received)
-        # Before the first command there is no held command to continue from.
-        self._fade_rad, self._continues_hold = 0.0, before is not Mode.WAITING
-
-    def _start_anew(self, received: Received) -> None:
-        """Begin at rest at the newest measurement; some laws continue in part."""
-        received.is_taken_back = False
-        recovered, before = self.design.recovered_state, self._state
-        if recovered is None or before is None:
+        recovered = self.design.recovered_state
+        if recovered is None or self._state is None:
             self._state = self.design.initial_state(received.lateral_error_m)
         else:
-            self._state = recovered(before, received.lateral_error_m)
+            self._state = recovered(self._state, received.lateral_error_m)
+        # Before the first command there is no held command to continue from.
+        self._fade_rad, self._continues_hold = 0.0, before is not Mode.WAITING
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
@@ -115,8 +110,6 @@ class LawRunner:
         vehicle = received.vehicle_at(now_ns)
         error_m, history = received.lateral_error_m, self._history
         acting_rad = received.acting_rad(sent_rad, now_ns)
-        if received.is_taken_back:
-            self._start_anew(received)
         observed = new_record(LawInput, (error_m, acting_rad, vehicle, loop_delay, history))
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad

@@ -44,21 +44,17 @@ class Received:
     ``lateral_error_m``, ``heading_error_rad``, ``steering``, ``wheel_rad``, ``vehicle``
                                           the newest values; 0, NO_COMMAND and NO_VEHICLE before
                                           the first
-    ``is_taken_back``                     whether newer lateral errors than the present one have
-                                          been in use, and may have been forged
     ``unauthenticated``                   frames refused by authentication
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.reception = Reception(RECEIVED, settings.counters, SENT)
-        self.reception.sends = False  # no command before the first measurement
         self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = settings.age_limits
         self._vehicle_limit_ns = self._limits.vehicle_state_ns
         self.lateral_error_m = self.heading_error_rad = self.wheel_rad = 0.0
         self.steering = SteeringStatusCode.NO_COMMAND
         self.vehicle = NO_VEHICLE
-        self.is_taken_back = False
         self.unauthenticated = 0
 
     @property

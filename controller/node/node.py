@@ -26,7 +26,6 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...dbc.reception import TakenBack
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
@@ -121,12 +120,9 @@ class ControllerNode:
         """Process a frame; the response to a measurement is sent at the next tick."""
         received, bus_history = self._received, self._law.bus_history
         before_ns = received.errors.arrival_ns
-        taken = received.reception.take(frame, now_ns)
-        message = taken.message if type(taken) is TakenBack else taken
+        message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
             received.lateral_error_m, received.heading_error_rad = message
-            if message is not taken:
-                received.is_taken_back = True
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -194,6 +190,7 @@ class ControllerNode:
         elif is_safety_due:
             frames.append(self._safety_frame(now_ns))
         self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
+        self._received.reception.on_sent(frames)
         return frames
 
     def view(self, now_ns: int) -> View:
@@ -316,7 +313,6 @@ class ControllerNode:
         entered = self._supervisor.move_on(arrival_ns, now_ns, law_failed=law_failed)
         if entered is not None:
             self._figures.on_mode(entered)
-            self._received.reception.sends = True
         if entered is _ACTIVE:
             self._law.start(before, self._received)
 
@@ -343,7 +339,7 @@ class ControllerNode:
 
     @property
     def _fault(self) -> ControllerFault:
-        """The same, as reported on the bus."""
+        """The permanent fault, as ControllerFault."""
         if self._law.is_distrusted:
             return ControllerFault.LAW_FAILED
         if self._overruns.failure:

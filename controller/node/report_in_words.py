@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ...dbc.reception import second_sender_line
 from ...runtime.program.fail_if_conditions import Report
 from ...runtime.program.report import causes_line, durations_line
 from .control_verdict import ControlVerdict
@@ -24,6 +25,8 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 f"{state.replace('_', ' too ')} for the settings, {100.0 * share:.0f} % of the time"
             )
             yield "validity", text
+    if node["second_senders"]:
+        yield "warning", second_sender_line(node["second_senders"])
     if node["rejected"]:
         yield "controller rejected", causes_line(node["rejected"])
 

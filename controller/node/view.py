@@ -51,7 +51,7 @@ def controller_view(
     states = {
         "mode": _MODES[mode],
         "plant": plant_text(received.freshness(now_ns), ends_with_plant=ends_with_plant),
-        "second sender": second_sender_line(reception),
+        "second sender": second_sender_line(reception.second_senders),
         "validity": in_words(facts.validity),
         "request": _REQUESTS[facts.motion_request],
         "failure": failure and f"fault: {failure}",

@@ -46,9 +46,7 @@ class Rejection(StrEnum):
     NOT_AVAILABLE = "not_available"
     """The sender has no value for a signal now."""
     OWN_IDENTIFIER = "own_identifier"
-    """Under an identifier that only the receiver sends: there is a second one of it."""
-    PAUSED = "paused"
-    """Not looked at, because somebody else sends the receiver's own messages."""
+    """Under an identifier that only the receiver sends: it has a second sender."""
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

@@ -11,7 +11,7 @@ The CRC detects corruption and, by the Data ID, a payload under the wrong identi
 it detects every change of up to three bits, and others with probability 1 - 2**-16. The counter
 detects loss, repetition and reordering. Neither detects a frame that is too old, because a frame
 contains no time. The receiver must watch for the silence of a message itself. Which counters it
-believes stands in ``dbc.codec.sequence_and_second_sender``.
+accepts is the rule of ``dbc.codec.counter_rule``.
 """
 
 from binascii import crc_hqx
@@ -19,6 +19,8 @@ from collections.abc import Collection
 
 COUNTERS = 256
 """Number of values of the counter, which wraps."""
+HALF = COUNTERS // 2
+"""A counter this far ahead or further is an older one."""
 HEADER_BYTES = 3
 START = 0xFFFF
 """Initial value of the CRC's register."""

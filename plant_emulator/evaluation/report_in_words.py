@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from ...dbc.reception import second_sender_line
 from ...runtime.program.report import causes_line, durations_line
 from .run_verdict import RANGE_M, SHORTEST_RUN_S, Verdict
 
@@ -40,6 +41,8 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "interventions", f"{made['count']} in all over the bus; the report lists them"
     if made["count"] > made["refused"]:
         yield "repeat with", _repeated(made)
+    if node["second_senders"]:
+        yield "warning", second_sender_line(node["second_senders"])
     if node["rejected"]:
         yield "plant rejected", causes_line(node["rejected"])
 

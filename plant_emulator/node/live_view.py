@@ -33,7 +33,7 @@ def plant_view(
         "mode": _MODES[unit.mode],
         "controller": _controller(command),
         "intervention": intervention,
-        "second sender": second_sender_line(reception),
+        "second sender": second_sender_line(reception.second_senders),
         "failure": failure and f"fault of this program: {failure}",
     }
     counts = {

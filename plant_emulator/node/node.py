@@ -37,7 +37,7 @@ from ...dbc.messages import (
     SteeringPlan,
     sent_by,
 )
-from ...dbc.reception import Reception, TakenBack
+from ...dbc.reception import Reception
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
@@ -115,8 +115,6 @@ class PlantNode:
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
-        self._returning: list[SteeringCommand | SteeringPlan] = []
-        self._has_returned = False
         self._sends_truth = settings.ground_truth
         self._status_frames = PlantStatusFrames()
         self._sampling = Sampling(
@@ -151,13 +149,10 @@ class PlantNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
-        taken = self._reception.take(frame, now_ns)
-        received = taken.message if type(taken) is TakenBack else taken
+        received = self._reception.take(frame, now_ns)
         if isinstance(received, STEERING):
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
-            if received is not taken:
-                self._returning = [*self._returning[-7:], received]  # the line may lose some
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
@@ -203,6 +198,7 @@ class PlantNode:
                     self._advance(now_ns)
                     self._motion.disturb(self._live_disturbances.params())
                 self.deadline_ns = due_ns
+                self._reception.on_sent(frames)
                 return frames
             if command_ns == due_ns:
                 self._apply(due_ns)
@@ -288,26 +284,15 @@ class PlantNode:
         """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
-            if self._returning:
-                self._note_return(released)
             command = self._plans.take(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, latency_s, due_ns)
-
-    def _note_return(self, released: SteeringCommand | SteeringPlan) -> None:
-        """Note whether it is in use again; a duplicate of it does not return again."""
-        others = [one for one in self._returning if one is not released]
-        self._has_returned |= len(others) < len(self._returning)
-        self._returning = others
 
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
         """Process a command at ``due_ns``."""
         motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
-        if self._has_returned and is_new:  # a plan, or one after it, acts from a sample on
-            self._has_returned = False
-            self._unit.on_return(motion_ns)
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):

@@ -18,7 +18,7 @@ from .hold_and_fallback import (
     is_overruled,
     start_guard,
 )
-from .safety_limiter import Cause, forget_newest
+from .safety_limiter import Cause
 
 _NORMAL = SafetyState.NORMAL
 _STATES = (_NORMAL, _NORMAL, SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
@@ -102,11 +102,6 @@ class SteeringUnit:
             self._recoveries += 1
         self._enter(state, is_set=is_followed)
         return is_followed
-
-    def on_return(self, now_ns: int) -> None:
-        """Prepare for a command that comes again, because newer ones may have been forged."""
-        limiter = forget_newest(self._state.limiter, now_ns)
-        self._state = self._state._replace(limiter=limiter)
 
     def on_rejection(self) -> None:
         """Process a damaged command."""

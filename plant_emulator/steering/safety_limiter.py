@@ -16,8 +16,7 @@ second of the lateral jerk to 5 m/s³. A command is a step with infinite jerk, s
 average is meaningful. It needs no memory of all commands: the smallest and the largest output of
 the present quarter of a second and of the two before it are those of the last 0.5 to 0.75 s, and an
 output stays within ``sweep`` of both. So no two outputs within 0.5 s differ by more than the limit,
-and commands that keep the limit within 0.75 s pass unchanged, bit for bit. Outputs of commands that
-are taken back do not count: the one before the first of them comes back at once.
+and commands that keep the limit within 0.75 s pass unchanged, bit for bit.
 
 If the wheel differs from its target by more than a tolerance for too long, it does not follow, and
 the steering is no longer reliable.
@@ -170,17 +169,6 @@ def limit_steer(
     high = high if high > steer else steer
     state = (steer, cause, slot, low, high, low_1, high_1, low_2, high_2)
     return new_record(LimiterState, state), steer
-
-
-def forget_newest(x: LimiterState, time_ns: int) -> LimiterState:
-    """Return the state at ``time_ns`` without the outputs of this quarter of a second and the last.
-
-    A forged command stays in use for less.
-    """
-    slot = time_ns // SLOT_NS
-    kept = (x.low_2_rad, x.high_2_rad) if slot == x.slot else (x.low_1_rad, x.high_1_rad)
-    none = (math.inf, -math.inf)
-    return LimiterState(x.steer_rad, x.cause, slot, *none, *none, *kept)
 
 
 def is_at_target(p: LimiterParams, steer_rad: float, wheel_rad: float) -> bool:

@@ -242,10 +242,9 @@ def spoofed() -> list[Frame]:
 
 
 def test_spoofed_commands_disturb_a_classic_plant(classic: Pair) -> None:
-    """What authentication is for: without a key nobody is followed beside an intruder."""
+    """What authentication is for: without a key, anyone who can send can steer."""
     report = Pair(None, None, others=[intruder(spoofed())]).plant.report()
-    assert report["rejected"]["contradicted"] > 100
-    assert report["accepted"] < 200
+    assert report["second_senders"] == ["STEERING_COMMAND"]
     assert report["lateral_error_peak_m"] > 2.0 * classic.plant.report()["lateral_error_peak_m"]
 
 

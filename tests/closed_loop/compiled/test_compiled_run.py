@@ -86,15 +86,6 @@ def test_a_compiled_run_equals_the_nodes_whatever_point_is_followed(law: str, po
     assert len(run.tick_s) > 0
 
 
-@pytest.mark.parametrize("law", ["pd_ddob", "predictor"])
-def test_a_law_starts_anew_where_the_node_does_after_a_measurement_is_taken_back(law: str) -> None:
-    line = {"model": "gamma", "mean_s": 0.12, "spread_s": 0.09, "order": "as_arrives"}
-    plant = plant_settings([f"latency.uplink.{key}={value}" for key, value in line.items()], 4.0)
-    run = assert_same_as_nodes(plant, controller_preset(f"practical_{law}"))
-    modes = [Mode(segment.mode) for segment in run.schedule.segments]
-    assert modes[:2] == [Mode.ACTIVE, Mode.ACTIVE]
-
-
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_compiled_run_equals_the_nodes_with_any_plant(name: str) -> None:
     run = assert_same_as_nodes(plant_settings(PLANTS[name]), controller_preset("practical_pd_ddob"))

@@ -143,19 +143,6 @@ def test_a_lost_measurement_leaves_a_gap_and_its_echo_stays() -> None:
     assert history.applied_tick[50] == 47
 
 
-def test_measurements_that_the_reception_takes_back_are_as_if_lost() -> None:
-    fed = driven(50, latency=3)
-    fed.history.on_error(error(9.0), 80, 50 * PERIOD_NS)  # forged, as far ahead as is believed
-    assert fed.loop_delay(51).error_sample == 80
-    fed.history.on_error(error(0.045), 45, 55 * PERIOD_NS)
-    assert fed.loop_delay(55).error_sample == 45
-    history = fed.history.history
-    assert [n for n in range(40, 90) if history.has_error[n]] == [40, 41, 42, 43, 44, 45]
-    fed.sample(56, 53)
-    assert fed.loop_delay(56).error_sample == 56
-    assert [n for n in range(40, 90) if history.has_error[n]] == [40, 41, 42, 43, 44, 45, 56]
-
-
 def test_a_lost_echo_takes_the_command_before_to_have_stayed() -> None:
     fed = driven(50, latency=3)
     for number in (50, 51):

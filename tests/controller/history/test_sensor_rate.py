@@ -101,7 +101,7 @@ def test_a_plant_that_is_stopped_again_and_again_has_no_wrong_period() -> None:
         assert not clock.rate.is_wrong
 
 
-def test_a_window_that_began_with_a_sample_since_taken_back_begins_again() -> None:
+def test_a_window_that_began_with_a_newer_sample_begins_again() -> None:
     state = after([(10, 0.0), *((n, 100.0 * n) for n in range(1, 22))])
     assert (state.begin_sample, state.begin_ns) == (21, 2100 * MS)
     assert state.run == 2

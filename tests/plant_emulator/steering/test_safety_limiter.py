@@ -117,24 +117,6 @@ def test_what_was_held_meanwhile_counts(gap_slots: int) -> None:
     assert outputs(quarter, commands)[-1] == pytest.approx((-expected, 2))
 
 
-@pytest.mark.parametrize(("back_ms", "least", "most"), [(1740, -0.15, 0.35), (1760, -0.05, 0.35)])
-def test_what_is_taken_back_is_forgotten_with_its_slot_and_the_one_before(
-    back_ms: int, least: float, most: float
-) -> None:
-    """0.1, 0.2 and 0.3 in a slot each, and then a forged command."""
-    quarter, back_ns = params(angle_rate=0.5), back_ms * MS_NS
-    for sign in (1.0, -1.0):
-        x = safety_limiter.start_limiter()
-        for time_ms, steer in ((0, 0.1), (1000, 0.1), (1250, 0.2), (1500, 0.3), (1735, 0.05)):
-            x, output = safety_limiter.limit_steer(quarter, x, sign * steer, time_ms * MS_NS)
-            assert output == sign * steer
-        forgotten = safety_limiter.forget_newest(x, back_ns)
-        assert forgotten[:3] == (sign * 0.05, 0, back_ms // 250)
-        for wanted, reached in ((1.0, most), (-1.0, least)):
-            _, output = safety_limiter.limit_steer(quarter, forgotten, sign * wanted, back_ns)
-            assert output == pytest.approx(sign * reached)
-
-
 def test_no_two_outputs_within_half_a_second_are_further_apart_than_the_limit() -> None:
     """And a command that is not further from any of the last 0.75 s passes untouched."""
     source = random.Random(11270)

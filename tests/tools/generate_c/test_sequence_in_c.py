@@ -1,18 +1,18 @@
-"""The rule of counters in C gives what it gives in Python, with one forged frame on any network."""
+"""The counter rule and the alarm of a second sender give in C what they give in Python."""
 
 import struct
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
+from random import Random
 
 import pytest
 
-from steer_by_wire.dbc.codec.protection import COUNTERS
-from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceCheck, SequenceResult
-from steer_by_wire.plant_emulator.network.settings import Order
-from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.dbc.codec.counter_check import CounterCheck
+from steer_by_wire.dbc.codec.counter_rule import CounterResult
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
-from tests.support.attacks.one_forged_frame import CYCLE_NS, Stream, drawn
+from tests.support.frames.drawn_arrivals import Arrival, drawn_network, drawn_pair
 from tests.support.in_c.law_in_c import STRICT
 from tests.support.in_c.node_in_c import settings_of
 
@@ -22,32 +22,25 @@ MAIN = """
 
 int main(void)
 {
-    static uint8_t contents[COUNTERS * 4], came[COUNTERS * 4];
     static struct sequence sequence;
     int64_t words[3];
 
     while (fread(words, sizeof words, 1, stdin) == 1) {
-        const uint8_t content[4] = {(uint8_t)words[2], 0, (uint8_t)words[1], 0};
-        int result;
+        const uint8_t content[3] = {
+            (uint8_t)words[2], (uint8_t)(words[2] >> 8), (uint8_t)words[1],
+        };
 
         if (words[0] < 0) {
-            sequence_start(&sequence, 4, CYCLE_NS, contents, came);
+            sequence_start(&sequence, CYCLE_NS);
             continue;
         }
-        result = (int)sequence_check(&sequence, content, words[0]);
-        printf("%d %d\\n", result, sequence.counter);
+        const bool is_accepted = sequence_check(&sequence, content, words[0]);
+        printf("%d %d %d\\n", is_accepted, sequence.counter, sequence.had_second);
     }
     return 0;
 }
 """
-RESULTS = {
-    SequenceResult.ACCEPTED: 1,
-    SequenceResult.CONFIRMED: 2,
-    SequenceResult.TAKEN_BACK: 3,
-    SequenceResult.WAITING: 4,
-    SequenceResult.CONTRADICTED: 5,
-}
-"""``enum sequence_result``; any other is 6."""
+CYCLE_NS = 10_000_000
 SETTINGS = settings_of("practical_pd")
 
 
@@ -64,24 +57,23 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "main"
 
 
-def in_python(stream: Stream) -> list[str]:
-    check, lines = SequenceCheck(SETTINGS.counters, CYCLE_NS), []
-    for time_ns, number, is_forged in stream.passed:
-        counter = (stream.first + number) % COUNTERS
-        result = check.check(counter, time_ns, (counter, is_forged))
-        lines.append(f"{RESULTS.get(result, 6)} {check.counter}")
+def in_python(arrivals: Sequence[Arrival]) -> list[str]:
+    check, lines = CounterCheck(SETTINGS.counters._replace(period_ns=CYCLE_NS)), []
+    for time_ns, counter, content in arrivals:
+        is_accepted = check.check(counter, time_ns, content) is CounterResult.ACCEPTED
+        lines.append(f"{is_accepted:d} {check.counter} {check.second_sender_ns is not None:d}")
     return lines
 
 
-def test_a_search_finds_no_network_on_which_they_differ(program: Path) -> None:
-    streams = [drawn(seed, 60 * NS_PER_MS, list(Order)) for seed in range(40)]
+def test_a_search_finds_no_arrivals_on_which_they_differ(program: Path) -> None:
+    random = Random(1)
+    drawn = [drawn_network(random)[1] for _ in range(20)]
+    drawn += [drawn_pair(random).arrivals for _ in range(20)]
     asked, expected = [], []
-    for stream in streams:
+    for arrivals in drawn:
         asked.append(struct.pack("=3q", -1, 0, 0))
-        asked += [
-            struct.pack("=3q", time_ns, (stream.first + number) % COUNTERS, forged)
-            for time_ns, number, forged in stream.passed
-        ]
-        expected += in_python(stream)
+        asked += [struct.pack("=3q", *arrival) for arrival in arrivals]
+        expected += in_python(arrivals)
     answered = subprocess.run([program], input=b"".join(asked), capture_output=True, check=True)
     assert answered.stdout.decode().splitlines() == expected
+    assert expected[-1].endswith(" 1")

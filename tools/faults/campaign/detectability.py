@@ -22,8 +22,8 @@ from ....controller.age_limits import NO_LIMIT_NS
 from ....controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from ....controller.node.status_frames import STATUS_PERIOD_NS
 from ....controller.settings import ControllerSettings
+from ....dbc.codec.counter_rule import CounterRule
 from ....dbc.codec.protection import COUNTERS
-from ....dbc.codec.sequence_and_second_sender import SequenceRule
 from ....dbc.messages import MESSAGE_TYPES
 from ....plant_emulator.faults.effects import BURST_CHANCE, REORDER_CHANCE
 from ....plant_emulator.faults.messages_on_bus import bits_of
@@ -75,7 +75,7 @@ class Mechanism(StrEnum):
 _COUNTS: Mapping[Mechanism, str] = MappingProxyType(
     {
         Mechanism.E2E: "bad_crc masqueraded wrong_length wrong_format repeated out_of_order "
-        "too_far contradicted taken_back own_identifier paused lost",
+        "too_far own_identifier lost",
         Mechanism.RANGE: "out_of_range not_available",
         Mechanism.FRESHNESS: "silence stale",
         Mechanism.LIMITER: "intervention",
@@ -110,8 +110,8 @@ class Sight(NamedTuple):
     limiter_rad: float
     control_period_s: float
     sensor_period_s: float
-    commands: SequenceRule
-    measurements: SequenceRule
+    commands: CounterRule
+    measurements: CounterRule
     jitters_down: bool = False
 
 
@@ -200,7 +200,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             behind = round(magnitude / period_s) % COUNTERS
             period_ns = round(period_s * NS_PER_S)
             rule = sight.commands if fault.message in COMMANDS else sight.measurements
-            step_max = rule.step_max(period_ns, period_ns)
+            step_max = 1 + (rule.lead_ns + period_ns) // period_ns
             refused_s = behind * period_s if COUNTERS - behind > step_max else 0.0
             is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"

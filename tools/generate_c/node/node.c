@@ -142,7 +142,6 @@ static void move_on(struct node *x, int64_t now_ns, bool law_failed)
         return;
     x->mode = entered;
     x->entered_ns = now_ns;
-    x->reception.sends = true;
     if (entered == MODE_HOLDING)
         x->good_run = 0;
     if (entered == MODE_ACTIVE) {
@@ -170,11 +169,6 @@ static bool law_wants(struct node *x, int64_t now_ns, double *wanted_rad)
     const bool is_overruled = x->steering == LIMITED_BY_SAFETY || x->steering == FALLBACK
         || x->steering == SAFE_STATE;
     const bool acts = !is_overruled || !is_fresh(x, A_STEERING_STATUS, now_ns);
-    const int64_t taken_back = x->reception.checks[A_LATERAL_ERROR].taken_back;
-
-    if (taken_back != x->taken_back) /* the filters have taken in a measurement that may be forged */
-        law_start(&x->law, x->lateral_error_m);
-    x->taken_back = taken_back;
     const struct law_output output =
         law_step(&x->law, x->lateral_error_m, acts ? x->sent_rad : x->wheel_rad);
     const double steer_rad = share_of_demand(x) * output.steer_rad;

@@ -46,7 +46,6 @@ struct node {
     double fade_rad, sent_rad;
     bool continues_hold, is_distrusted;
     int failures;
-    int64_t taken_back; /* measurements, before the law began or began anew */
     /* commands sent, and the delay of their echoes */
     int64_t commands, commands_sent_ns[IN_FLIGHT_MAX];
     bool has_echo;

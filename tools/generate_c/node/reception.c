@@ -3,9 +3,8 @@
 #include <string.h>
 
 #define NOTICE_NS INT64_C(1000000000)
-#define PAUSE_NS INT64_C(50000000)
 
-enum { SENT_COUNT = 6, SECURED_LENGTH = 20, CLASSIC_MAX = 8 };
+enum { SENT_COUNT = 6, SECURED_LENGTH = 20 };
 
 static const struct message *const RECEIVED[RECEIVED_COUNT] = {
     &LATERAL_ERROR, &STEERING_STATUS, &VEHICLE_STATE, &PATH_AHEAD,
@@ -14,8 +13,6 @@ static const struct message *const SENT[SENT_COUNT] = {
     &STEERING_COMMAND, &STEERING_PLAN, &CONTROLLER_STATUS, &CONTROLLER_SAFETY, &DELAY_STATUS,
     &MODEL_STATUS,
 };
-/* The contents of each counter, and in caution those that came. */
-static uint8_t classic[A_PATH_AHEAD][2][COUNTERS * CLASSIC_MAX], path[2][COUNTERS * PAYLOAD_MAX];
 
 void reception_start(struct reception *x)
 {
@@ -23,11 +20,8 @@ void reception_start(struct reception *x)
     for (int i = 0; i < RECEIVED_COUNT; i++) {
         /* An optional message comes with another, in the other's cycle. */
         const bool is_path = i == A_PATH_AHEAD;
-        const int64_t cycle_ns = RECEIVED[is_path ? A_VEHICLE_STATE : i]->cycle_ns;
-        uint8_t *contents = is_path ? path[0] : classic[i][0];
 
-        sequence_start(&x->checks[i], RECEIVED[i]->length, cycle_ns, contents,
-                       is_path ? path[1] : classic[i][1]);
+        sequence_start(&x->checks[i], RECEIVED[is_path ? A_VEHICLE_STATE : i]->cycle_ns);
     }
 }
 
@@ -50,20 +44,14 @@ int reception_second_sender(const struct reception *x, int64_t now_ns)
     return number;
 }
 
-/* Whether a frame is one that only this node sends; an intact one begins a pause. */
+/* Whether a frame is one that only this node sends; a CAN controller returns no echo of its own. */
 static bool is_own(struct reception *x, const struct frame *frame, int64_t now_ns)
 {
-    int32_t raws[SIGNALS_MAX];
-
     for (int i = 0; i < SENT_COUNT; i++) {
         if (SENT[i]->can_id != frame->can_id)
             continue;
         x->has_own = true;
         x->own_ns = now_ns;
-        if (x->sends && unpacked(SENT[i], frame, raws)) {
-            x->is_paused = true;
-            x->paused_until_ns = now_ns + PAUSE_NS;
-        }
         return true;
     }
     return false;
@@ -86,9 +74,6 @@ enum received reception_take(struct reception *x, const struct frame *frame, int
         kind++;
     if (kind == RECEIVED_COUNT)
         return NOTHING;
-    if (x->is_paused && now_ns < x->paused_until_ns)
-        return refused(x, kind == A_LATERAL_ERROR);
-    x->is_paused = false;
     const struct message *message = RECEIVED[kind];
     if (!unpacked(message, frame, raws)) {
         /* An authenticated frame is intact, but this node has no key. */
@@ -97,20 +82,6 @@ enum received reception_take(struct reception *x, const struct frame *frame, int
 
         return refused(x, kind == A_LATERAL_ERROR && !is_secured);
     }
-    switch (sequence_check(&x->checks[kind], frame->data, now_ns)) {
-    case ACCEPTED:
-        return (enum received)kind;
-    case WAITING_FRAME:
-        return NOTHING;
-    case TAKEN_BACK:
-        x->refused++;
-        break;
-    case CONFIRMED:
-        break;
-    default:
-        return refused(x, false);
-    }
-    struct frame in_use = {frame->can_id, frame->length, frame->format, {0}};
-    memcpy(in_use.data, sequence_content(&x->checks[kind]), message->length);
-    return unpacked(message, &in_use, raws) ? (enum received)kind : NOTHING;
+    return sequence_check(&x->checks[kind], frame->data, now_ns) ? (enum received)kind
+                                                                 : refused(x, false);
 }

@@ -1,7 +1,6 @@
 /* Which received frames the node accepts, and whether it has been refused others.
  *
- * As dbc/reception.py: intact and in their ranges, then by their counters. While somebody else sends
- * what only this node sends, it takes no message for a while.
+ * As dbc/reception.py: intact and in their ranges, then by their counters.
  */
 #ifndef RECEPTION_H
 #define RECEPTION_H
@@ -15,10 +14,9 @@ enum received { /* what a frame was: a message, with its raws, or */
 
 struct reception {
     struct sequence checks[RECEIVED_COUNT];
-    bool has_own, is_paused;
-    int64_t own_ns, paused_until_ns;
+    bool has_own;
+    int64_t own_ns;
     int64_t refused;
-    bool sends; /* the node sends its messages now */
 };
 
 void reception_start(struct reception *x);

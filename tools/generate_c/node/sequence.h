@@ -1,6 +1,7 @@
-/* Which received counters of a message are believed, and what follows from two senders of it.
+/* The counters and contents of one message, as they arrive.
  *
- * The rule is that of dbc/codec/sequence_and_second_sender.py, which gives the reasons, under the same names.
+ * The rules are those of dbc/codec/counter_rule.py and dbc/codec/second_sender.py, which give the
+ * reasons, under the same names. Of each content its CRC is kept.
  */
 #ifndef SEQUENCE_H
 #define SEQUENCE_H
@@ -10,44 +11,30 @@
 
 enum { COUNTERS = 256, HALF = COUNTERS / 2 };
 
-enum sequence_result {
-    NOT_RESTARTED, ACCEPTED, CONFIRMED, TAKEN_BACK, WAITING_FRAME, CONTRADICTED, REFUSED
-};
-
-struct caution { /* the frames that wait, in order of arrival, which is that of their counters */
-    bool is_on;
-    int64_t period_ns; /* by the frames that are known */
-    int64_t wait_ns, until_ns, quiet_until_ns; /* the last one 0 before a second stream */
-    struct { int64_t arrived_ns; int forward; } waiting[HALF];
-    int count;
-    uint8_t came_as[COUNTERS];
+struct sender_state {
+    int newest, counter, other;
+    int64_t last_ns, other_ns, since_ns, content_ns, change_ns;
+    int64_t run, other_run, changes;
+    bool is_behind;
 };
 
 struct sequence {
-    int64_t period_ns, period_ns_max;
-    uint8_t *contents, *came; /* COUNTERS payloads of ``length`` bytes each */
-    int length;
-    uint8_t known_as[COUNTERS];
-    int64_t arrivals_ns[COUNTERS];
-    int64_t wrapped_ns, wrapped_lost, run_since_ns, waited_ns;
-    int next, wrapped_at, last_refused, last_late, run, late_run;
-    uint8_t last_content[PAYLOAD_MAX];
-    int64_t foreign_ns[RESYNC_RUN];
-    int foreign_count;
-    struct caution caution;
-    bool is_alone;
-    /* The counter in use, and when it came into use; frames skipped; when a second sender was seen;
-       how often an earlier frame came into use again. */
+    int64_t period_ns, period_ns_max, since_ns, lost_before;
+    int since, last_refused;
+    int64_t run;
+    uint16_t contents[HALF];
+    bool is_known[HALF];
+    struct sender_state senders;
+    /* The counter of the newest accepted frame, and when it came; frames skipped; when a second
+       sender was seen. */
     int counter;
     bool has_arrived, had_second;
-    int64_t arrival_ns, lost, second_sender_ns, taken_back;
+    int64_t arrival_ns, lost, second_sender_ns;
 };
 
-void sequence_start(struct sequence *x, int length, int64_t cycle_ns, uint8_t *contents,
-                    uint8_t *came);
-enum sequence_result sequence_check(struct sequence *x, const uint8_t *content, int64_t now_ns);
+void sequence_start(struct sequence *x, int64_t cycle_ns);
 
-/* The payload in use; null if it is unknown. */
-const uint8_t *sequence_content(const struct sequence *x);
+/* Whether a frame with this payload is accepted. */
+bool sequence_check(struct sequence *x, const uint8_t *content, int64_t now_ns);
 
 #endif

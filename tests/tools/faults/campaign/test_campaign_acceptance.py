@@ -7,7 +7,8 @@ import pytest
 from steer_by_wire.closed_loop.reports.findings import Finding, finding_lines
 from steer_by_wire.controller.node.law_runner import LawRunner
 from steer_by_wire.controller.node.newest_messages import Received
-from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceCheck, SequenceResult
+from steer_by_wire.dbc.codec.counter_check import CounterCheck
+from steer_by_wire.dbc.codec.counter_rule import CounterResult
 from steer_by_wire.dbc.messages import Rejection
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
@@ -148,7 +149,7 @@ def test_frozen_frames_that_are_accepted_fail(monkeypatch: pytest.MonkeyPatch) -
 
     def believing(reception: Reception, frame: Any, now_ns: int) -> Any:
         taken = take(reception, frame, now_ns)
-        if taken is SequenceResult.REPEATED:
+        if taken is CounterResult.REPEATED:
             reception.accepted += 1
         return taken
 
@@ -182,15 +183,13 @@ def test_a_replayed_recording_is_followed_only_after_control_was_left(message: s
 def test_one_that_believes_a_new_start_at_once_does_not_leave_control_for_a_replay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    check = SequenceCheck.check
+    check = CounterCheck.check
 
-    def hasty(
-        sequence: SequenceCheck, counter: int, now_ns: int, content: object
-    ) -> SequenceResult:
+    def hasty(sequence: CounterCheck, counter: int, now_ns: int, content: object) -> CounterResult:
         sequence._rule = sequence._rule._replace(resync_ns=0)
         return check(sequence, counter, now_ns, content)
 
-    monkeypatch.setattr(SequenceCheck, "check", hasty)
+    monkeypatch.setattr(CounterCheck, "check", hasty)
     result = faulty(case("replay", "LATERAL_ERROR", 0.5))
     assert result.verdict is Detection.MISSED
     assert finding(result, LEFT).holds is False

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.dbc.codec.sequence_and_second_sender import SequenceCheck, SequenceResult
+from steer_by_wire.dbc.codec.counter_check import CounterCheck
+from steer_by_wire.dbc.codec.counter_rule import CounterResult
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.faults.campaign import watched_pair as pair
@@ -338,9 +339,9 @@ def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
     assert run_trial(scenario).verdict is Detection.FOLLOWED
 
     def accept_any(
-        check: SequenceCheck, counter: int, now_ns: int, content: object
-    ) -> SequenceResult:
+        check: CounterCheck, counter: int, now_ns: int, content: object
+    ) -> CounterResult:
         return check._start(counter, now_ns, content)
 
-    monkeypatch.setattr(SequenceCheck, "check", accept_any)
+    monkeypatch.setattr(CounterCheck, "check", accept_any)
     assert run_trial(scenario).verdict is Detection.MISSED

@@ -7,19 +7,20 @@ neither interpreter nor priority with the control loop. Frames that do not fit i
 recorded, but counted. The file is complete however the program ends, even if it is killed: the
 recorder sees the end of the pipe and closes the file.
 
-A frame's time is its arrival (if the port knows it, otherwise when the program read it) or when it
+A frame's time is its arrival (if the port knows it, otherwise when the program took it) or when it
 was handed to the bus. It is read from the monotonic clock and converted to wall-clock time with the
 difference at the start, so that setting the clock leaves no gap in a recording.
 """
 
 import json
 import os
-import queue
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
@@ -29,26 +30,29 @@ from typing import IO, Any, NamedTuple
 from ..frame import ERROR, FD, REMOTE, Frame
 from ..node.real_time_loop import Port, Received
 
-SUFFIXES = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
+SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
 """The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""
-LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD}
+LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD, ".db": FD}
 """Flags of frames that python-can's writer of a format drops, or writes as other frames."""
 STOP_TIMEOUT_S = 30.0
 """How long the recorder may take to finish the file; the disk may stall."""
-RECORD = struct.Struct("<qIB?Bx")
+RECORD = struct.Struct("<qIBBBx")
 """Head of a frame in the pipe: time [ns], identifier, flags, whether received, payload length."""
+PROGRESS = struct.Struct("=Q")
+"""Number of frames in the file, which the recorder writes to an unnamed file."""
 _PIPE_BYTES = 1 << 20
 """The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
 _ENDED = "the recorder was ended before it could finish the file"
+_SENT, _RECEIVED = 0, 1
 _QUEUED_MAX = 20_000
 
 
 class RecordingFigures(NamedTuple):
     """Result of a recording.
 
-    ``frames``    frames in the file; after a failure, those of which that is known
+    ``frames``    frames in the file; after a killed recorder, those that it had reported
     ``dropped``   frames for which there was no room on the way to the recorder; after a failure,
-                  all others
+                  all that are missing
     ``left_out``  frames that the format cannot represent
     ``failure``   why the recorder failed; empty if it did not
     """
@@ -84,7 +88,7 @@ def fd_obstacle(path: Path) -> str:
 
 
 class Recording:
-    """The recording of one run; ``close`` it at the end.
+    """Takes the frames of one run; ``close`` it at the end.
 
     ``path``     file to write, replaced if it is there
     ``channel``  name of the bus in the recording
@@ -103,11 +107,14 @@ class Recording:
         self._path = path
         self._on_end = on_end
         self._rest = b""
-        self._offered = self._dropped = 0
+        self._taken = self._dropped = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
+        self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
+        progress = -1 if sys.platform == "win32" else self._progress.fileno()
         program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording.recorder_process"]
         self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
-            [*program, str(path), channel],
+            [*program, str(path), channel, str(progress)],
+            pass_fds=() if progress < 0 else (progress,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # what libraries have to say about themselves
@@ -129,33 +136,34 @@ class Recording:
         self._pipe, self._answer = pipe, answer
         self._offer, self._flush = _offering(pipe)
 
-    def record(self, frame: Frame, time_ns: int, *, is_received: bool) -> None:
+    def take(self, frame: Frame, time_ns: int, direction: int) -> None:
         """Hand over one frame, in a few microseconds and without waiting.
 
         ``time_ns``  on the monotonic clock [ns]
         """
         can_id, data, flags = frame
-        head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, is_received, len(data))
-        had_room = False
+        head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, direction, len(data))
         try:
-            had_room = self._offer(head + data)
+            is_taken = self._offer(head + data)
         except BrokenPipeError:
+            is_taken = False
             self._end_early()
-        self._offered += 1
-        self._dropped += not had_room
+        self._taken += 1
+        self._dropped += not is_taken
 
     def close(self) -> RecordingFigures:
         """Let the recorder finish the file."""
         self._flush()
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
-        with self._answer:
+        with self._answer, self._progress as noted:
             if _ends(self.recorder):
                 self._rest += self._answer.read()
-        summary: dict[str, Any] = {"frames": 0, "left_out": 0, "failure": _ENDED}
+            frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
+        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": _ENDED}
         summary |= _summary(self._rest)
         if summary["failure"]:  # what was still in the pipe is lost too
-            self._dropped = self._offered - summary["frames"] - summary["left_out"]
+            self._dropped = self._taken - summary["frames"] - summary["left_out"]
         return RecordingFigures(str(self._path), dropped=self._dropped, **summary)
 
     def _end_early(self) -> None:
@@ -181,7 +189,7 @@ class RecordingPort:
         if received is not None:
             frame, arrival_ns = received
             time_ns = self._clock_ns() if arrival_ns is None else arrival_ns
-            self._recording.record(frame, time_ns, is_received=True)
+            self._recording.take(frame, time_ns, _RECEIVED)
         return received
 
     def send(self, frame: Frame) -> bool:
@@ -189,7 +197,7 @@ class RecordingPort:
         time_ns = self._clock_ns()
         had_room = self._port.send(frame)
         if had_room:
-            self._recording.record(frame, time_ns, is_received=False)
+            self._recording.take(frame, time_ns, _SENT)
         return had_room
 
 
@@ -220,29 +228,33 @@ def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], No
 
 
 def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
-    """Like ``_offering`` where a pipe cannot be written without waiting: a thread waits."""
-    records: queue.Queue[bytes | None] = queue.Queue(_QUEUED_MAX)
+    """Return the same where a pipe cannot be written without waiting: a thread waits."""
+    queue: deque[bytes] = deque()
+    ended, is_broken = threading.Event(), threading.Event()
 
     def pump() -> None:
-        with suppress(OSError):
-            while (record := records.get()) is not None:
-                while record:
-                    record = record[os.write(descriptor, record) :]
+        is_last = False
+        while not is_last:
+            is_last = ended.wait(0.01)  # before the queue is looked at, which then is complete
+            batch = b"".join(queue.popleft() for _ in range(len(queue)))
+            try:
+                while batch:
+                    batch = batch[os.write(descriptor, batch) :]
+            except OSError:
+                is_broken.set()
+                return
 
     def offer(record: bytes) -> bool:
-        if not thread.is_alive():
+        if is_broken.is_set():
             raise BrokenPipeError
-        try:
-            records.put_nowait(record)
-        except queue.Full:
+        if len(queue) >= _QUEUED_MAX:
             return False
+        queue.append(record)
         return True
 
     def end() -> None:
-        if thread.is_alive():
-            with suppress(queue.Full):
-                records.put(None, timeout=STOP_TIMEOUT_S)
-            thread.join(STOP_TIMEOUT_S)
+        ended.set()
+        thread.join(STOP_TIMEOUT_S)
 
     thread = threading.Thread(target=pump, daemon=True)
     thread.start()
