@@ -46,10 +46,11 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
+from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import Desk
 from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
 from steer_by_wire.tools.cockpit.scenario import LANES_MAX, Scenario, scenario_titled, scenarios
-from steer_by_wire.tools.cockpit.server import HOST, Server, serving
+from steer_by_wire.tools.cockpit.server import Server, serving
 
 NAME = "steer-by-wire cockpit"
 _COSTS = {

@@ -27,7 +27,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost, Offset
-from .helped import HelpedCar
+from .predictor_ghost import PredictorGhost
 from .score import Score
 from .signals import NAMES
 
@@ -105,12 +105,12 @@ class Ghosts(NamedTuple):
     """The cars that are drawn beside the visitor's."""
 
     undelayed: Ghost
-    helped: HelpedCar
+    predictor: PredictorGhost
 
 
 def ghosts_of(plant: PlantSettings) -> Ghosts:
     """Return both for a visitor's car."""
-    return Ghosts(Ghost(plant.vehicle), HelpedCar(plant))
+    return Ghosts(Ghost(plant.vehicle), PredictorGhost(plant))
 
 
 class Sampler:
@@ -150,7 +150,7 @@ class Sampler:
         """Take note that the plant was started: it begins at the start of its path."""
         self._place = Place(self._path)
         if self._ghosts is not None:
-            self._ghosts.helped.restart()
+            self._ghosts.predictor.restart()
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""
@@ -177,7 +177,7 @@ class Sampler:
         if self._ghosts and isinstance(
             message, messages.LatencyConfig | messages.DisturbanceConfig
         ):
-            self._ghosts.helped.configure(frame, now_ns)
+            self._ghosts.predictor.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message)
@@ -190,7 +190,7 @@ class Sampler:
             self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
             if self._ghosts is not None:
-                self._ghosts.helped.begin(now_ns)
+                self._ghosts.predictor.begin(now_ns)
         elif isinstance(message, messages.SteeringStatus):
             if message.status is not messages.SteeringStatusCode.NO_COMMAND:
                 sent = self._sent.get(message.applied_counter)
@@ -210,7 +210,7 @@ class Sampler:
         delay = self._known(messages.DelayStatus, now_ns)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
-        ghost, helped = self._ghosts_at(command, now_ns)
+        ghost, predictor = self._ghosts_at(command, now_ns)
         score = self.score()
         values = {
             "lateral_error_m": error and error.lateral_error_m,
@@ -231,8 +231,8 @@ class Sampler:
             "path_heading_rad": foot.heading_rad,
             "ghost_m": error and ghost and error.lateral_error_m + ghost.lateral_m,
             "ghost_heading_rad": error and ghost and error.heading_error_rad + ghost.heading_rad,
-            "helped_m": helped and helped.lateral_m,
-            "helped_heading_rad": helped and helped.heading_rad,
+            "predictor_m": predictor and predictor.lateral_m,
+            "predictor_heading_rad": predictor and predictor.heading_rad,
             "rms_m": score.get("rms_m"),
             "peak_m": self._score.peak_m if score else None,
         }
@@ -245,7 +245,7 @@ class Sampler:
             return None, None
         steer_rad = command.steer_rad if command else math.nan
         undelayed = self._ghosts.undelayed.step(steer_rad, self._in_effect_rad)
-        return undelayed, self._ghosts.helped.at(now_ns)
+        return undelayed, self._ghosts.predictor.at(now_ns)
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""

@@ -18,7 +18,7 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.cockpit.ghost import Ghost
 from steer_by_wire.tools.cockpit.hand import PERIOD_NS, RELEASED_NS, HandFile, HandNode
-from steer_by_wire.tools.cockpit.helped import HelpedCar
+from steer_by_wire.tools.cockpit.predictor_ghost import PredictorGhost
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
 
@@ -75,7 +75,7 @@ def test_the_ghost_turns_by_what_the_delay_withholds_and_forgets_it() -> None:
 def test_the_predictors_ghost_starts_with_the_visitor_and_meets_the_same_delay_and_gust() -> None:
     (round_,) = (one for one in scenarios() if one.title == "Drive it: no delay")
     (lane,) = lane_settings(round_)
-    quick, slow = HelpedCar(lane.plant), HelpedCar(lane.plant)
+    quick, slow = PredictorGhost(lane.plant), PredictorGhost(lane.plant)
     assert math.isnan(quick.at(9 * NS_PER_S).lateral_m)
     for car in (quick, slow):
         car.begin(9 * NS_PER_S)

@@ -333,7 +333,7 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
     browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
     browser.wait_for(f"{value_of('ghost_m')} > 0.01")
-    browser.wait_for(f"Math.abs({value_of('helped_m')}) < 0.2")
+    browser.wait_for(f"Math.abs({value_of('predictor_m')}) < 0.2")
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} === 0")
 

@@ -24,8 +24,9 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
+from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import LISTENS_ONLY, NOT_OURS, Desk
-from steer_by_wire.tools.cockpit.server import HOST, STRANGERS_MAX, Server, serving
+from steer_by_wire.tools.cockpit.server import STRANGERS_MAX, Server, serving
 
 TOKEN = "the-token"  # noqa: S105 of this test
 PATIENCE_S = 60.0

@@ -5,7 +5,7 @@ import { drawOutline, write } from "cockpit/vehicle.js";
 
 const GHOSTS = [
   { name: "ghost", ink: "wanted", label: "your car without delay" },
-  { name: "helped", ink: "applied", label: "the predictor behind the same delay" },
+  { name: "predictor", ink: "applied", label: "the predictor behind the same delay" },
 ];
 const LABEL_Y = 36, LINE = 18; // below the scale of the deviation
 

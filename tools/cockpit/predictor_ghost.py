@@ -1,4 +1,4 @@
-"""The second ghost: the visitor's car, steered by the predictor on the same network.
+"""The visitor's car as the predictor would steer it through the same network.
 
 Both nodes of a pair in virtual time, on the clock of this machine since the visitor's first
 command. Seed and latency are those of the visitor's plant, so every frame meets the same network.
@@ -19,7 +19,7 @@ _ERROR_ID = CAN_IDS[LateralError]
 _UNKNOWN = Offset(math.nan, math.nan)
 
 
-class HelpedCar:
+class PredictorGhost:
     """Drives from ``begin`` on."""
 
     def __init__(self, plant: PlantSettings) -> None:
