@@ -15,7 +15,7 @@ from ..runtime.frame import EXTENDED, FD
 from ..runtime.node.end import End
 from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
-from ..runtime.recording.recording import fd_obstacle
+from ..runtime.recording.recorder import fd_obstacle
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
 from .messages import CAN_IDS, Message

@@ -56,8 +56,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "analyze": _tool("analyze", "a recording as signals, latencies and a report"),
             "can": _tool(
                 "can",
-                "frames bit by bit; bounds on the delay of each message",
-                "bits",
+                "bounds on the delay of each message on a bus",
                 "response-times",
             ),
         },

@@ -39,7 +39,7 @@ class BusRecorder:
         end_s = time.time()
         self._notifier.stop()
         try:
-            self._take_waiting(end_s)
+            self._record_waiting(end_s)
         except (OSError, can.CanError) as error:
             self.failure = self.failure or cause_of(error)
         try:
@@ -48,7 +48,7 @@ class BusRecorder:
             self.failure = self.failure or cause_of(error)
         self._listener.shutdown()
 
-    def _take_waiting(self, end_s: float) -> None:
+    def _record_waiting(self, end_s: float) -> None:
         """Write the frames that were sent before a time of the wall clock [s]."""
         until_s = time.monotonic() + _BEHIND_S_MAX
         while not self.failure and (message := self._listener.recv(_PAUSE_S)) is not None:

@@ -200,7 +200,7 @@ class BusModel:
                     break
                 self._next_start_ticks = start_ticks
                 end_ticks = start_ticks + on_wire.duration_ticks
-                self._queue.take(on_wire)
+                self._queue.remove(on_wire)
                 if errors is not None:
                     hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
                     hit_ticks = hit_ns * self._ticks_per_ns
@@ -231,7 +231,7 @@ class BusModel:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
         free_ticks, errors, competing = self._next_start_ticks, self._errors, self._queue.competing
         if not self.access.is_calm_at(free_ticks):
-            self._take_all(traffic)
+            self._queue_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
                 if (
                     competing
@@ -247,7 +247,7 @@ class BusModel:
         hit_ticks = hit_ns * self._ticks_per_ns
         self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
         if self._next_start_ticks < now_ticks and traffic.best < rival:
-            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
+            self._queue.push_traffic(traffic, traffic.hand_over_best(self._next_start_ticks))
 
     def _admit(self, traffic: RestBus, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
@@ -255,14 +255,14 @@ class BusModel:
             traffic.carry(until_ticks - 1, until_ticks, -1, 0)
             return
         while traffic.next_due_ticks < until_ticks:
-            ready = traffic.take_next(self.access.is_off)
+            ready = traffic.hand_over_next(self.access.is_off)
             if ready is not None:
                 self._queue.push_traffic(traffic, ready)
 
-    def _take_all(self, traffic: RestBus) -> None:
+    def _queue_all(self, traffic: RestBus) -> None:
         """Put the frames of the traffic that wait into the queue."""
         while traffic.best < NO_FIELD:
-            self._queue.push_traffic(traffic, traffic.take_best(self._next_start_ticks))
+            self._queue.push_traffic(traffic, traffic.hand_over_best(self._next_start_ticks))
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""
@@ -277,7 +277,7 @@ class BusModel:
             errors.on_whole(sender)
         if self.access.goes_off(sender, end_ticks):
             if self._traffic is not None:
-                self._take_all(self._traffic)
+                self._queue_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))
         return is_destroyed
 

@@ -171,13 +171,13 @@ class RestBus:
         """Arbitration field of the most urgent frame that waits here."""
         return self._arbitration[self._lowest_rank()] if self._waiting else NO_FIELD
 
-    def take_best(self, now_ticks: int) -> Ready:
+    def hand_over_best(self, now_ticks: int) -> Ready:
         """Hand over the most urgent frame that waits here."""
         rank = self._lowest_rank()
         self._waiting ^= 1 << rank - 1
         return self._ready(rank, now_ticks)
 
-    def take_next(self, is_off: Callable[[int, int], bool]) -> Ready | None:
+    def hand_over_next(self, is_off: Callable[[int, int], bool]) -> Ready | None:
         """Hand over the message that is released next; None if it is refused, or lost.
 
         ``is_off``  whether a sender is in bus-off at a time [ticks]

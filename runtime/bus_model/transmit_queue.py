@@ -74,8 +74,8 @@ class TransmitQueue:
         )
         heappush(self.competing, entry)
 
-    def take(self, winner: Waiting) -> None:
-        """Take out the frame that has won the bus."""
+    def remove(self, winner: Waiting) -> None:
+        """Remove the frame that has won the bus."""
         if winner is self.competing[0]:
             heappop(self.competing)
         else:

@@ -18,7 +18,7 @@ from ..command_line import (
     whole_number,
 )
 from ..port.interface_choice import add_bus_arguments
-from ..recording.recording import recording_obstacle
+from ..recording.recorder import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
 from ..settings.mistakes import setting_keys
 from .bus_options import clock
@@ -39,7 +39,7 @@ def make_parser(
     add_json_argument(parser, shows=False)
     parser.add_argument(
         "--record", type=_recording_file, metavar="FILE",
-        help="write every frame: .log .asc .blf .csv .db .trc .mf4",
+        help="write every frame: .log .asc .blf .csv .trc .mf4",
     )  # fmt: skip
     parser.add_argument(
         "-q", "--quiet", action="store_true", help="while running, print errors only"

@@ -147,9 +147,13 @@ def _connection_lines(connection: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _recording_lines(recording: Mapping[str, Any]) -> Iterator[str]:
-    yield f"{recording['frames']} frames recorded in {recording['file']}"
-    if recording["dropped"]:
-        why = "the recording has failed" if recording["failure"] else "the recorder did not keep up"
-        yield f"{recording['dropped']} frames not recorded: {why}"
+    frames, dropped = recording["frames"], recording["dropped"]
+    if recording["failure"]:
+        yield f"at least {frames} frames recorded in {recording['file']}"
+        yield f"up to {dropped} frames not recorded: the recording has failed"
+    else:
+        yield f"{frames} frames recorded in {recording['file']}"
+        if dropped:
+            yield f"{dropped} frames not recorded: the recorder did not keep up"
     if recording["left_out"]:
         yield f"{recording['left_out']} frames not recorded: the format has no place for them"

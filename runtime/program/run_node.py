@@ -21,7 +21,7 @@ from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
 from ..port.python_can import shutting_down
-from ..recording.recording import Recording, RecordingPort
+from ..recording.recorder import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status

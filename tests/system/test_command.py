@@ -27,7 +27,7 @@ SCREEN_LINES = 40
 LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
-CHEAP = ("run", "analyze", "study", "check", "can bits")
+CHEAP = ("run", "analyze", "study", "check")
 """Whose examples are run as they are printed: they take a second or so."""
 
 SUBCOMMANDS = [f"{name} {sub}" for name, it in PROGRAMS.items() for sub in it.subcommands]

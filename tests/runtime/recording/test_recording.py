@@ -14,9 +14,9 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node.real_time_loop import Received
-from steer_by_wire.runtime.recording import recording
+from steer_by_wire.runtime.recording import recorder
 from steer_by_wire.runtime.recording.candump import CandumpReader
-from steer_by_wire.runtime.recording.recording import (
+from steer_by_wire.runtime.recording.recorder import (
     LEFT_OUT,
     SUFFIXES,
     Recording,
@@ -37,7 +37,7 @@ def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigu
     recording = Recording(path, "vcan0")
     start_ns = time.monotonic_ns()
     for index, frame in enumerate(frames):
-        recording.take(frame, start_ns + index * PERIOD_NS, index % 2)
+        recording.record(frame, start_ns + index * PERIOD_NS, is_received=bool(index % 2))
     return recording.close()
 
 
@@ -66,7 +66,7 @@ def test_every_format_holds_the_frames_their_directions_and_distances(
     first_s = messages[0].timestamp
     for message, (index, frame) in zip(messages, kept, strict=True):
         assert message.timestamp - first_s == pytest.approx(index * PERIOD_NS * 1e-9, abs=2e-6)
-        if suffix not in (".csv", ".db") and not frame.flags & ERROR:
+        if suffix != ".csv" and not frame.flags & ERROR:
             assert message.is_rx is bool(index % 2)
 
 
@@ -88,7 +88,7 @@ def test_frames_that_waited_are_put_where_they_belong(tmp_path: Path) -> None:
     recording = Recording(path, "vcan0")
     start_ns = time.monotonic_ns()
     for number in (1, 0, 3, 2, 5, 4):
-        recording.take(Frame(number, b""), start_ns + number * 1_000_000, 1)
+        recording.record(Frame(number, b""), start_ns + number * 1_000_000, is_received=True)
     recording.close()
     messages = messages_in(path)
     assert [message.arbitration_id for message in messages] == [0, 1, 2, 3, 4, 5]
@@ -97,19 +97,11 @@ def test_frames_that_waited_are_put_where_they_belong(tmp_path: Path) -> None:
     assert times[5] - times[0] == pytest.approx(5e-3, abs=2e-6)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".db"])
-def test_a_recording_replaces_the_file_that_is_there(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
+def test_a_recording_replaces_the_file_that_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
     record(path, FRAMES[:3])
     record(path, FRAMES[:2])
     assert len(messages_in(path)) == 2
-
-
-def test_a_database_holds_also_the_last_of_many_frames(tmp_path: Path) -> None:
-    """The writer's own thread ends with one more batch, however many frames wait for it."""
-    path = tmp_path / "run.db"
-    assert record(path, [Frame(1, bytes(8))] * 3000).frames == 3000
-    assert len(messages_in(path)) == 3000
 
 
 # What the port does
@@ -149,12 +141,13 @@ def test_a_port_records_what_was_received_and_sent_and_not_what_was_refused(tmp_
 def test_a_recorder_that_stands_still_costs_frames_and_no_time(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     recording = Recording(path, "vcan0")
-    recorder = recording.recorder.pid
-    os.kill(recorder, signal.SIGSTOP)
+    os.kill(recording.recorder.pid, signal.SIGSTOP)
     taken = 200_000  # 5 MB: whatever the pipe holds, this is more
     for index in range(taken):
-        recording.take(Frame(index % 2048, bytes(8)), index, 0)  # would wait for ever if it waited
-    os.kill(recorder, signal.SIGCONT)
+        recording.record(
+            Frame(index % 2048, bytes(8)), index, is_received=False
+        )  # would wait for ever if it waited
+    os.kill(recording.recorder.pid, signal.SIGCONT)
     figures = recording.close()
     assert figures.dropped > 0
     assert figures.frames > 1000
@@ -165,9 +158,9 @@ def test_a_recorder_that_stands_still_costs_frames_and_no_time(tmp_path: Path) -
 def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(recording, "_QUEUED_MAX", 10)
+    monkeypatch.setattr(recorder, "_QUEUED_MAX", 10)
     read_end, write_end = os.pipe()
-    offer, end = recording._offering_by_thread(write_end)
+    offer, end = recorder._offering_by_thread(write_end)
     offered = 0
     while offer(bytes(4096)):  # the pipe is full at some point, then the queue
         offered += 1
@@ -184,7 +177,7 @@ def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
 def test_where_pipes_wait_a_recorder_that_has_ended_is_noticed_too() -> None:
     read_end, write_end = os.pipe()
     os.close(read_end)
-    offer, end = recording._offering_by_thread(write_end)
+    offer, end = recorder._offering_by_thread(write_end)
     assert offer(b"lost")
     end()
     os.close(write_end)
@@ -200,11 +193,11 @@ def test_a_full_disk_is_reported_at_once_and_the_frames_are_counted(tmp_path: Pa
     recording = Recording(path, "vcan0", told.append)
     taken = 0
     while recording.recorder.poll() is None:  # until it has noticed, and given up
-        recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+        recording.record(Frame(1, bytes(8)), taken * PERIOD_NS, is_received=False)
         taken += 1
         time.sleep(0.001)
     for _ in range(2):
-        recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+        recording.record(Frame(1, bytes(8)), taken * PERIOD_NS, is_received=False)
     assert told == ["No space left on device"]
     figures = recording.close()
     assert figures == (str(path), 0, taken + 2, 0, "No space left on device")

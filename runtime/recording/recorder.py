@@ -7,20 +7,19 @@ neither interpreter nor priority with the control loop. Frames that do not fit i
 recorded, but counted. The file is complete however the program ends, even if it is killed: the
 recorder sees the end of the pipe and closes the file.
 
-A frame's time is its arrival (if the port knows it, otherwise when the program took it) or when it
+A frame's time is its arrival (if the port knows it, otherwise when the program read it) or when it
 was handed to the bus. It is read from the monotonic clock and converted to wall-clock time with the
 difference at the start, so that setting the clock leaves no gap in a recording.
 """
 
 import json
 import os
+import queue
 import struct
 import subprocess
 import sys
-import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
@@ -30,29 +29,26 @@ from typing import IO, Any, NamedTuple
 from ..frame import ERROR, FD, REMOTE, Frame
 from ..node.real_time_loop import Port, Received
 
-SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
+SUFFIXES = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 """The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""
-LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD, ".db": FD}
+LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD}
 """Flags of frames that python-can's writer of a format drops, or writes as other frames."""
 STOP_TIMEOUT_S = 30.0
 """How long the recorder may take to finish the file; the disk may stall."""
-RECORD = struct.Struct("<qIBBBx")
+RECORD = struct.Struct("<qIB?Bx")
 """Head of a frame in the pipe: time [ns], identifier, flags, whether received, payload length."""
-PROGRESS = struct.Struct("=Q")
-"""Number of frames in the file, which the recorder writes to an unnamed file."""
 _PIPE_BYTES = 1 << 20
 """The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
 _ENDED = "the recorder was ended before it could finish the file"
-_SENT, _RECEIVED = 0, 1
 _QUEUED_MAX = 20_000
 
 
 class RecordingFigures(NamedTuple):
     """Result of a recording.
 
-    ``frames``    frames in the file; after a killed recorder, those that it had reported
+    ``frames``    frames in the file; after a failure, those of which that is known
     ``dropped``   frames for which there was no room on the way to the recorder; after a failure,
-                  all that are missing
+                  all others
     ``left_out``  frames that the format cannot represent
     ``failure``   why the recorder failed; empty if it did not
     """
@@ -88,7 +84,7 @@ def fd_obstacle(path: Path) -> str:
 
 
 class Recording:
-    """Takes the frames of one run; ``close`` it at the end.
+    """The recording of one run; ``close`` it at the end.
 
     ``path``     file to write, replaced if it is there
     ``channel``  name of the bus in the recording
@@ -107,14 +103,11 @@ class Recording:
         self._path = path
         self._on_end = on_end
         self._rest = b""
-        self._taken = self._dropped = 0
+        self._offered = self._dropped = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
-        self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
-        progress = -1 if sys.platform == "win32" else self._progress.fileno()
         program = [sys.executable, "-P", "-m", "steer_by_wire.runtime.recording.recorder_process"]
         self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
-            [*program, str(path), channel, str(progress)],
-            pass_fds=() if progress < 0 else (progress,),
+            [*program, str(path), channel],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # what libraries have to say about themselves
@@ -136,34 +129,33 @@ class Recording:
         self._pipe, self._answer = pipe, answer
         self._offer, self._flush = _offering(pipe)
 
-    def take(self, frame: Frame, time_ns: int, direction: int) -> None:
+    def record(self, frame: Frame, time_ns: int, *, is_received: bool) -> None:
         """Hand over one frame, in a few microseconds and without waiting.
 
         ``time_ns``  on the monotonic clock [ns]
         """
         can_id, data, flags = frame
-        head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, direction, len(data))
+        head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, is_received, len(data))
+        had_room = False
         try:
-            is_taken = self._offer(head + data)
+            had_room = self._offer(head + data)
         except BrokenPipeError:
-            is_taken = False
             self._end_early()
-        self._taken += 1
-        self._dropped += not is_taken
+        self._offered += 1
+        self._dropped += not had_room
 
     def close(self) -> RecordingFigures:
         """Let the recorder finish the file."""
         self._flush()
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
-        with self._answer, self._progress as noted:
+        with self._answer:
             if _ends(self.recorder):
                 self._rest += self._answer.read()
-            frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
-        summary: dict[str, Any] = {"frames": frames, "left_out": 0, "failure": _ENDED}
+        summary: dict[str, Any] = {"frames": 0, "left_out": 0, "failure": _ENDED}
         summary |= _summary(self._rest)
         if summary["failure"]:  # what was still in the pipe is lost too
-            self._dropped = self._taken - summary["frames"] - summary["left_out"]
+            self._dropped = self._offered - summary["frames"] - summary["left_out"]
         return RecordingFigures(str(self._path), dropped=self._dropped, **summary)
 
     def _end_early(self) -> None:
@@ -189,7 +181,7 @@ class RecordingPort:
         if received is not None:
             frame, arrival_ns = received
             time_ns = self._clock_ns() if arrival_ns is None else arrival_ns
-            self._recording.take(frame, time_ns, _RECEIVED)
+            self._recording.record(frame, time_ns, is_received=True)
         return received
 
     def send(self, frame: Frame) -> bool:
@@ -197,7 +189,7 @@ class RecordingPort:
         time_ns = self._clock_ns()
         had_room = self._port.send(frame)
         if had_room:
-            self._recording.take(frame, time_ns, _SENT)
+            self._recording.record(frame, time_ns, is_received=False)
         return had_room
 
 
@@ -228,33 +220,29 @@ def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], No
 
 
 def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
-    """Return the same where a pipe cannot be written without waiting: a thread waits."""
-    queue: deque[bytes] = deque()
-    ended, is_broken = threading.Event(), threading.Event()
+    """Like ``_offering`` where a pipe cannot be written without waiting: a thread waits."""
+    records: queue.Queue[bytes | None] = queue.Queue(_QUEUED_MAX)
 
     def pump() -> None:
-        is_last = False
-        while not is_last:
-            is_last = ended.wait(0.01)  # before the queue is looked at, which then is complete
-            batch = b"".join(queue.popleft() for _ in range(len(queue)))
-            try:
-                while batch:
-                    batch = batch[os.write(descriptor, batch) :]
-            except OSError:
-                is_broken.set()
-                return
+        with suppress(OSError):
+            while (record := records.get()) is not None:
+                while record:
+                    record = record[os.write(descriptor, record) :]
 
     def offer(record: bytes) -> bool:
-        if is_broken.is_set():
+        if not thread.is_alive():
             raise BrokenPipeError
-        if len(queue) >= _QUEUED_MAX:
+        try:
+            records.put_nowait(record)
+        except queue.Full:
             return False
-        queue.append(record)
         return True
 
     def end() -> None:
-        ended.set()
-        thread.join(STOP_TIMEOUT_S)
+        if thread.is_alive():
+            with suppress(queue.Full):
+                records.put(None, timeout=STOP_TIMEOUT_S)
+            thread.join(STOP_TIMEOUT_S)
 
     thread = threading.Thread(target=pump, daemon=True)
     thread.start()
