@@ -72,12 +72,14 @@ def passages(
     u = draws[1::2]
     if settings.correlation_time_s > 0.0 and _has_jitter(settings):
         u = _correlated(u, frames.came_ns, settings.correlation_time_s)
+    if (traced_s := _traced_s(settings, frames)) is not None:
+        is_lost |= np.isnan(traced_s)
     index = np.flatnonzero(~is_lost & frames.is_wanted)
-    latency_ns = _latencies_ns(settings, network, u, frames.motion_ns, index)
+    latency_ns = _latencies_ns(settings, network, u, traced_s, index)
     if settings.duplicates > 0.0:
         chance, again = first_uniforms(seed, duplicates, 2 * count).reshape(-1, 2).T
         is_copied = chance[index] < settings.duplicates
-        copy_ns = _latencies_ns(settings, network, again, frames.motion_ns, index[is_copied])
+        copy_ns = _latencies_ns(settings, network, again, traced_s, index[is_copied])
         # A copy enters directly after its frame.
         index, latency_ns = (np.repeat(column, 1 + is_copied) for column in (index, latency_ns))
         latency_ns[np.cumsum(1 + is_copied)[is_copied] - 1] = copy_ns
@@ -165,21 +167,27 @@ def _run_scores(phi: Any, innovations: Any) -> Any:
     return scores
 
 
+def _traced_s(settings: LatencySettings, frames: Frames) -> FloatArray | None:
+    """Return the latency of each frame by the trace, if there is one; shape (frames,)."""
+    trace = settings.trace()
+    if trace is None:
+        return None
+    _, first, sample = np.unique(frames.came_ns, return_index=True, return_inverse=True)
+    motion_s = (frames.motion_ns[first] / NS_PER_S).tolist()
+    of_sample = [trace.latency_s(number, time_s) for number, time_s in enumerate(motion_s)]
+    return np.array(of_sample, dtype=np.float64)[sample]
+
+
 def _latencies_ns(
     settings: LatencySettings,
     network: _Network,
     u: FloatArray,
-    motion_ns: IntArray,
+    traced_s: FloatArray | None,
     wanted: IntArray,
 ) -> IntArray:
-    """Return the latency of the frames ``wanted`` [ns]; ``u``, ``motion_ns`` are of all frames."""
-    trace = settings.trace()
-    if trace is not None:
-        seconds = [
-            trace.latency_s(frame, time_ns / NS_PER_S)
-            for frame, time_ns in zip(wanted.tolist(), motion_ns[wanted].tolist(), strict=True)
-        ]
-        return _whole_ns(np.array(seconds, dtype=np.float64))
+    """Return the latency of the frames ``wanted`` [ns]; the arrays are of all frames."""
+    if traced_s is not None:
+        return _whole_ns(traced_s[wanted])
     mean_s, spread_s = (
         np.broadcast_to(values, u.shape)[wanted] for values in (network.mean_s, network.spread_s)
     )

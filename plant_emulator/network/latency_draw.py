@@ -12,6 +12,7 @@ every frame later. Duplicates draw from a stream of their own.
 from collections import deque
 from collections.abc import Iterator
 from itertools import islice
+from math import isnan
 
 from ...runtime.node import NS_PER_S
 from .latency_correlation import correlated_score, uniform_of_score
@@ -72,10 +73,13 @@ class LatencyDraw:
         deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
         self._frames_drawn = frames
 
-    def latencies_ns(self, number: int, now_ns: int, motion_ns: int) -> tuple[int, ...]:
+    def latencies_ns(
+        self, number: int, sample: int, now_ns: int, motion_ns: int
+    ) -> tuple[int, ...]:
         """Return the latency of the frame, and that of its duplicate, if any; none if it is lost.
 
         ``number``  frames that came before
+        ``sample``  samples that came before; the frames of one come together
         """
         if self._schedule:
             self._follow_schedule(motion_ns)
@@ -83,12 +87,14 @@ class LatencyDraw:
         self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
         if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
-        latency_ns = self._latency_ns(latency_u, number, motion_ns)
-        latencies_ns: tuple[int, ...] = () if is_lost else (latency_ns,)
+        latency_s = self._latency_s(latency_u, sample, motion_ns)
+        is_lost = is_lost or isnan(latency_s)
+        latencies_ns: tuple[int, ...] = () if is_lost else (round(latency_s * NS_PER_S),)
         if self._settings.duplicates > 0.0:
             chance_u, again_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
             if not is_lost and chance_u < self._settings.duplicates:
-                latencies_ns = latency_ns, self._latency_ns(again_u, number, motion_ns)
+                again_s = self._latency_s(again_u, sample, motion_ns)
+                latencies_ns = latencies_ns[0], round(again_s * NS_PER_S)
         self._frames_drawn = number + 1
         return latencies_ns
 
@@ -109,10 +115,11 @@ class LatencyDraw:
         )
         return () if is_drawn else (round(self._mean_s * NS_PER_S),)
 
-    def _latency_ns(self, u: float, number: int, motion_ns: int) -> int:
+    def _latency_s(self, u: float, sample: int, motion_ns: int) -> float:
+        """Return a latency; that of a trace may say, by not being a number, that it was lost."""
         if self._trace is not None:
-            return round(self._trace.latency_s(number, motion_ns / NS_PER_S) * NS_PER_S)
-        return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
+            return self._trace.latency_s(sample, motion_ns / NS_PER_S)
+        return self._quantile(u, self._mean_s, self._spread_s)
 
     def _correlated(self, u: float, now_ns: int) -> float:
         """Return the uniform of the AR(1) process, which starts in its stationary state."""

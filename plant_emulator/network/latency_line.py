@@ -77,6 +77,8 @@ class LatencyLine(Generic[Item]):
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: defaultdict[int, int] = defaultdict(int)
         self._drawn_ns: tuple[int, ...] = (0,)
+        self._samples = 0
+        """Calls of ``push``, while latencies are drawn: a trace may have one row for each."""
         self._pushed = self._duplicated = self._settled = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency, self._injected = DurationStatistics(), DurationStatistics()
@@ -154,6 +156,7 @@ class LatencyLine(Generic[Item]):
                 sequence += 1
                 heappush(waiting, (due_ns, sequence, now_ns, key, item))
         self._sequence = sequence
+        self._samples += 1
         if waiting:
             self.next_due_ns = waiting[0][0]
         if len(injected_ns) >= _BLOCK:
@@ -192,7 +195,7 @@ class LatencyLine(Generic[Item]):
 
     def _drawn(self, now_ns: int, motion_ns: int) -> tuple[int, ...]:
         """Draw the next frame's latency, and that of its duplicate; none if it is lost."""
-        latencies_ns = self._draw.latencies_ns(self._pushed, now_ns, motion_ns)
+        latencies_ns = self._draw.latencies_ns(self._pushed, self._samples, now_ns, motion_ns)
         if latencies_ns:
             self._drawn_ns = latencies_ns
         self._lost += not latencies_ns

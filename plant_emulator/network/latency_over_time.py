@@ -5,7 +5,6 @@ with `ramp` the values are interpolated. Two points at the same time make a step
 The first and the last point extend outwards.
 """
 
-import csv
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -14,8 +13,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from ...runtime.settings import SettingsError
+from ...runtime.settings.number_table import TableRow, convert_cells, read_number_table
+
 LATENCY_S_MAX = 10.0
 """Longest latency; it limits how many frames a latency line holds."""
+TIME_S_MAX = 1e6
+"""No run is longer; times beyond it are those of a wall clock."""
+_LOST = ("", "lost", "nan")
 
 
 class Shape(StrEnum):
@@ -50,59 +55,60 @@ def profile_at(points: Sequence[ProfilePoint], shape: Shape, time_s: float) -> P
 
 
 class Trace(NamedTuple):
-    """Recorded latencies: one per frame, or, where ``times_s`` is not empty, over time."""
+    """Recorded latencies: one per sample, or, where ``times_s`` is not empty, over time.
+
+    A latency that is not a number is that of frames that were lost.
+    """
 
     latencies_s: tuple[float, ...]
     times_s: tuple[float, ...] = ()
 
-    def latency_s(self, frame: int, time_s: float) -> float:
-        """Return the latency of the ``frame``-th frame (from 0), sent at ``time_s`` of motion.
+    def latency_s(self, sample: int, time_s: float) -> float:
+        """Return the latency of the frames of a ``sample`` (from 0), sent at ``time_s`` of motion.
 
-        A trace per frame repeats. In a trace over time a row holds until the time of the next one;
+        A trace per sample repeats. In a trace over time a row holds until the time of the next one;
         the first and the last extend outwards.
         """
         if not self.times_s:
-            return self.latencies_s[frame % len(self.latencies_s)]
+            return self.latencies_s[sample % len(self.latencies_s)]
         return self.latencies_s[max(bisect_right(self.times_s, time_s) - 1, 0)]
 
 
 def read_trace(path: Path) -> Trace:
-    """Read a CSV file whose first line is ``latency_s`` or ``time_s,latency_s``.
+    """Read a table with the column ``latency_s``, over ``time_s`` if it has that column too.
 
-    Raises OSError if the file cannot be read, and ValueError with the line unless it has finite
-    latencies ≥ 0 at rising times.
+    An empty cell, ``lost`` or ``nan`` is a loss. Times of a wall clock count from the first row.
+
+    Raises SettingsError with the line unless it has latencies of 0 to LATENCY_S_MAX at rising
+    times.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = csv.reader(file)
-        try:
-            header = next(rows, [])
-            if header not in (["latency_s"], ["time_s", "latency_s"]):
-                raise ValueError(f"{path}, line 1: must be latency_s or time_s,latency_s")
-            table = [_numbers(path, rows.line_num, row, header) for row in rows]
-        except csv.Error as error:
-            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: is not UTF-8 text (byte {error.start})") from error
-    if not table:
-        raise ValueError(f"{path}: holds no latencies")
-    times_s = tuple(row[0] for row in table) if len(header) == 2 else ()
-    for line, (earlier_s, later_s) in enumerate(pairwise(times_s), start=3):
+    names, rows = read_number_table(path, (("time_s", "latency_s"), ("latency_s",)))
+    if not rows:
+        raise SettingsError(f"{path}: holds no latencies")
+    wanted = f"a latency from 0 to {LATENCY_S_MAX:g} s, or lost"
+    latencies = [TableRow(row.line, row.cells[-1:]) for row in rows]
+    latencies_s = tuple(value for (value,) in convert_cells(path, latencies, _latency, wanted))
+    if len(names) == 1:
+        return Trace(latencies_s)
+    times = [TableRow(row.line, row.cells[:1]) for row in rows]
+    times_s = [value for (value,) in convert_cells(path, times, _time, "a time_s from 0 up")]
+    for row, (earlier_s, later_s) in zip(rows[1:], pairwise(times_s), strict=True):
         if later_s <= earlier_s:
-            raise ValueError(
-                f"{path}, line {line}: time_s must rise, {later_s} follows {earlier_s}"
+            raise SettingsError(
+                f"{path}, line {row.line}: time_s must rise, {later_s} follows {earlier_s}"
             )
-    return Trace(tuple(row[-1] for row in table), times_s)
+    start_s = times_s[0] if times_s[0] > TIME_S_MAX else 0.0
+    return Trace(latencies_s, tuple(time_s - start_s for time_s in times_s))
 
 
-def _numbers(path: Path, line: int, row: Sequence[str], header: Sequence[str]) -> list[float]:
-    """Return one row of a trace; raises ValueError naming the line."""
-    try:
-        values = [float(cell) for cell in row]
-    except ValueError:
-        values = []
-    if len(values) != len(header) or not all(0.0 <= value < math.inf for value in values):
-        wanted = ",".join(header)
-        raise ValueError(f"{path}, line {line}: needs {wanted}, each a finite number from 0 up")
-    if values[-1] > LATENCY_S_MAX:
-        raise ValueError(f"{path}, line {line}: allowed is a latency up to {LATENCY_S_MAX:g} s")
-    return values
+def _latency(cell: str) -> float:
+    latency_s = math.nan if cell.lower() in _LOST else float(cell)
+    if latency_s < 0.0 or latency_s > LATENCY_S_MAX:
+        raise ValueError(cell)
+    return latency_s
+
+
+def _time(cell: str) -> float:
+    if not 0.0 <= (time_s := float(cell)) < math.inf:
+        raise ValueError(cell)
+    return time_s

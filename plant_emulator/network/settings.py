@@ -123,9 +123,10 @@ class LatencySettings(Settings):
     """Replaces mean_s, spread_s and loss."""
     schedule_shape: Shape = Shape.STEP
     trace_file: Path | None = None
-    """Recorded latencies (CSV: latency_s, or time_s,latency_s); replaces the model."""
+    """Recorded latencies (CSV: latency_s, or time_s,latency_s; lost where empty or ``lost``);
+    replaces the model."""
     latencies_s: tuple[LatencySeconds, ...] = Field((), max_length=1_000_000)
-    """The same in place: of one frame after the other; after the last the first again."""
+    """Latencies of one sample after the other; after the last the first again."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -145,12 +146,7 @@ class LatencySettings(Settings):
         }
         if len(several := [name for name, value in given.items() if value]) > 1:
             raise ValueError(f"{' and '.join(several)} exclude each other")
-        try:
-            self.trace()
-        except OSError as error:
-            raise ValueError(
-                f"trace_file {self.trace_file} cannot be read: {error.strerror}"
-            ) from error
+        self.trace()  # raises SettingsError, a ValueError
         if not isinstance(self.model, Distribution):
             for u in _TRIED:
                 self.quantile(u, self.mean_s, self.spread_s)
@@ -162,7 +158,7 @@ class LatencySettings(Settings):
         return self.trace_file is not None or bool(self.latencies_s)
 
     def trace(self) -> Trace | None:
-        """Return the latencies that are given one by one, if any; raises OSError, ValueError."""
+        """Return the latencies that are given one by one, if any; raises SettingsError."""
         if self.trace_file is not None:
             return read_trace(self.trace_file)
         return Trace(self.latencies_s) if self.latencies_s else None

@@ -28,7 +28,17 @@ _NEWTON_STEPS = 4
 """Linear interpolation starts Newton with an error below 1e-2 of a cell; each step squares it."""
 _TURN_MISSED_MAX_RAD = 0.1
 """A heading that turns by more than its curvature implies has a cusp between two points."""
-_TOO_SHARP = "the path bends too sharply"
+
+
+class TooSharpError(ValueError):
+    """A curve that bends too sharply to be interpolated, between two of its knots.
+
+    ``knot``  index of the first of the two
+    """
+
+    def __init__(self, knot: int) -> None:
+        super().__init__("the path bends too sharply")
+        self.knot = knot
 
 
 class CurvePoints(NamedTuple):
@@ -51,13 +61,13 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool
     ``knots``      parameters in rising order, between which the curve is smooth
     ``has_kinks``  whether its curvature may have kinks at all knots, or has none
 
-    A closed curve ends where and as it starts. Raises ValueError for a curve too sharp to
-    interpolate.
+    A closed curve ends where and as it starts. Raises TooSharpError.
     """
     lengths = _ArcLength(curve, knots)
     ends_m = lengths.knots_m if has_kinks else lengths.knots_m[[0, -1]]
     spans_m = np.diff(ends_m)
-    pieces = np.full(len(spans_m), _PER_SPAN_MIN if has_kinks else _PIECES_MIN)
+    least = _PER_SPAN_MIN if _PER_SPAN_MIN * len(spans_m) < _PIECES_MAX // 2 else 1
+    pieces = np.full(len(spans_m), least if has_kinks else _PIECES_MIN)
     while True:
         halves_m = _break_points_m(ends_m, 2 * pieces)
         points = curve(lengths.parameters(halves_m))
@@ -71,13 +81,14 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool
             break
         pieces[is_coarse] *= 2
         if pieces.sum() > _PIECES_MAX:
-            raise ValueError(_TOO_SHARP)
+            raise TooSharpError(int(np.argmax(pieces)))
     heading = np.unwrap(list(map(atan2, points.dy.tolist(), points.dx.tolist())))[::2]
     curvature = curvature[::2]
     step_m = np.repeat(spans_m / pieces, pieces)
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
-    if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
-        raise ValueError(_TOO_SHARP)
+    missed = np.abs(np.diff(heading) - turn)
+    if missed.max() > _TURN_MISSED_MAX_RAD:
+        raise TooSharpError(int(np.repeat(np.arange(len(pieces)), pieces)[np.argmax(missed)]))
     *start_m, total_m = halves_m[::2].tolist()
     slopes = (np.diff(curvature) / step_m).tolist()
     poses = list(map(Pose, points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist()))

@@ -1,10 +1,10 @@
 """A path through the points of a file: a cubic spline, sampled as in `path.curve_to_path`.
 
-The file is CSV with the header ``x_m,y_m`` and one point per line; empty lines and lines that start
-with ``#`` are skipped. The spline's curvature is continuous and the path meets every point.
+The file is a table with the columns ``x_m`` and ``y_m`` (``runtime.settings.number_table``). The
+spline's curvature is continuous and the path meets every point. A point that repeats the one before
+it, as a receiver at rest records it, is left out.
 """
 
-import math
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 
@@ -12,16 +12,25 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...runtime.array_types import FloatArray
-from ...runtime.settings import SettingsError, read_text
-from .curve_to_path import CurvePoints, path_along
-from .path import Path
+from ...runtime.settings import SettingsError
+from ...runtime.settings.number_table import convert_cells, read_number_table
+from .curve_to_path import CurvePoints, TooSharpError, path_along
+from .path import Path, Pose
 
-HEADER = ["x_m", "y_m"]
-POINTS_MIN = 4
-POINTS_MAX = 10_000
-COORDINATE_MAX_M = 1e6
+POINTS_MIN = 2
+POINTS_MAX = 100_000
+COORDINATE_MAX_M = 1e8
+"""More than any coordinate of a map projection, such as the northing of UTM."""
 DISTANCE_MIN_M = 1e-3
-"""Smallest distance between neighbours: on a long path, nearer points would coincide."""
+"""Nearer neighbours are one point: on a long path, they would coincide."""
+
+
+class _PointError(ValueError):
+    """Points that give no path; ``index`` is that of the point to look at."""
+
+    def __init__(self, index: int, what: str) -> None:
+        super().__init__(f"point {index + 1}: {what}")
+        self.index, self.what = index, what
 
 
 def waypoint_path(file: FilePath, *, closed: bool) -> Path:
@@ -29,9 +38,12 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
 
     Raises SettingsError in one line that names the file and, where it can, the line in it.
     """
-    points = _read(file)
+    _, rows = read_number_table(file, (("x_m", "y_m"),))
+    points = list(convert_cells(file, rows, _coordinate, f"x_m,y_m within ±{COORDINATE_MAX_M:g}"))
     try:
-        return path_through(points, closed=closed)
+        return path_through([(x, y) for x, y in points], closed=closed)
+    except _PointError as error:
+        raise SettingsError(f"{file}, line {rows[error.index].line}: {error.what}") from error
     except ValueError as error:
         raise SettingsError(f"{file}: {error}") from error
 
@@ -47,49 +59,46 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
     >>> road.closed, round(road.length_m, 2)
     (False, 30.06)
     """
-    points = [*points]
-    if not POINTS_MIN <= len(points) <= POINTS_MAX:
-        raise ValueError(f"must hold {POINTS_MIN} to {POINTS_MAX} points, not {len(points)}")
-    if closed and points[0] != points[-1]:
-        points = [*points, points[0]]
-    xy = np.array(points)
-    chords = np.sqrt(np.square(np.diff(xy, axis=0)).sum(axis=1))
-    if chords.min() < DISTANCE_MIN_M:
-        number = int(np.argmin(chords)) + 2
+    kept = _apart(points)
+    least = POINTS_MIN + closed
+    if not least <= len(kept) <= POINTS_MAX:
         raise ValueError(
-            f"point {number} repeats the one before it, or is nearer than"
-            f" {DISTANCE_MIN_M:g} m to it"
+            f"must hold {least} to {POINTS_MAX} points that lie apart, not {len(kept)}"
         )
-    knots = np.concatenate(([0.0], np.cumsum(chords)))
+    if closed and points[kept[0]] != points[kept[-1]]:
+        kept = [*kept, kept[0]]
+    # Near zero: a spline through coordinates of a map would lose digits.
+    origin_x_m, origin_y_m = points[0]
+    xy = np.array([points[index] for index in kept]) - points[0]
+    chords_m = np.sqrt(np.square(np.diff(xy, axis=0)).sum(axis=1))
+    knots = np.concatenate(([0.0], np.cumsum(chords_m)))
     spline = CubicSpline(knots, xy, bc_type="periodic" if closed else "natural")
     first, second = spline.derivative(1), spline.derivative(2)
 
     def curve(t: FloatArray) -> CurvePoints:
         return CurvePoints(*spline(t).T, *first(t).T, *second(t).T)
 
-    return path_along(curve, knots, closed=closed, has_kinks=True)
-
-
-def _read(file: FilePath) -> list[tuple[float, float]]:
-    lines = read_text(file).splitlines()
-    rows = [
-        (number, [cell.strip() for cell in line.split(",")])
-        for number, line in enumerate(lines, start=1)
-        if line.strip() and not line.startswith("#")
-    ]
-    if not rows or rows[0][1] != HEADER:
-        raise SettingsError(f"{file}: must start with the header {','.join(HEADER)}")
-    return [_point(file, number, cells) for number, cells in rows[1:]]
-
-
-def _point(file: FilePath, number: int, cells: list[str]) -> tuple[float, float]:
     try:
-        x, y = (float(cell) for cell in cells)
-    except ValueError:
-        x = y = math.nan
-    if not (abs(x) <= COORDINATE_MAX_M and abs(y) <= COORDINATE_MAX_M):
-        raise SettingsError(
-            f"{file}: line {number}: must be two numbers within ±{COORDINATE_MAX_M:g}, "
-            f"not {','.join(cells)!r}"
-        )
-    return x, y
+        path = path_along(curve, knots, closed=closed, has_kinks=True)
+    except TooSharpError as error:
+        raise _PointError(kept[error.knot], f"{error} from here to the next point") from error
+    poses = [Pose(x + origin_x_m, y + origin_y_m, heading) for x, y, heading in path.pose]
+    return path._replace(pose=poses)
+
+
+def _apart(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Return the indices of the points that lie apart from the one kept before."""
+    kept: list[int] = []
+    for index, (x, y) in enumerate(points):
+        if kept:
+            last_x, last_y = points[kept[-1]]
+            if (x - last_x) ** 2 + (y - last_y) ** 2 < DISTANCE_MIN_M**2:
+                continue
+        kept.append(index)
+    return kept
+
+
+def _coordinate(cell: str) -> float:
+    if not abs(value := float(cell)) <= COORDINATE_MAX_M:
+        raise ValueError(cell)
+    return value

@@ -13,6 +13,7 @@ replaced too: the keys below belong to the other kind.
 Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused instead of guessed.
 """
 
+import codecs
 import json
 import re
 import tomllib
@@ -36,6 +37,12 @@ _KIND = "kind"
 """Key that distinguishes the members of a union of tables."""
 _FILE_BYTES_MAX = 1 << 25
 """More than any settings file has; a device may have no end."""
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+"""Byte order marks, with which editors save text."""
 _DEPTH_MAX = 30
 """Nesting of tables and lists."""
 _INTEGER_BITS_MAX = 1024
@@ -191,11 +198,14 @@ def read_text(file: Path) -> str:
             raw = opened.read(_FILE_BYTES_MAX + 1)
         if len(raw) > _FILE_BYTES_MAX:
             raise SettingsError(f"{file}: is longer than {_FILE_BYTES_MAX} bytes")
-        return raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        encoding = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "utf-8")
+        return raw.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
+        raise SettingsError(
+            f"{file}: is not {error.encoding.upper()} text (byte {error.start})"
+        ) from error
     except ValueError as error:  # a NUL in its name
         raise SettingsError(f"{file}: cannot be read: {error}") from error
 

@@ -169,8 +169,8 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
             "there is no path model x; one of your own ",
         ),
         (
-            {"plant.path": {"kind": "own", "model": f"{PARTS}:THREE_POINTS"}},
-            ":THREE_POINTS raises ValueError: must hold 4 to 10000 points, not 3",
+            {"plant.path": {"kind": "own", "model": f"{PARTS}:ONE_POINT"}},
+            ":ONE_POINT raises ValueError: must hold 2 to 100000 points that lie apart, not 1",
         ),
         (
             {"plant.path": {"kind": "own", "model": f"{PARTS}:POINTS"}},

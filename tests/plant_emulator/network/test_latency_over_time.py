@@ -1,5 +1,6 @@
 """Latency over time: schedules and recorded traces, and the files that hold the latter."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from steer_by_wire.plant_emulator.network.latency_over_time import (
     profile_at,
     read_trace,
 )
+from steer_by_wire.runtime.settings import SettingsError
 
 POINTS = (
     ProfilePoint(1.0, 0.01, 0.001, 0.0),
@@ -67,7 +69,7 @@ def trace_file(directory: Path, content: str) -> Path:
     return file
 
 
-def test_a_trace_per_frame_starts_again_when_it_is_used_up(tmp_path: Path) -> None:
+def test_a_trace_per_sample_starts_again_when_it_is_used_up(tmp_path: Path) -> None:
     trace = read_trace(trace_file(tmp_path, "latency_s\n0.01\n0.02\n0\n"))
     assert trace == Trace((0.01, 0.02, 0.0))
     assert [trace.latency_s(frame, 99.0) for frame in range(5)] == [0.01, 0.02, 0.0, 0.01, 0.02]
@@ -82,44 +84,51 @@ def test_a_trace_over_time_holds_each_row_until_the_next(tmp_path: Path) -> None
 
 def test_the_longest_latency_is_allowed_and_no_longer_one(tmp_path: Path) -> None:
     assert read_trace(trace_file(tmp_path, f"latency_s\n{LATENCY_S_MAX}\n")).latencies_s == (10.0,)
-    with pytest.raises(ValueError, match="line 2: allowed is a latency up to 10 s"):
+    with pytest.raises(SettingsError, match="line 2: must be a latency from 0 to 10 s, or lost"):
         read_trace(trace_file(tmp_path, "latency_s\n10.001\n"))
+
+
+@pytest.mark.parametrize("mark", ["", "lost", "nan", " Lost "])
+def test_a_row_without_a_latency_is_a_loss(tmp_path: Path, mark: str) -> None:
+    trace = read_trace(trace_file(tmp_path, f"time_s,latency_s\n0,0.05\n2,{mark}\n3,0.05\n"))
+    assert trace.times_s == (0.0, 2.0, 3.0)
+    assert [math.isnan(latency_s) for latency_s in trace.latencies_s] == [False, True, False]
+
+
+def test_times_of_a_wall_clock_count_from_the_first_row(tmp_path: Path) -> None:
+    file = trace_file(tmp_path, "time_s,latency_s\n1790000000.5,0.03\n1790000002.5,0.18\n")
+    assert read_trace(file) == Trace((0.03, 0.18), (0.0, 2.0))
 
 
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("", "line 1: must be latency_s or time_s,latency_s"),
-        ("latency_s,time_s\n1,1\n", "line 1: must be latency_s or time_s,latency_s"),
-        ("latency_s\n", "holds no latencies"),
-        ("latency_s\n0.01\nlate\n", "line 3: needs latency_s, each a finite number from 0 up"),
-        ("latency_s\n0.01,0.02\n", "line 2: needs latency_s, each a finite number from 0 up"),
-        ("latency_s\n-0.01\n", "line 2: needs latency_s, each a finite number from 0 up"),
-        ("latency_s\ninf\n", "line 2: needs latency_s, each a finite number from 0 up"),
-        ("latency_s\n0.01\n\n0.02\n", "line 3: needs latency_s, each a finite number from 0 up"),
-        ("time_s,latency_s\n0\n", "line 2: needs time_s,latency_s, each a finite number from 0 up"),
-        ("time_s,latency_s\n0,0\n1,0\n1,0\n", "line 4: time_s must rise, 1.0 follows 1.0"),
-        ("latency_s\n" + "1" * 200_000 + "\n", "line 2: field larger than field limit"),
+        ("", ": the first line must name the columns time_s,latency_s or latency_s"),
+        ("0.01\n0.02\n", ", line 1: the first line must name the columns"),
+        ("latency_s\n", ": holds no latencies"),
+        ("latency_s\n0.01\nlate\n", ", line 3: must be a latency from 0 to 10 s, or lost"),
+        ("latency_s\n0.01,0.02\n", ", line 2: has 2 cells, not 1"),
+        ("latency_s\n-0.01\n", ", line 2: must be a latency"),
+        ("latency_s\ninf\n", ", line 2: must be a latency"),
+        ("time_s,latency_s\nsoon,0\n", ", line 2: must be a time_s from 0 up, not 'soon'"),
+        ("time_s,latency_s\n0,0\n1,0\n1,0\n", ", line 4: time_s must rise, 1.0 follows 1.0"),
+        ("latency_s\n" + "1" * 200_000 + "\n", ", line 2: must be a latency"),
     ],
 )
 def test_a_bad_trace_is_refused_in_one_line_that_names_the_place(
     tmp_path: Path, content: str, complaint: str
 ) -> None:
     file = trace_file(tmp_path, content)
-    with pytest.raises(ValueError, match=complaint) as caught:
+    with pytest.raises(SettingsError) as caught:
         read_trace(file)
-    assert str(caught.value).startswith(str(file))
+    assert str(caught.value).startswith(f"{file}{complaint}")
     assert "\n" not in str(caught.value)
 
 
-def test_a_trace_that_is_no_text_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", [b"latency_s\n\xff\n", None])
+def test_a_trace_that_cannot_be_read_is_refused(tmp_path: Path, content: bytes | None) -> None:
     file = tmp_path / "latency.csv"
-    file.write_bytes(b"latency_s\n\xff\n")
-    with pytest.raises(ValueError, match="is not UTF-8 text") as caught:
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(SettingsError, match=r"is not UTF-8 text|cannot be read"):
         read_trace(file)
-    assert str(file) in str(caught.value)
-
-
-def test_a_trace_that_is_not_there_is_an_os_error(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        read_trace(tmp_path / "none.csv")

@@ -238,19 +238,12 @@ def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "must start with the header x_m,y_m"),
-        ("x_m,y_m\n1,2\n2,3\n", "must hold 4 to 10000 points, not 2"),
-        ("x_m,y_m\n1,2\n2\n3,4\n5,6\n", "line 3: must be two numbers within ±1e+06, not '2'"),
-        (
-            "x_m,y_m\n1,2\n\nnan,2\n3,4\n5,6\n",
-            "line 4: must be two numbers within ±1e+06, not 'nan,2'",
-        ),
-        ("x_m,y_m\n0,0\n1,1\n1,1\n2,1\n", "point 3 repeats the one before it"),
-        ("x_m,y_m\n0,0\n1,0\n0,0\n1,0\n", "the path bends too sharply"),
-        (
-            "x_m,y_m\n0,0\n1e308,0\n-1e308,0\n1,0\n",
-            "must be two numbers within ±1e+06, not '1e308,0'",
-        ),
+        ("", ": the first line must name the columns x_m,y_m"),
+        ("x_m,y_m\n1,2\n1,2\n", ": must hold 2 to 100000 points that lie apart, not 1"),
+        ("x_m,y_m\n1,2\n2\n3,4\n", ", line 3: must be x_m,y_m within ±1e+08, not '2,'"),
+        ("x_m,y_m\n1,2\n\nnan,2\n3,4\n", ", line 4: must be x_m,y_m within ±1e+08, not 'nan,2'"),
+        ("x_m,y_m\n0,0\n1,0\n0,0\n1,0\n", ", line 2: the path bends too sharply"),
+        ("x_m,y_m\n0,0\n1e308,0\n", ", line 3: must be x_m,y_m within ±1e+08, not '1e308,0'"),
     ],
 )
 def test_bad_waypoint_file_gives_one_clear_line(
@@ -260,9 +253,41 @@ def test_bad_waypoint_file_gives_one_clear_line(
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError) as caught:
         build_path(WaypointSettings(file=file))
-    assert str(caught.value).startswith(f"{file}: ")
-    assert message in str(caught.value)
+    assert str(caught.value).startswith(f"{file}{message}")
     assert "\n" not in str(caught.value)
+
+
+def test_two_swapped_points_are_found_by_their_line(tmp_path: FilePath) -> None:
+    points = [(80.0 * math.cos(0.05 * i), 40.0 * math.sin(0.05 * i)) for i in range(60)]
+    points[30], points[31] = points[31], points[30]
+    file = write(tmp_path / "swapped.csv", np.array(points))
+    with pytest.raises(SettingsError, match=r"line (3[1-4]): the path bends too sharply"):
+        build_path(WaypointSettings(file=file))
+
+
+def test_a_path_in_map_coordinates_is_the_path_near_zero(tmp_path: FilePath) -> None:
+    points = np.array([[50.0 * i, 8.0 * math.sin(i)] for i in range(20)])
+    paths = [
+        build_path(
+            WaypointSettings(file=write(tmp_path / f"{north}.csv", points + np.array([0.0, north])))
+        )
+        for north in (0.0, 4_182_000.0)
+    ]
+    assert np.allclose(paths[0].curvature_1_m, paths[1].curvature_1_m, rtol=0.0, atol=1e-8)
+    assert paths[1].pose[5].y_m - paths[0].pose[5].y_m == pytest.approx(4_182_000.0, abs=1e-6)
+
+
+def test_two_points_and_points_of_a_receiver_at_rest_make_a_path() -> None:
+    straight_on = path_through([(0.0, 0.0), (30.0, 40.0)])
+    assert straight_on.length_m == pytest.approx(50.0)
+    assert max(map(abs, straight_on.curvature_1_m)) < 1e-12
+    resting = [(10.0 * i, i % 2) for i in range(6) for _ in range(1 + 20 * (i == 3))]
+    assert path_through(resting) == path_through([(10.0 * i, i % 2) for i in range(6)])
+
+
+def test_a_hundred_thousand_points_make_a_path() -> None:
+    path = path_through([(0.5 * i, 3.0 * math.sin(0.01 * i)) for i in range(100_000)])
+    assert path.length_m == pytest.approx(0.5 * 99_999, rel=1e-2)
 
 
 def test_missing_or_binary_waypoint_file_gives_one_clear_line(tmp_path: FilePath) -> None:

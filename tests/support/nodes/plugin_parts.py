@@ -52,7 +52,7 @@ BEND = PathModel(
 SQUARE = PathModel(
     lambda _own: path_through([(0, 0), (30, 0), (30, 30), (0, 30)], closed=True), settings=None
 )
-THREE_POINTS = PathModel(lambda _own: path_through([(0, 0), (1, 0), (2, 0)]))
+ONE_POINT = PathModel(lambda _own: path_through([(0, 0)]))
 POINTS = PathModel(lambda _own: [(0, 0), (1, 0)])
 
 

@@ -1,0 +1,83 @@
+"""Tables of numbers that users bring: CSV as spreadsheets, loggers and scripts write it.
+
+The first row that is neither empty nor a comment names the columns. Accepted are byte order marks,
+any line ends, blanks around cells, empty lines, lines that begin with ``#``, further columns, and
+semicolons or tabs between the cells, with which a comma may stand for the decimal point.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from textwrap import shorten
+from typing import NamedTuple, TypeVar
+
+from .settings import SettingsError, read_text
+
+Cell = TypeVar("Cell")
+_SHOWN_MAX = 60
+"""Characters of a mistaken row that a message shows."""
+
+
+class TableRow(NamedTuple):
+    """One row of a table: its line in the file, and the cells of the columns asked for."""
+
+    line: int
+    cells: tuple[str, ...]
+
+
+def read_number_table(
+    file: Path, layouts: Sequence[tuple[str, ...]]
+) -> tuple[tuple[str, ...], list[TableRow]]:
+    """Return the columns found, which are one of ``layouts``, and the rows with these columns.
+
+    ``layouts``  names of columns that are sought together, the first that are all there are taken
+
+    Raises SettingsError, which names the file, and the line where there is one.
+    """
+    lines = read_text(file).split("\n")
+    rows = _rows(lines)
+    line, header = next(rows, (0, ""))
+    separator = next((mark for mark in ";\t" if mark in header), ",")
+    names = [name.strip().strip('"') for name in header.split(separator)]
+    layout = next((wanted for wanted in layouts if set(wanted) <= set(names)), None)
+    if layout is None:
+        allowed = " or ".join(",".join(wanted) for wanted in layouts)
+        where = f", line {line}" if line else ""
+        raise SettingsError(f"{file}{where}: the first line must name the columns {allowed}")
+    places = [names.index(name) for name in layout]
+    table = []
+    for line, text in rows:
+        cells = [cell.strip().strip('"') for cell in text.split(separator)]
+        if len(cells) < len(names):
+            cells += [""] * (len(names) - len(cells))
+        if separator != ",":
+            cells = [cell.replace(",", ".") for cell in cells]
+        if len(cells) > len(names):
+            raise SettingsError(f"{file}, line {line}: has {len(cells)} cells, not {len(names)}")
+        table.append(TableRow(line, tuple(cells[place] for place in places)))
+    return layout, table
+
+
+def convert_cells(
+    file: Path, rows: Sequence[TableRow], convert: Callable[[str], Cell], wanted: str
+) -> Iterator[tuple[Cell, ...]]:
+    """Yield the converted cells of each row.
+
+    ``convert``  raises ValueError for a cell that it does not take
+    ``wanted``   what a row must hold, for the message
+
+    Raises SettingsError, which names the line.
+    """
+    for line, cells in rows:
+        try:
+            yield tuple(map(convert, cells))
+        except ValueError:
+            shown = shorten(",".join(cells), _SHOWN_MAX, placeholder="...")
+            raise SettingsError(f"{file}, line {line}: must be {wanted}, not {shown!r}") from None
+
+
+def _rows(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines that hold something."""
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            yield number, line
