@@ -55,9 +55,9 @@ class BusLanguage(NamedTuple):
         """Return a passive listener."""
         if self.car is None:
             return OUR_MESSAGES
-        from .dialect.overheard import Overheard
+        from .dialect.overheard import listening_to
 
-        return Overheard(self.car)
+        return listening_to(self.car)
 
     def refuse_law(self, law: str) -> None:
         """Raise SettingsError if no signal of the car carries what a law reads.

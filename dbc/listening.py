@@ -1,10 +1,9 @@
-"""How a passive listener decodes a bus; here one with our own messages.
+"""How a passive listener decodes a bus with our own messages; ``dialect.overheard`` has a car's.
 
-``dialect.overheard`` decodes the bus of a car. Programs that show a bus take either, and name the
-messages as ``listed`` does.
+Programs that show a bus take either, and name the messages as ``listed`` does.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
@@ -65,7 +64,7 @@ class CarSignals(Protocol):
         ...
 
 
-class Listening(Protocol):
+class Listening(NamedTuple):
     """How a bus is decoded.
 
     ``listed``        the messages on it, by their names there
@@ -74,43 +73,23 @@ class Listening(Protocol):
     ``signals``       of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
     ``names``         of a car's messages, by the name of ours that they stand for
     ``car_messages``  of a car, by name
+    ``hear``          takes a frame, and the time at which it came [ns]
+    ``counts``        of a message of the car, by name; None for one of ours
     """
 
     listed: Mapping[str, Listed]
     from_plant: frozenset[int]
     kept_ids: frozenset[int]
-    signals: Mapping[str, str]
-    names: Mapping[str, str]
-    car_messages: Mapping[str, CarSignals]
-
-    def hear(self, frame: Frame, now_ns: int) -> Heard:
-        """Take a frame."""
-        ...
-
-    def counts(self, name: str) -> MessageCounts | None:
-        """Return the counts of a message of the car; None for one of ours."""
-        ...
-
-
-class OurMessages:
-    """A bus that speaks our own messages: every frame says what it is."""
-
-    listed: Mapping[str, Listed] = MappingProxyType(
-        {name: Listed(CAN_IDS[it], CYCLE_TIMES_MS[it]) for name, it in MESSAGE_TYPES.items()}
-    )
-    from_plant = frozenset(CAN_IDS[kind] for kind in sent_by("PLANT"))
-    kept_ids = frozenset(CAN_IDS.values())
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
     car_messages: Mapping[str, CarSignals] = MappingProxyType({})
-
-    def hear(self, frame: Frame, now_ns: int) -> Heard:  # noqa: ARG002 as a car's bus
-        """Take a frame."""
-        return Heard((frame,))
-
-    def counts(self, name: str) -> None:
-        """Return None: nothing here is of a car."""
+    hear: Callable[[Frame, int], Heard] = lambda frame, _now_ns: Heard((frame,))
+    counts: Callable[[str], MessageCounts | None] = lambda _name: None
 
 
-OUR_MESSAGES: Listening = OurMessages()
-"""The one such bus: it counts nothing, so that all who listen may share it."""
+OUR_MESSAGES = Listening(
+    {name: Listed(CAN_IDS[it], CYCLE_TIMES_MS[it]) for name, it in MESSAGE_TYPES.items()},
+    frozenset(CAN_IDS[kind] for kind in sent_by("PLANT")),
+    frozenset(CAN_IDS.values()),
+)
+"""A bus with our own messages: every frame says what it is. It counts nothing, so all share it."""

@@ -77,8 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
     parser.add_argument(
         "--smooth", type=Path, metavar="VEHICLE.toml",
-        help="also write smoothed.csv: vehicle state, disturbance, delay and steering lag, with"
-        " standard deviations, for [vehicle] of a file",
+        help="also write smoothed.csv: vehicle state and disturbance, with standard deviations,"
+        " for [vehicle] of a file",
     )  # fmt: skip
     parser.add_argument(
         "--verdict-set", action="append", default=[], metavar="KEY=VALUE",

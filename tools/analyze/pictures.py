@@ -30,7 +30,6 @@ SMOOTHED = {
     "lateral_error_m": ("preview point [mm]", 1e3),
     "curvature_1_m": ("curvature [1/km]", 1e3),
     "steering_offset_rad": ("steering offset [mrad]", 1e3),
-    "delay_s": ("delay down and up [ms]", 1e3),
 }
 """Axis of each smoothed column, and how many of its unit make the SI unit."""
 
@@ -113,13 +112,11 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
 def draw_smoothed(table: "SmoothedTable") -> Picture:
     """Draw what the smoother found, each with a band of two standard deviations."""
     with plot_style():
-        figure = Figure(figsize=(WIDTH_IN, 12.6))
+        figure = Figure(figsize=(WIDTH_IN, 10.8))
         every = figure.subplots(len(SMOOTHED), 1, sharex=True)
         columns = zip(SMOOTHED.values(), table.values.T, table.deviations.T, strict=True)
         for axes, ((label, scale), value, deviation) in zip(every, columns, strict=True):
-            is_known = np.isfinite(deviation)
-            middle = np.where(is_known, scale * value, np.nan)
-            half = np.where(is_known, 2.0 * scale * deviation, 0.0)
+            middle, half = scale * value, 2.0 * scale * deviation
             axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
             low, high = axes.get_ylim()
             axes.fill_between(table.time_s, middle - half, middle + half, color=BLUE, alpha=0.25)

@@ -1,6 +1,5 @@
 """The figures of the analysed logs: in the terminal, a column for each log, and for --fail-if."""
 
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -58,16 +57,10 @@ def print_results(results: Sequence[Result]) -> None:
         if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
         if smoothed := figures.get("smoothed"):
-            for name in ("delay_s", "steering_offset_rad"):
-                print(f"smoothed {_smoothed_line(name, **smoothed[name])}")
+            offset = smoothed["steering_offset_rad"]
+            mean, std = 1e3 * offset["mean"], 1e3 * offset["mean_std"]
+            print(f"smoothed steering offset: {mean:.2f} ± {std:.2f} mrad")
         print(f"report: {result.folder / 'report.html'}")
-
-
-def _smoothed_line(name: str, mean: float, mean_std: float) -> str:
-    label, _, unit = name.replace("_", " ").rpartition(" ")
-    if not math.isfinite(mean + mean_std):
-        return f"{label}: not known"
-    return f"{label}: {1e3 * mean:.2f} ± {1e3 * mean_std:.2f} m{unit}"
 
 
 def _signal(name: str, key: str) -> Callable[[dict[str, Any]], str]:

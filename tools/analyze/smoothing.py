@@ -1,20 +1,17 @@
-"""Vehicle, disturbance, delay and lag of a recording, smoothed: from all of it, with deviations.
+"""Vehicle state and disturbance of a recording, smoothed: from all of it, with deviations.
 
-The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's; the models are
+The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's. The model is the vehicle
+(β, r, Δψ, y, ρ, d) of ``controller.prediction.gains_over_speed`` at one speed, driven by the wheel
+angle that the plant reports, seen by y and Δψ; d is a steering offset, which is also what a side
+force or a bank look like.
 
-    vehicle  (β, r, Δψ, y, ρ, d) of ``controller.prediction.gains_over_speed`` at one speed, driven
-             by the wheel angle that the plant reports, seen by y and Δψ; d is a steering offset,
-             which is also what a side force or a bank look like
-    delay    a random walk, seen by every echo: the time of a STEERING_STATUS less that of the
-             command which it names
-
-A value and its standard deviation are what the model makes of the record: a wrong vehicle, or a
-network that changes faster than the random walk, is not in the deviation.
+A value and its standard deviation are what the model makes of the record: a wrong vehicle is not in
+the deviation.
 
 The result is smoothed.csv, with a row for every sample of LATERAL_ERROR and STEERING_STATUS, which
 share their counter, at the time at which it came, evenly spread:
 
-    time_s, side_slip_rad, ..., delay_s, and each with _std behind its name
+    time_s, side_slip_rad, ..., and each with _std behind its name
 """
 
 from collections.abc import Sequence
@@ -24,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
+from ...closed_loop.recordings.bus_listener import ReceivedMessage
 from ...closed_loop.recordings.log_file import LogError
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.history.echo_delay import unwrapped
@@ -38,10 +35,7 @@ from ...controller.prediction.gains_over_speed import (
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     LateralError,
-    SteeringCommand,
-    SteeringPlan,
     SteeringStatus,
-    SteeringStatusCode,
     VehicleState,
 )
 from ...runtime.array_types import FloatArray
@@ -56,13 +50,10 @@ VEHICLE_STATES = (
 )
 _FIRST_DEVIATIONS = (0.1, 0.5, 0.5, 5.0, 0.1, 0.1)
 """Before the first measurement, in that order."""
-DELAY_WALK_S_SQRT_S = 0.02
-"""How far a delay goes in a second."""
-_DELAY_NOISE_S_MIN = 5e-4
 
 
 class Smoothed(NamedTuple):
-    """Values and their standard deviations, both of shape (samples,) or (samples, states)."""
+    """Values and their standard deviations, both of shape (samples, states)."""
 
     values: FloatArray
     deviations: FloatArray
@@ -115,25 +106,6 @@ def _smoothed_with_input(
     return Smoothed((x + known)[:, :, 0], deviations)
 
 
-def smooth_delay(time_s: FloatArray, delay_s: FloatArray) -> Smoothed:
-    """Return the delay at the times of the echoes [s]."""
-    steps_s = np.diff(delay_s)
-    noise_s = (
-        max(_DELAY_NOISE_S_MIN, float(np.std(steps_s)) / np.sqrt(2.0)) if len(steps_s) else 1.0
-    )
-    kalman = KalmanFilter(dim_x=1, dim_z=1)
-    kalman.F, kalman.H = np.eye(1), np.eye(1)
-    kalman.x, kalman.P, kalman.R = delay_s[:1, None], np.eye(1), np.eye(1) * noise_s**2
-    since_s = np.diff(time_s, prepend=time_s[:1])
-    q = [np.eye(1) * DELAY_WALK_S_SQRT_S**2 * max(step_s, 1e-9) for step_s in since_s]
-    means, covariances, _, _ = kalman.batch_filter(list(delay_s[:, None, None]), Qs=q)
-    f = [kalman.F] * len(q)
-    # filterpy's smoother takes the noise of the step from a sample at that sample's place.
-    x, p, _, _ = kalman.rts_smoother(means, covariances, Fs=f, Qs=[*q[1:], q[-1]])
-    return Smoothed(x[:, 0, 0], np.sqrt(p[:, 0, 0]))
-
-
-COLUMNS = (*VEHICLE_STATES, "delay_s")
 _SAMPLES_MIN = 100
 
 
@@ -159,7 +131,7 @@ class SmoothedTable:
     Once it is closed:
 
     ``time_s``      of each sample since the first frame, shape (n,)
-    ``values``      of COLUMNS, shape (n, columns), and their standard ``deviations``
+    ``values``      of VEHICLE_STATES, shape (n, states), and their standard ``deviations``
     ``figures``     of each column the mean, and that of its standard deviation
     """
 
@@ -168,10 +140,6 @@ class SmoothedTable:
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
         self._speeds_m_s: list[float] = []
-        self._sent_s: dict[int, float] = {}
-        """When each was sent [s], by its counter."""
-        self._echoes: list[tuple[float, float]] = []
-        """When a command was echoed first, and how long after it was sent [s]."""
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
@@ -186,11 +154,8 @@ class SmoothedTable:
         elif isinstance(message, SteeringStatus):
             sample = self._sample(self._statuses, received.counter)
             self._statuses.append(_Status(sample, message.wheel_angle_rad))
-            self._on_echo(message, at_s)
         elif isinstance(message, VehicleState):
             self._speeds_m_s.append(message.speed_m_s)
-        elif isinstance(message, SteeringCommand | SteeringPlan):
-            self._sent_s[command_at(message, 0).command_counter] = at_s
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""
@@ -206,16 +171,13 @@ class SmoothedTable:
         count = last.sample - first.sample + 1
         measured, wheel_rad = self._by_sample(first.sample, count)
         time_s = first.at_s + period_s * np.arange(count, dtype=np.float64)
-        states = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
-        delay = self._delay_at(time_s)
-        values = np.column_stack((states.values, delay.values))
-        deviations = np.column_stack((states.deviations, delay.deviations))
-        names = [name for column in COLUMNS for name in (column, f"{column}_std")]
+        values, deviations = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
+        names = [name for state in VEHICLE_STATES for name in (state, f"{state}_std")]
         rows = np.column_stack((time_s, np.stack((values, deviations), axis=2).reshape(count, -1)))
         header = ",".join(("time_s", *names))
         np.savetxt(self._path, rows, "%.9g", ",", header=header, comments="")
         self.time_s, self.values, self.deviations = time_s, values, deviations
-        means = zip(COLUMNS, values.mean(axis=0), deviations.mean(axis=0), strict=True)
+        means = zip(VEHICLE_STATES, values.mean(axis=0), deviations.mean(axis=0), strict=True)
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
@@ -229,23 +191,9 @@ class SmoothedTable:
         # A lost wheel angle lies between its neighbours.
         return measured, np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
 
-    def _delay_at(self, time_s: FloatArray) -> Smoothed:
-        """Return the delay at each sample; NaN where no command was ever echoed."""
-        if not self._echoes:
-            return Smoothed(np.full(len(time_s), np.nan), np.full(len(time_s), np.nan))
-        at_s, delay_s = np.array(self._echoes).T
-        smoothed = smooth_delay(at_s, delay_s)
-        return Smoothed(*(np.interp(time_s, at_s, column) for column in smoothed))
-
     def _sample(self, own: Sequence[_Error | _Status], counter: int) -> int:
         """Return the number of a sample: the one nearest to what comes next."""
         other = self._statuses if own is self._errors else self._errors
         if own:
             return unwrapped(counter, own[-1].sample + 1, COUNTERS)
         return unwrapped(counter, other[-1].sample, COUNTERS) if other else counter
-
-    def _on_echo(self, status: SteeringStatus, at_s: float) -> None:
-        """Keep how long a command took that is echoed for the first time."""
-        sent_s = self._sent_s.pop(status.applied_counter, None)
-        if sent_s is not None and status.status is not SteeringStatusCode.NO_COMMAND:
-            self._echoes.append((at_s, at_s - sent_s))

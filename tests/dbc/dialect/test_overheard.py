@@ -24,8 +24,9 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.overheard import Overheard
+from steer_by_wire.dbc.dialect.overheard import listening_to
 from steer_by_wire.dbc.dialect.settings import Quantity
+from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     Decoded,
@@ -52,8 +53,8 @@ CAR_MESSAGES = read_dialect(CAR).messages
 LANE = DATABASE.get_message_by_name("LANE")
 
 
-def listening() -> Overheard:
-    return Overheard(read_dialect(CAR))
+def listening() -> Listening:
+    return listening_to(read_dialect(CAR))
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +128,7 @@ def test_what_nobody_would_take_is_counted() -> None:
 
 def test_counters_that_are_skipped_are_missing() -> None:
     dialect = read_dialect(CAR)
-    request, overheard = dialect.messages[0], Overheard(dialect)
+    request, overheard = dialect.messages[0], listening_to(dialect)
     values = dict.fromkeys(Quantity, 1.0) | {Quantity.STEER: 0.0}
     for number in (14, 15, 18, 18):
         overheard.hear(request.frame(values, number), 0)

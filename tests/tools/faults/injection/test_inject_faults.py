@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.dbc.dialect.overheard import Overheard
+from steer_by_wire.dbc.dialect.overheard import listening_to
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -290,7 +290,7 @@ JUDGED = {
 @pytest.mark.parametrize("text", JUDGED)
 def test_a_car_is_attacked_in_its_own_frames(text: str) -> None:
     dialect = read_dialect(CAR)
-    overheard = Overheard(dialect)
+    overheard = listening_to(dialect)
     for now_ns, frame in sent(source_of(text, forged=CarFrames(dialect))):
         assert frame.can_id == 0x100
         overheard.hear(frame, now_ns)
@@ -300,7 +300,7 @@ def test_a_car_is_attacked_in_its_own_frames(text: str) -> None:
 
 def test_the_next_frame_of_a_car_is_forged() -> None:
     dialect = read_dialect(CAR)
-    forged, overheard = CarFrames(dialect), Overheard(dialect)
+    forged, overheard = CarFrames(dialect), listening_to(dialect)
     source = source_of("spoof_next,magnitude=0.001", forged=forged)
     true_one, next_one = forged.command(0.0, 15), forged.command(0.0, 16)
     (follower,) = source.on_frame(true_one, START_NS)
