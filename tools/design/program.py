@@ -30,7 +30,6 @@ from .virtual_check import (
     course_line,
     plant_text,
     refuse_what_the_plant_does_not_drive,
-    verification_line,
     verify,
 )
 
@@ -88,9 +87,9 @@ def run_design(options: argparse.Namespace) -> int:
                 status = NO_DESIGN
                 continue
             if options.verify and not searches.is_stopped:
-                verification = verify(pool, spec, vehicle, design)
-                print(verification_line(spec, design, verification))
-                status = status if verification.held else NO_DESIGN
+                held, line = verify(spec, vehicle, design)
+                print(line)
+                status = status if held else NO_DESIGN
             if law == FALLBACK and spec.predictor is not None:
                 fallback = fallback or design.settings
         if PREDICTOR in jobs and not searches.is_stopped:

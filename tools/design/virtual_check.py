@@ -1,18 +1,18 @@
 """The design in virtual time: both nodes, their frames and limits, quantised, with real jitter.
 
-The linear analysis leaves out limits, quantisation and jitter; this has them all. One run of 60 s
-takes about half a second, so the constant delays are run only on request (``verify``).
+The linear analysis leaves out limits, quantisation and jitter; these runs have them all. They are
+compiled, which gives the numbers of the nodes in virtual time.
 """
 
+import math
 from collections.abc import Iterable
-from concurrent.futures import Executor
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.pair.virtual_pair import run_virtual_pair
+from ...closed_loop.compiled.engine import Outcome, run_compiled
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
@@ -31,9 +31,6 @@ from .vehicle_file import VehicleFile
 if TYPE_CHECKING:
     from .law_design import Design
 
-_CHUNK = 8
-"""Runs that a worker process takes at once."""
-
 
 class Drive(NamedTuple):
     """One run: a law, a vehicle of the box, a path, and the latency of the commands.
@@ -51,35 +48,18 @@ class Drive(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """Its result: RMS of the lateral error [m], and the largest steer [rad]."""
+    """RMS of the lateral error [m] and largest steer [rad]; infinite if a run has no end."""
 
     rms_m: float
     steer_rad: float
-
-
-class Verification(NamedTuple):
-    """The results of all runs.
-
-    ``rms_m``      the largest RMS, and the delay at which it was
-    ``steer_rad``  the largest steer
-    ``deviation``  the largest difference to the linear analysis, of the RMS it gives
-    """
-
-    runs: int
-    rms_m: float
-    delay_ns: int
-    steer_rad: float
-    deviation: float
-    held: bool
 
 
 def drive(asked: Drive) -> Driven:
     """Run both nodes on a wire that takes no time."""
-    result = run_virtual_pair(plant_settings(asked), asked.settings, None)
-    return Driven(
-        float(result.plant["node"]["lateral_error_rms_m"]),
-        float(result.controller["node"]["peak_steer_rad"]),
-    )
+    run = run_compiled(plant_settings(asked), asked.settings)
+    if run.outcome is not Outcome.COMPLETE:
+        return Driven(math.inf, math.inf)
+    return Driven(run.lateral_error_rms_m, float(np.abs(run.sent_rad).max()))
 
 
 def plant_settings(asked: Drive) -> PlantSettings:
@@ -165,38 +145,27 @@ def drives(
     ]
 
 
-def verify(
-    pool: Executor, spec: Specification, vehicle: VehicleFile, design: "Design"
-) -> Verification:
-    """Run the range of delays at all corners and on all paths."""
+def verify(spec: Specification, vehicle: VehicleFile, design: "Design") -> tuple[bool, str]:
+    """Run the range of delays at all corners and on all paths; returns whether it held, and a line.
+
+    The line has the largest RMS, the delay at which it was, the largest steer, and the largest
+    difference of an RMS to that of the linear analysis.
+    """
     asked = drives(spec, vehicle, design.settings, map(constant, spec.delays_ns))
-    driven = list(pool.map(drive, asked, chunksize=_CHUNK))
+    driven = list(map(drive, asked))
     shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
     rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
     columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
-    linear_m = design.rms.rms_m[:, columns]
-    steer_rad = max(run.steer_rad for run in driven)
+    deviation = float(np.abs(rms_m / design.rms.rms_m[:, columns] - 1.0).max())
+    worst_m, steer_rad = float(rms_m.max()), max(run.steer_rad for run in driven)
     largest_m = spec.rms_m_max_of(design.law)
-    worst = int(rms_m.max(axis=0).argmax())
-    return Verification(
-        len(driven),
-        float(rms_m.max()),
-        spec.delays_ns[worst],
-        steer_rad,
-        float(np.abs(rms_m / linear_m - 1.0).max()),
-        (largest_m is None or float(rms_m.max()) <= largest_m)
-        and steer_rad < spec.limits.steer_rad_max,
-    )
-
-
-def verification_line(spec: Specification, design: "Design", found: Verification) -> str:
-    """Return the result of the runs in virtual time in one line."""
-    largest_m = spec.rms_m_max_of(design.law)
+    held = largest_m is None or worst_m <= largest_m
+    held = held and steer_rad < spec.limits.steer_rad_max
     limit = "" if largest_m is None else f", at most {largest_m:g} m"
-    return (
-        f"  virtual time      {found.runs} runs: RMS at most {found.rms_m:.4g} m"
-        f" (at {found.delay_ns // NS_PER_MS} ms{limit}),"
-        f" steer at most {found.steer_rad:.3g} rad;"
-        f" within {100.0 * found.deviation:.2g} % of the linear analysis:"
-        f" {'held' if found.held else 'NOT HELD'}"
+    delay_ms = spec.delays_ns[int(rms_m.max(axis=0).argmax())] // NS_PER_MS
+    return held, (
+        f"  virtual time      {len(driven)} runs: RMS at most {worst_m:.4g} m"
+        f" (at {delay_ms} ms{limit}), steer at most {steer_rad:.3g} rad;"
+        f" within {100.0 * deviation:.2g} % of the linear analysis:"
+        f" {'held' if held else 'NOT HELD'}"
     )

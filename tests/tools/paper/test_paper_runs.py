@@ -37,7 +37,12 @@ from steer_by_wire.tools.paper.simulation import (
     simulate,
     thinned,
 )
-from steer_by_wire.tools.paper.table_2 import CORRECTED, PRINTED, simulated_row
+from steer_by_wire.tools.paper.table_2 import (
+    CORRECTED,
+    FITTED_CUTOFF_RAD_S,
+    PRINTED,
+    simulated_row,
+)
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
@@ -67,6 +72,13 @@ def test_the_pd_dob_row_is_a_thirtieth_of_the_pd_row_and_not_half_of_it() -> Non
     row_m = simulated_row("", "paper_pd_dob", CORRECTED).rms_m
     assert row_m == pytest.approx((0.00135, 0.00135, 0.00176, 0.00178), abs=3e-5)
     assert all(ours < 0.06 * theirs for ours, theirs in zip(row_m, PD_DOB_ROW_M, strict=True))
+
+
+def test_a_cutoff_of_its_own_brings_the_pd_dob_row_within_six_percent() -> None:
+    cutoff = f"dob.q_cutoff_rad_s={FITTED_CUTOFF_RAD_S}"
+    row_m = simulated_row("", "paper_pd_dob", CORRECTED, cutoff).rms_m
+    assert row_m == pytest.approx((0.0338, 0.0339, 0.0357, 0.0360), abs=5e-5)
+    assert row_m == pytest.approx(PD_DOB_ROW_M, rel=0.06)
 
 
 def lap_s() -> float:
