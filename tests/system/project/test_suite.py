@@ -1,8 +1,26 @@
-"""The line that a run of the suite ends with."""
+"""The suite itself: programs that tests start are forked; its last line counts what was skipped."""
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
+import pytest
+
+from tests.support.suite import forked_programs
 from tests.support.suite.last_line import last_line
+
+VERSION = [sys.executable, "-m", "steer_by_wire", "--version"]
+
+
+def test_programs_are_forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = subprocess.run(VERSION, capture_output=True, check=True)  # the origin is there now
+
+    def start(*_arguments: object) -> None:
+        raise AssertionError("an interpreter was started")
+
+    monkeypatch.setattr(forked_programs, "_USUAL", start)
+    forked = subprocess.run(VERSION, capture_output=True, check=True)
+    assert forked.stdout == usual.stdout
 
 
 def skipped(reason: str) -> SimpleNamespace:

@@ -38,7 +38,7 @@ LAWS = "tests.support.nodes.plugin_laws"
 
 @pytest.fixture(autouse=True)
 def _examples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "examples"))
 
 
 def controller(law: str, *overrides: str) -> ControllerSettings:

@@ -1,10 +1,16 @@
-"""What the documentation shows and names is there: settings, files, links, modules, commands."""
+"""What the documentation shows and names is there: settings, files, links, modules, commands.
+
+Its site is built without a warning; its diagrams are those of their program.
+"""
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 
+import can
 import pytest
 from docutils.utils.math.latex2mathml import tex2mathml
 
@@ -12,7 +18,7 @@ from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Preset, Settings, load_settings, preset_names
-from tests.support.suite.shown_blocks import MADE, PAGES, ROOT, SHOWN_ONLY, blocks_of
+from tests.support.suite.shown_blocks import MADE, PAGES, ROOT, SHOWN_ONLY, blocks_of, commands_of
 
 DOCS = ROOT / "docs"
 SETTINGS_OF: dict[str, type[Settings]] = {
@@ -153,3 +159,47 @@ def test_every_formula_can_be_drawn(page: str) -> None:
     within_a_line = re.findall(r"\$([^$\n]+)\$", re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL))
     for formula in blocks + within_a_line:
         assert tex2mathml(formula).startswith("<math"), formula
+
+
+def test_every_interface_is_shown_with_both_programs() -> None:
+    shell = [
+        block.text for block in blocks_of(PAGES["docs/interfaces.md"]) if block.language == "sh"
+    ]
+    commands = [command.words for text in shell for command in commands_of(text)]
+    shown = {
+        (words[0], words[words.index("-i") + 1])
+        for words in commands
+        if "-i" in words and words[0] in ("plant", "controller")
+    }
+    interfaces = {interface for program, interface in shown if program == "plant"}
+    assert {"socketcan", "slcan", "pcan", "kvaser", "vector", "socketcand"} < interfaces
+    assert interfaces <= set(can.VALID_INTERFACES)
+    assert shown == {(program, it) for program in ("plant", "controller") for it in interfaces}
+
+
+BUILD = """
+import gc, sys
+from sphinx.cmd.build import main
+gc.disable()  # what it makes, it keeps
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    """Pages that no other names, names that are not defined, and dead links are warnings."""
+    options = ("-b", "dummy", "-q", "-n", "-W", "--keep-going")
+    without = ("-D", "plot_gallery=0", "-D", "smartquotes=0")
+    result = subprocess.run(
+        [sys.executable, "-c", BUILD, *options, *without, DOCS, tmp_path],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+
+
+def test_the_diagrams_are_those_of_their_program(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, DOCS / "diagrams.py", tmp_path], check=True)
+    drawn = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(drawn) > 3
+    assert drawn == {name: (DOCS / "images" / name).read_bytes() for name in drawn}

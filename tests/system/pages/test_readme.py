@@ -15,7 +15,7 @@ import pytest
 from steer_by_wire.command import PROGRAMS
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 README, START, HOW_TO = (
     (ROOT / page).read_text(encoding="utf-8")
     for page in ("README.md", "docs/start.md", "docs/how_to.md")
@@ -100,8 +100,8 @@ def test_what_follows_the_installation_runs_as_printed(tmp_path: Path) -> None:
 
 
 def test_the_installation_without_extras_starts_the_programs_that_it_names() -> None:
-    _, _, names = START.partition("start without `[tools]`:")
-    named = set(re.findall(r"[\w-]+", names.partition(".")[0]))
+    (names,) = re.findall(r"start without `\[tools\]`: ([^.]*)\.", START)
+    named = set(re.findall(r"`([\w-]+)`", names))
     run = [sys.executable, "-c", BARE]
     printed = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True).stderr
     for name in PROGRAMS:

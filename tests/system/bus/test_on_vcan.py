@@ -40,7 +40,7 @@ from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPER
 
 pytestmark = pytest.mark.vcan
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DBC = ROOT / "dbc" / "steer_by_wire.dbc"
 CHANNEL = "vcan0"
 LATENCY_CONFIG = "320#2320032C016400"

@@ -13,7 +13,7 @@ import pytest
 from tests import conftest
 from tests.support.suite import vcan_session
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 RUN = ROOT / ".ci" / "run"
 WORKFLOWS = ROOT / ".github" / "workflows"
 NAMES = ("ci.yml", "explore.yml", "vcan.yml", "release.yml")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = (
     *("benchmarks", "closed_loop", "controller", "dbc", "examples", "packaging", "plant_emulator"),
     *("runtime", "steer_by_wire", "tests", "tools"),

@@ -14,7 +14,7 @@ from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 
-SHIPPED = Path(__file__).parents[2] / "tools" / "design" / "highway_vehicle.toml"
+SHIPPED = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
 PRESET = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
 
 

@@ -32,7 +32,7 @@ from tests.support.programs.running_program import PATIENCE_S, RunningProgram, r
 
 pytest_plugins = ["pytester"]
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples"
 DBC = ROOT / "dbc" / "steer_by_wire.dbc"
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -34,7 +34,7 @@ from steer_by_wire.runtime.settings import load_settings, read_preset
 
 opendbc: Any = pytest.importorskip("opendbc", reason="no opendbc: no car of others was driven")
 
-DIALECTS = Path(__file__).parents[2] / "examples" / "dialects"
+DIALECTS = Path(__file__).parents[3] / "examples" / "dialects"
 MOTION_S, FRAMES = 4.0, 300
 STEP_NS, SEEN_NS = 10_000_000, 1_100_000_000
 SETTLED = 200

@@ -40,7 +40,7 @@ def test_workers_end_with_their_parent(end: signal.Signals, tmp_path: Path) -> N
     script = tmp_path / "parent.py"
     script.write_text(PARENT, encoding="utf-8")
     command = (sys.executable, str(script))
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(Path(__file__).resolve().parents[3])
     parent = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

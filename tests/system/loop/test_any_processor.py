@@ -19,7 +19,7 @@ from steer_by_wire.closed_loop.compiled.compilation import compiled
 from tests.support.runs.processor_results import results
 from tests.support.suite.combinations import sampled
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DISPATCHED = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
 """What numpy would use of this processor besides its baseline."""
 AVX_512 = [name for name in DISPATCHED if name == "X86_V4" or "512" in name]

@@ -22,7 +22,7 @@ from tests.support.programs.running_program import PATIENCE_S
 from tests.support.suite.no_jitter import no_jitter as no_jitter
 from tests.support.suite.unrendered import unrendered as unrendered
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SCREEN_LINES = 40
 LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
