@@ -16,6 +16,7 @@ from pydantic import Field, PositiveFloat, Tag
 
 from ..dbc.codec.counter_rule import CounterRule
 from ..dbc.messages import Freshness
+from ..dbc.reception import SecondSenderAction
 from ..runtime.node import NS_PER_MS
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 
@@ -51,6 +52,9 @@ class SupervisionSettings(Settings):
     ``recovery_frames``         good measurements in a row that end the hold or the ramp
     ``counter_lead_ms``         how much earlier than the time since the newest measurement explains
                                 a newer one may come: the spread of the network's latency
+    ``second_sender``           "report": a second sender is reported. "silent": while the report
+                                lasts, no command is sent either, and the mode goes to HOLDING and
+                                SAFE_STOP as if the vehicle stood
     ``stops_if_implausible``    whether signals of the plant that contradict each other
                                 (``controller.node.plausibility``) end the run in SAFE_STOP; they
                                 are reported in any case
@@ -64,6 +68,7 @@ class SupervisionSettings(Settings):
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
     counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 300.0
+    second_sender: SecondSenderAction = "report"
     stops_if_implausible: bool = False
 
     def refuse_late_reactions(self, period_ns: int) -> None:

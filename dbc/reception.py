@@ -62,6 +62,7 @@ class Reception:
     ``rule``           what is believed of the counters of each type
     ``sent_types``     what this node alone sends
 
+    ``is_silent``  whether no message with a counter is accepted while there is a second sender
     ``accepted``, ``refused``  frames so far that were accepted, and refused for any cause
     """
 
@@ -91,6 +92,7 @@ class Reception:
         self._own_seen: set[int] = set()
         self._own_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
+        self.is_silent = False
         self.accepted = 0
         self.refused = 0
 
@@ -158,6 +160,8 @@ class Reception:
             result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
                 return self._refuse(result)
+            if self.is_silent and self.second_sender(now_ns):
+                return self._refuse(Rejection.SECOND_SENDER)
         self.accepted += 1
         return message
 

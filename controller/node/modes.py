@@ -166,6 +166,7 @@ class Supervisor:
 
     ``mode``      the present mode
     ``goes_forward``  whether the vehicle does, as far as is known
+    ``is_silent``     whether the controller may not steer, because there is a second sender
     """
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
@@ -176,6 +177,7 @@ class Supervisor:
         self._good_run = 0
         self._own_fault = False
         self.goes_forward = True
+        self.is_silent = False
 
     def stays_active(self, arrival_ns: int | None, now_ns: int) -> bool:
         """Whether the mode is ACTIVE and no guard of the table's is true: the usual case.
@@ -187,6 +189,7 @@ class Supervisor:
             and arrival_ns is not None
             and now_ns - arrival_ns <= self._timeout_ns
             and self.goes_forward
+            and not self.is_silent
             and not self._own_fault
         )
 
@@ -210,7 +213,8 @@ class Supervisor:
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
         before = ModeState(self.mode, self._entered_ns, self._good_run)
-        evidence = Evidence(arrival_ns, law_failed, self._own_fault, self.goes_forward)
+        may_steer = self.goes_forward and not self.is_silent
+        evidence = Evidence(arrival_ns, law_failed, self._own_fault, may_steer)
         after = mode_step(self._supervision, before, evidence, now_ns)
         if after is before:
             return None

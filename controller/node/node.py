@@ -22,6 +22,7 @@ from ...dbc.messages import (
     Mode,
     PathAhead,
     Rejection,
+    SecondSender,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -50,7 +51,7 @@ from .view import controller_view
 __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
-_NO_FAULT = ControllerFault.NONE
+_NO_FAULT, _NO_OTHER = ControllerFault.NONE, SecondSender.NONE
 _NO_COMMAND, _APPLYING = SteeringStatusCode.NO_COMMAND, SteeringStatusCode.APPLYING
 _ERROR_ID = CAN_IDS[LateralError]
 PLANT_ENDED_NS = 3 * NS_PER_S
@@ -94,6 +95,7 @@ class ControllerNode:
         self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
         self._received = Received(settings)
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
+        self._falls_silent = settings.supervision.second_sender == "silent"
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
         periods_per_sample = settings.link.sensor_period_s / self._period_s
@@ -159,6 +161,9 @@ class ControllerNode:
             if not self._overruns.on_tick(self._control_timer):
                 self._supervisor.on_own_fault()
             self._figures.last_tick_ns = now_ns
+            if self._falls_silent:
+                reception = self._received.reception
+                self._supervisor.is_silent = reception.second_sender(now_ns) != _NO_OTHER
             before_rad = self._sent_steer_rad
             wanted_rad = self._wanted_rad(now_ns, period)
             mode = self._supervisor.mode
@@ -167,7 +172,7 @@ class ControllerNode:
             if mode is _ACTIVE:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
                 self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
-            if mode is not _WAITING:
+            if mode is not _WAITING and not self._supervisor.is_silent:
                 frames.append(self._command_frame(mode, now_ns, period))
             fault = self._fault
             is_safety_due = self._safety.on_tick(fault, now_ns)

@@ -47,6 +47,8 @@ class Rejection(StrEnum):
     """The sender has no value for a signal now."""
     OWN_IDENTIFIER = "own_identifier"
     """Under an identifier that only the receiver sends: it has a second sender."""
+    SECOND_SENDER = "second_sender"
+    """Not followed while there is a second sender, as the settings ask."""
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

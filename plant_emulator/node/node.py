@@ -110,6 +110,7 @@ class PlantNode:
         self.deadline_ns = start_ns
         self._network = Network(settings.latency, settings.seed)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._reception.is_silent = settings.safety.second_sender == "silent"
         self.interventions = Interventions(settings)
         self._unauthenticated = 0
         self._command: SteeringCommand | None = None

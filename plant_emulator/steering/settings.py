@@ -7,6 +7,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, Tag
 
 from ...dbc.messages import SteeringCommand, limits
+from ...dbc.reception import SecondSenderAction
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
@@ -62,6 +63,8 @@ class SafetySettings(Settings):
     """Of the fallback, and of the fade after a silence."""
     recovery_frames: int = Field(5, ge=1, le=100)
     """Commands in a row that end the hold or the fallback."""
+    second_sender: SecondSenderAction = "report"
+    """"silent": while there is a second sender, and for a second, no command is followed."""
     override_at_s: float | None = Field(None, ge=0.0, le=1e6)
     """Time of motion at which the safe state is forced."""
 

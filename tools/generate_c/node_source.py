@@ -52,6 +52,8 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
 
     Raises SettingsError for settings that the node in C does not know.
     """
+    if settings.supervision.second_sender == "silent":
+        raise SettingsError('supervision.second_sender = "silent" does not become C: leave it out')
     if settings.supervision.stops_if_implausible:
         raise SettingsError("supervision.stops_if_implausible does not become C: leave it out")
     layouts = [layout for layout in LAYOUTS if MESSAGE_TYPES[layout.name] in {*RECEIVED, *SENT}]
