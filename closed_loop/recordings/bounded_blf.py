@@ -1,4 +1,4 @@
-"""Reads a .blf log, and unpacks no more of it at once than its writers pack.
+"""A reader of .blf logs that unpacks no more at once than their writers pack.
 
 A block of three megabytes may unpack to three gigabytes. Vector's tools and python-can pack
 128 KiB at a time.

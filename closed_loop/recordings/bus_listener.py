@@ -1,4 +1,4 @@
-"""Decodes the frames on a bus as a listener: messages, and rejected frames counted by cause.
+"""A listener on a bus: messages decoded, and rejected frames counted by cause.
 
 It decides as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
 window: a listener controls nothing, so it may accept any newer counter at any time. Of

@@ -1,4 +1,6 @@
-"""How well the path was held in a log, by the measured lateral error from the first command on.
+"""Figures of how well the path was held in a log, by the measured lateral error.
+
+They count from the first command on.
 
 The deviation of the centre of gravity (CG) from the path is in GROUND_TRUTH, where the plant sends
 that. Otherwise it is computed. LATERAL_ERROR is of the preview point, d ahead of the CG, and so is

@@ -1,4 +1,4 @@
-"""Reads the frames of one log file: python-can's formats, and what candump prints.
+"""Frames of one log file, in python-can's formats or as candump prints them.
 
 The suffix decides for .asc, .blf, .csv, .db, .mf4 and .trc. Every other file is read as the output
 of candump, whatever its options:

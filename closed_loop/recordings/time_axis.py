@@ -1,4 +1,4 @@
-"""When the frames of a log came, by a clock that may have been set while it was recorded."""
+"""Times of the frames in a log, by a clock that may have been set while it was recorded."""
 
 from datetime import UTC, datetime
 

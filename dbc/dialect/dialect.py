@@ -1,4 +1,4 @@
-"""Reads the file of a dialect, and checks it against the car's database."""
+"""A car's dialect, read from its file and checked against the car's database."""
 
 import logging
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from .settings import DialectSettings, Quantity
 
 
 class Dialect(NamedTuple):
-    """A car's messages in the order of the file, and ours that go on beside them."""
+    """A car's messages in the order of the file, and those of ours that are kept."""
 
     messages: tuple[CarMessage, ...]
     kept_ids: frozenset[int]
@@ -46,7 +46,7 @@ class Dialect(NamedTuple):
         return 1000.0 / cycle_ms
 
     def refuse_law(self, law: str) -> None:
-        """Raise SettingsError if no signal carries what a law reads beside the lateral error.
+        """Raise SettingsError if no signal carries what a law reads but the lateral error.
 
         ``law``  as ``law_that_reads_the_vehicle``; an empty one is content
         """
@@ -94,7 +94,7 @@ def read_dialect(file: Path) -> Dialect:
         mistakes += found
     dialect = Dialect(tuple(messages), frozenset(kept), database)
     if not mistakes and Quantity.STEER not in dialect.carried:
-        mistakes.append("messages: no signal carries steer_rad, so that nobody can steer")
+        mistakes.append("messages: no signal carries steer_rad, so no one can steer")
     if mistakes:
         raise SettingsError(*(f"{file}: {mistake}" for mistake in mistakes))
     return dialect

@@ -1,4 +1,4 @@
-"""What the file of a dialect asks of a message and the database does not allow."""
+"""Mistakes in the file of a dialect: what it asks of a message and the database rules out."""
 
 from collections.abc import Iterator
 from itertools import chain, combinations, product

@@ -1,4 +1,4 @@
-"""How a passive listener decodes a car's bus: its frames as ours, of both ends."""
+"""A passive listener on a car's bus: the frames of both ends, as ours."""
 
 from ...runtime.frame import Frame
 from ...runtime.node.end import End

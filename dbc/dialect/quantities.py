@@ -1,4 +1,4 @@
-"""Which quantities each of our messages says, and how."""
+"""The quantities in each of our messages, and how they are read from it."""
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter

@@ -1,7 +1,7 @@
 """The file of a car's dialect: which messages it has, and what their signals carry.
 
-dbc = "my_car.dbc"                      # beside this file; DBC, ARXML, KCD, SYM
-keep = ["LATERAL_ERROR"]                # messages of ours that go on beside the car's
+dbc = "my_car.dbc"                      # next to this file; DBC, ARXML, KCD, SYM
+keep = ["LATERAL_ERROR"]                # messages of ours that stay on the bus
 
 [messages.STEER_REQUEST]
 sender = "controller"

@@ -1,4 +1,4 @@
-"""The messages of a car that faults act on, and ours that are kept beside them.
+"""The messages of a car that faults act on, and those of ours that are kept.
 
 Names, units and ranges are those of the car's database; counters and checksums follow its rules.
 """

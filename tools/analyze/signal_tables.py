@@ -1,4 +1,4 @@
-"""Writes the signals of a log as CSV: a row for every message, with the newest of all.
+"""Signals of a log as CSV: a row for every message, with the newest of all.
 
     time_s, message, steering_command.steer_rad, ..., latency_config.loss
 

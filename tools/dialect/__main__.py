@@ -44,7 +44,7 @@ _NEEDED_BY = {
     Quantity.SPEED: "laws that are scheduled by speed, predictor, packet",
     Quantity.YAW_RATE: "predictor, packet",
     Quantity.PREVIEW_CURVATURE: "predictor, packet, curvature feed-forward",
-    Quantity.ENGAGED: "nobody: every command counts as engaged",
+    Quantity.ENGAGED: "no one: every command counts as engaged",
 }
 """What our controller lacks without a quantity."""
 

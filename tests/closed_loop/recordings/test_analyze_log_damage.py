@@ -1,4 +1,4 @@
-"""What is damaged, lost or refused in a log is counted by cause and costs nothing else."""
+"""Damage, losses and refusals in a log are counted by cause and cost nothing else."""
 
 import gzip
 import json

@@ -1,4 +1,4 @@
-"""What the analysis of a log leaves on disk: tables for other programs, and its report."""
+"""Files that the analysis of a log leaves: tables for other programs, and its report."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""How late a program may have read a frame, on a port with and without arrival times."""
+"""Lateness of frames that are read from a port with and without arrival times."""
 
 from collections import deque
 

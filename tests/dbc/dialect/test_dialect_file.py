@@ -113,10 +113,10 @@ MISTAKES = {
         "messages.STEER_REQUEST: no frame of it can be made: checksum rule math:sqrt raises"
         " TypeError: math.sqrt() takes exactly one argument (2 given)",
     ),
-    "nobody who steers": (
+    "a car without a command": (
         'ANGLE_REQUEST = { carries = "steer_rad"',
         'ANGLE_REQUEST = { carries = "engaged"',
-        "messages: no signal carries steer_rad, so that nobody can steer",
+        "messages: no signal carries steer_rad, so no one can steer",
     ),
 }
 
