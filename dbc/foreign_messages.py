@@ -13,7 +13,6 @@ from cantools.database.can import Database, Message
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length_with_stuff_bits import padded_length
-from .j1939_transport import LENGTH_MAX, announcement_id, data_id, source_address
 
 
 class ListedMessage(NamedTuple):
@@ -32,16 +31,13 @@ class ListedMessage(NamedTuple):
     senders: tuple[str, ...]
 
     @property
-    def is_segmented(self) -> bool:
-        """Whether it is sent in several frames: a long one of J1939."""
-        return self.length > CLASSIC_LENGTH_MAX and not self.flags & FD
+    def fits_a_frame(self) -> bool:
+        """Whether one frame holds it: not so for a long message of J1939."""
+        return self.length <= CLASSIC_LENGTH_MAX or bool(self.flags & FD)
 
 
 def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
-    """Read a database; raises OSError, and ValueError for what is not one or holds no frames.
-
-    The frames that carry long messages of J1939 are left out where the database lists them, too.
-    """
+    """Read a database; raises OSError, and ValueError for what is not one or holds no frames."""
     if path.is_file() and not path.stat().st_size:
         raise ValueError(f"{path}: is empty")
     # It warns of identifiers that come twice, which callers refuse in a line of their own.
@@ -54,19 +50,14 @@ def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
         raise ValueError(f"{path}: {one_line(error)}") from error
     if not isinstance(database, Database):
         raise ValueError(f"{path}: not a database of CAN messages")
-    listed = [_listed(message, path) for message in database.messages]
-    sources = {source_address(one.can_id) for one in listed if one.is_segmented}
-    carriers = {*map(announcement_id, sources), *map(data_id, sources)}
-    return tuple(one for one in listed if not (one.flags & EXTENDED and one.can_id in carriers))
+    return tuple(_listed(message, path) for message in database.messages)
 
 
 def _listed(message: Message, path: Path) -> ListedMessage:
     flags = EXTENDED if message.is_extended_frame else 0
     length = message.length
-    if message.protocol == "j1939" and not message.is_fd:
-        if length > LENGTH_MAX:
-            raise ValueError(f"{path}: {message.name} has {length} bytes; J1939 has {LENGTH_MAX}")
-    elif message.is_fd or length > CLASSIC_LENGTH_MAX:
+    is_j1939 = message.protocol == "j1939"
+    if message.is_fd or (length > CLASSIC_LENGTH_MAX and not is_j1939):
         flags |= FD | BITRATE_SWITCH
         fits = padded_length(length)
         if fits is None:

@@ -1,21 +1,19 @@
-"""Which messages of other nodes are on the bus of a pair: its rest bus, from databases.
+"""The rest bus of a pair from databases: the messages of other nodes.
 
 Every periodic message of the databases is sent by the node that they name. Each has its cycle time,
 a phase of its own and a payload whose first byte counts to 15; the other bytes and the phases are
 drawn from the seed. Messages without a cycle time are not sent, nor are those whose identifier the
-pair uses. Where no message has a cycle time, as in most databases that were found out by listening,
-all share the given load and are sent equally often. Long messages of J1939 are sent in segments, at
-a pace that the load does not change.
+pair uses, and those of J1939 that need several frames. Where no message has a cycle time, as in
+most databases that were found out by listening, all share the given load and are sent equally
+often.
 """
 
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from random import Random
 
 from ...dbc.foreign_messages import ListedMessage, read_message_set
-from ...dbc.j1939_transport import GAP_NS, segments, source_address
 from ...dbc.messages import CAN_IDS
 from ...runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
 from ...runtime.bus_model.settings import BusSettings
@@ -68,35 +66,23 @@ def rest_of(
     draw = Random(seed)  # noqa: S311 - reproducible, not secret
     nodes: dict[str, int] = {}
     sent: list[PeriodicMessage] = []
-    by_source: dict[int, list[list[PeriodicMessage]]] = {}
     for message in others:
         rest = draw.randbytes(max(0, message.length - 1))
         payloads = [(bytes([count]) + rest)[: message.length] for count in range(COUNTS)]
         node = nodes.setdefault((message.senders or (message.name,))[0], -1 - len(nodes))
         period_ns = (message.cycle_ms or 0) * NS_PER_MS
-        if message.is_segmented:
-            turns = zip(*(segments(message.can_id, payload) for payload in payloads), strict=True)
-            by_source.setdefault(source_address(message.can_id), []).append(
-                [PeriodicMessage(message.name, node, frames, period_ns) for frames in turns]
-            )
-        else:
-            frames = tuple(Frame(message.can_id, payload, message.flags) for payload in payloads)
-            sent.append(PeriodicMessage(message.name, node, frames, period_ns))
-    segmented = [
-        one for of_source in by_source.values() for one in _taking_turns(of_source, draw.random())
-    ]
-    if load is not None:
-        sent = _scaled(sent, load - load_of(segmented, bitrate_bit_s), bitrate_bit_s)
-    return sent + segmented
+        frames = tuple(Frame(message.can_id, payload, message.flags) for payload in payloads)
+        sent.append(PeriodicMessage(message.name, node, frames, period_ns))
+    return sent if load is None else _scaled(sent, load, bitrate_bit_s)
 
 
 def _others(messages: Sequence[ListedMessage], *, has_load: bool) -> list[ListedMessage]:
     """Return what is sent of some databases, each with a cycle time; raises as ``rest_of``."""
     own = set(CAN_IDS.values())
-    known = [m for m in messages if m.flags & EXTENDED or m.can_id not in own]
+    known = [m for m in messages if m.fits_a_frame and (m.flags & EXTENDED or m.can_id not in own)]
     others = [m for m in known if m.cycle_ms]
     if not known:
-        raise ValueError("no messages beside the pair's")
+        raise ValueError("no messages but the pair's")
     if not others and not has_load:
         raise ValueError("no message has a cycle time; with a load all are sent equally often")
     others = others or [m._replace(cycle_ms=_EQUAL_CYCLE_MS) for m in known]
@@ -111,35 +97,10 @@ def _others(messages: Sequence[ListedMessage], *, has_load: bool) -> list[Listed
     return others
 
 
-def _taking_turns(
-    messages: Sequence[Sequence[PeriodicMessage]], phase: float
-) -> list[PeriodicMessage]:
-    """Give the segments of one source's messages their times: one message after the other.
-
-    A round is the shortest of their cycle times, or what all of them take if that is longer. Each
-    message comes in every round, or in every second, third, ... as its own cycle time says.
-
-    ``phase``  of the round, 0 to 1
-    """
-    least_ns = GAP_NS * sum(map(len, messages))
-    round_ns = max(least_ns, min(one[0].period_ns for one in messages))
-    at_ns = round(phase * round_ns)
-    timed = []
-    for one in chain.from_iterable(messages):
-        period_ns = max(1, round(one.period_ns / round_ns)) * round_ns
-        timed.append(one._replace(period_ns=period_ns, phase_ns=at_ns))
-        at_ns += GAP_NS
-    return timed
-
-
 def _scaled(
     messages: Sequence[PeriodicMessage], load: float, bitrate_bit_s: int
 ) -> list[PeriodicMessage]:
     """Return them as often as gives this share of the bus."""
-    if load <= 0.0 or not messages:
-        raise ValueError(
-            "J1939 messages of more than 8 bytes alone leave nothing for a load to set"
-        )
     faster = load_of(messages, bitrate_bit_s) / load
     return [one._replace(period_ns=max(1, round(one.period_ns * faster))) for one in messages]
 

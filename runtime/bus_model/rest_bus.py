@@ -32,16 +32,14 @@ OnWire = Callable[[int, int, Frame], None]
 class PeriodicMessage(NamedTuple):
     """One message.
 
-    ``sender``    number of its node, negative
-    ``frames``    in turn, COUNTS of them
-    ``phase_ns``  of its first release; None to have it drawn
+    ``sender``  number of its node, negative
+    ``frames``  in turn, COUNTS of them
     """
 
     name: str
     sender: int
     frames: tuple[Frame, ...]
     period_ns: int
-    phase_ns: int | None = None
 
 
 class Ready(NamedTuple):
@@ -80,11 +78,7 @@ class RestBus:
         self._senders = [one.sender for one in self._messages]
         self._arbitration = [arbitration_field(one.frames[0]) for one in self._messages]
         draw = Random(seed)  # noqa: S311 - reproducible, not secret
-        drawn = (
-            draw.randrange(one.period_ns) if one.phase_ns is None else one.phase_ns
-            for one in ranked
-        )
-        self._phases_ns = [0, *drawn]
+        self._phases_ns = [0, *(draw.randrange(one.period_ns) for one in ranked)]
         self._counts = [0] * len(self._messages)
         # A bit for each rank, the most urgent lowest: messages that wait here, and in BusModel.
         self._waiting = self._taken = 0

@@ -1,18 +1,10 @@
 """The messages of the given files as traffic of one bus, and the bound of each."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.foreign_messages import ListedMessage, read_message_set
-from ...dbc.j1939_transport import (
-    GAP_NS,
-    announcement_gap_ns,
-    announcement_id,
-    data_id,
-    packets,
-    source_address,
-)
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
 from ...runtime.frame.length_with_stuff_bits import FrameBits
@@ -47,30 +39,30 @@ class BusSettings(NamedTuple):
 class SentMessage(NamedTuple):
     """A message on the bus.
 
-    ``bound``           with the longest that any payload can be
-    ``frame``           with the longest payload found
-    ``mean_period_ns``  of its frames, which in segments can follow each other sooner [ns]
+    ``bound``  with the longest that any payload can be
+    ``frame``  with the longest payload found
     """
 
     bound: Traffic
     frame: Frame
-    mean_period_ns: int
 
 
 def read_messages(
     files: Sequence[Path], periods: Sequence[str], bus: BusSettings
 ) -> tuple[list[SentMessage], list[str], list[str]]:
-    """Return the messages of the files by priority, and the names of segmented and left out ones.
+    """Return the messages of the files by priority, and the names of those that are left out.
 
-    Left out are those without a period. Raises SettingsError for a file that cannot be read, and
-    for two messages of one identifier.
+    Left out are long ones of J1939, which need several frames, and those without a period. Raises
+    SettingsError for a file that cannot be read, and for two messages of one identifier.
     """
     listed = [message for file in files for message in _read(file)]
     periods_ms = _periods_ms(periods, [message.name for message in listed])
-    sent, left_out = [], []
-    by_source: dict[int, list[tuple[ListedMessage, float]]] = {}
+    sent, too_long, left_out = [], [], []
     named: dict[tuple[int, int], str] = {}
     for message in listed:
+        if not message.fits_a_frame:
+            too_long.append(message.name)
+            continue
         period_ms = periods_ms.get(message.name, message.cycle_ms)
         if period_ms is None:
             left_out.append(message.name)
@@ -82,15 +74,9 @@ def read_messages(
                 f"0x{message.can_id:X}: on one bus each message needs its own"
             )
         named[key] = message.name
-        if message.is_segmented:
-            by_source.setdefault(source_address(message.can_id), []).append((message, period_ms))
-        else:
-            sent.append(_sent(message, period_ms, bus))
-    for source, messages in by_source.items():
-        sent += _in_segments(source, messages, bus)
+        sent.append(_sent(message, period_ms, bus))
     sent.sort(key=lambda message: message.bound.priority)
-    segmented = [message.name for messages in by_source.values() for message, _ in messages]
-    return sent, segmented, left_out
+    return sent, too_long, left_out
 
 
 def _read(file: Path) -> tuple[ListedMessage, ...]:
@@ -117,22 +103,6 @@ def _periods_ms(periods: Sequence[str], names: Sequence[str]) -> Mapping[str, fl
     return given
 
 
-def _in_segments(
-    source: int, messages: Sequence[tuple[ListedMessage, float]], bus: BusSettings
-) -> Iterator[SentMessage]:
-    """Return what carries long messages of a source: announcements, and packets in turn."""
-    lengths = [message.length for message, _ in messages]
-    often_ms = 1.0 / sum(1.0 / period_ms for _, period_ms in messages)
-    packets_ms = 1.0 / sum(packets(message.length) / period_ms for message, period_ms in messages)
-    for name, can_id, least_ns, mean_ms in (
-        ("TP.CM", announcement_id(source), announcement_gap_ns(lengths), often_ms),
-        ("TP.DT", data_id(source), GAP_NS, packets_ms),
-    ):
-        carrier = ListedMessage(f"{name} 0x{source:02X}", can_id, EXTENDED, 8, None, ())
-        one = _sent(carrier, least_ns / NS_PER_MS, bus)
-        yield one._replace(mean_period_ns=max(least_ns, round(mean_ms * NS_PER_MS)))
-
-
 def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMessage:
     longest = longest_frame(message.can_id, message.length, message.flags)
     bound = Traffic(
@@ -142,7 +112,7 @@ def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMes
         round(period_ms * NS_PER_MS),
         round(bus.jitter_ms * NS_PER_MS),
     )
-    return SentMessage(bound, longest.frame, bound.period_ns)
+    return SentMessage(bound, longest.frame)
 
 
 class Response(NamedTuple):
@@ -180,4 +150,4 @@ def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]
 
 def load_of(messages: Sequence[SentMessage], bus: BusSettings) -> float:
     """Return the share of the time that the bus is busy, in the mean."""
-    return load([m.bound._replace(period_ns=m.mean_period_ns) for m in messages], bus.wire())
+    return load([message.bound for message in messages], bus.wire())

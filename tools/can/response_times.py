@@ -71,9 +71,9 @@ def run(options: argparse.Namespace) -> int:
     """Analyse a message set and print it; returns the exit status."""
     errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
     bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
-    messages, segmented, left_out = read_messages(options.files, options.period, bus)
-    if segmented:
-        say(NAME, f"carried by TP.CM and TP.DT: {', '.join(segmented)}", sys.stderr)
+    messages, too_long, left_out = read_messages(options.files, options.period, bus)
+    if too_long:
+        say(NAME, f"left out, as they need several frames: {', '.join(too_long)}", sys.stderr)
     if left_out:
         say(NAME, f"left out, without a cycle time: {', '.join(left_out)}", sys.stderr)
     if not messages:
@@ -119,7 +119,6 @@ def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> d
         "messages": [
             {
                 **response.message.bound._asdict(),
-                "mean_period_ns": response.message.mean_period_ns,
                 "can_id": response.message.frame.can_id,
                 "longest_payload": response.message.frame.data.hex(),
                 "bound_ns": response.bound_ns,
