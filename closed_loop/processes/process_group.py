@@ -19,12 +19,10 @@ STOP_TIMEOUT_S = 60.0
 """How long a process may take to start, and to write its results; long, for a busy machine."""
 ABORT_TIMEOUT_S = 5.0
 """How long each may take when the run is given up."""
-_AFTER_S = {"recorder": 1.0, "broker": 2.0}
-"""How long these outlast a tool that has ended: they end after the processes that use them."""
 BROKER_AFTER_S = 1.0
 """How long a launched broker outlives a killed parent, so that its clients end first."""
 _POLL_S = 0.02
-_LISTENING, _READY = "listening at", "ready"
+_READY = "ready"
 _ENDS_WITH_PARENT = "steer_by_wire.closed_loop.processes.ends_with_parent"
 
 
@@ -75,19 +73,15 @@ class Processes:
 
     They also end cleanly when this process ends, however it does.
 
-    ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
-    ``private``  folder of the broker's socket, removed with this process; None without a broker
-    ``address``  of the broker
+    ``folder``  where each writes what it prints (NAME.txt) and its report (NAME.json)
     """
 
-    def __init__(self, folder: Path, private: Path | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._private = private
         self._lifeline = Lifeline()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._asked: set[str] = set()
         self._statuses: dict[str, int] = {}
-        self.address = ""
 
     def __enter__(self) -> Self:
         return self
@@ -108,14 +102,6 @@ class Processes:
         """Return the file of a process."""
         return self._folder / f"{name}{suffix}"
 
-    def start_broker(self, socket: Path, options: Sequence[str]) -> None:
-        """Start the broker, which listens at ``socket``."""
-        self.address = str(socket)
-        report = str(self.path("broker", ".json"))
-        arguments = ["--address", self.address, "--json", report, *options]
-        self.begin("broker", "steer_by_wire.tools.bus", arguments)
-        self._await("broker", _LISTENING)
-
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Start ``python -m module`` and wait until it reports that it is ready."""
         self.begin(name, module, arguments)
@@ -123,26 +109,17 @@ class Processes:
 
     def wait_until_ready(self, name: str) -> None:
         """Wait until one reports that it is ready; raises ProcessError when it does not start."""
-        self._await(name, _READY)
+        until_s = time.monotonic() + START_TIMEOUT_S
+        while _READY not in self._printed(name):
+            if self.status(name) is not None or time.monotonic() > until_s:
+                raise ProcessError(f"{name} does not start: {self._last_line(name)}")
+            time.sleep(_POLL_S)
 
     def begin(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Start ``python -m module`` without waiting for it."""
         self._asked.discard(name)
         with self.path(name, ".txt").open("wb") as output:
-            self._processes[name] = self._lifeline.start(
-                module,
-                arguments,
-                output,
-                after_s=_AFTER_S.get(name, 0.0),
-                remove=self._private if name == "broker" else None,
-            )
-
-    def _await(self, name: str, sign: str) -> None:
-        until_s = time.monotonic() + START_TIMEOUT_S
-        while sign not in self._printed(name):
-            if self.status(name) is not None or time.monotonic() > until_s:
-                raise ProcessError(f"{name} does not start: {self._last_line(name)}")
-            time.sleep(_POLL_S)
+            self._processes[name] = self._lifeline.start(module, arguments, output)
 
     def status(self, name: str) -> int | None:
         """Return the exit status of one, None while it runs."""
@@ -163,13 +140,8 @@ class Processes:
                 raise self.failure(name)
 
     def pids(self) -> dict[str, int]:
-        """Return every process that runs, with those that they have started themselves."""
-        found = {}
-        for name, process in self._processes.items():
-            found[name] = process.pid
-            for number, child in enumerate(children_of(process.pid), start=1):
-                found[f"{name}: file writer" + f" {number}" * (number > 1)] = child
-        return found
+        """Return every process that runs."""
+        return {name: process.pid for name, process in self._processes.items()}
 
     def kill(self, names: Sequence[str]) -> None:
         """Kill some of them with SIGKILL."""
@@ -251,14 +223,3 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
                 yield address
             finally:
                 broker.terminate()
-
-
-def children_of(pid: int) -> list[int]:
-    """Return the processes that a process has started and that still run. Linux only."""
-    children = []
-    for file in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):  # it has ended
-            stat = file.read_text(encoding="ascii", errors="replace")
-            if int(stat.rpartition(")")[2].split()[1]) == pid:
-                children.append(int(file.parent.name))
-    return children

@@ -94,6 +94,12 @@ class Figures(NamedTuple):
     """Of the body beyond an edge of its corridor; NaN where the path has none."""
     sensor_noise_m: float
     """Its standard deviation on the lateral error."""
+    fault_s: float
+    """When a fault first changed a frame; this and the next two only of runs over a bus."""
+    reported_s: float
+    """From then until it was reported on the bus."""
+    reaction_s: float
+    """From then until a node left control."""
 
 
 def _place(name: str) -> int:

@@ -38,6 +38,7 @@ from .compiled_figures import (
     figures_of,
     rules_of,
 )
+from .reactions import Reactions, ReactionWatch
 from .scenario import Pair
 
 TICKS_MAX = 10_000_000
@@ -46,12 +47,14 @@ TICKS_MAX = 10_000_000
 class Ran(NamedTuple):
     """Both nodes after their run over a bus.
 
-    ``sent_rad``  the commands on the bus; a car's names none
+    ``sent_rad``   the commands on the bus; a car's names none
+    ``reactions``  to the faults of the plant's settings
     """
 
     plant: PlantNode
     controller: ControllerNode | LockstepNode
     sent_rad: list[float]
+    reactions: Reactions
 
 
 def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
@@ -59,7 +62,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
 
     The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
-    plant, controller, sent_on_bus_rad = _ran(pair, bus)
+    plant, controller, sent_on_bus_rad, reactions = _ran(pair, bus)
     trace, report = Trace.of_node(plant), plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
@@ -72,7 +75,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     run_rules = rules_of(rules, pair.plant, pair.controller)
     followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
     figures = figures_of_trace(run_rules, pair.plant, trace, followed_m, samples, sent_rad)
-    row[: len(figures)] = figures
+    row[: len(figures)] = figures._replace(**reactions._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
@@ -133,17 +136,18 @@ def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
     plant, edge = make_virtual_plant(pair.plant, language=language)
     listening = language.listening()
     sent_rad: list[float] = []
+    watch = ReactionWatch()
 
     def on_wire(time_ns: int, _sender: int, frame: Frame) -> None:
         for ours in listening.hear(frame, time_ns).ours:
             decoded = messages.decode(ours)
-            if isinstance(decoded, messages.Decoded) and isinstance(
-                decoded.message, messages.SteeringCommand
-            ):
-                sent_rad.append(decoded.message.steer_rad)
+            if isinstance(decoded, messages.Decoded):
+                watch.on_message(time_ns, decoded.message)
+                if isinstance(decoded.message, messages.SteeringCommand):
+                    sent_rad.append(decoded.message.steer_rad)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
         nodes = with_clocks(edge, controller_in(language, controller), bus)
         in_vain = waits_in_vain(plant, START_S_MAX)
         run_virtual_nodes(*nodes, wire, None, in_vain, on_wire)
-    return Ran(plant, controller, sent_rad)
+    return Ran(plant, controller, sent_rad, watch.reactions(edge.report().get("faults", ())))

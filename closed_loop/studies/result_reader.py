@@ -101,6 +101,9 @@ class Rows(NamedTuple):
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray
+    fault_s: FloatArray
+    reported_s: FloatArray
+    reaction_s: FloatArray
     factors: Mapping[str, NDArray[Any]]
 
     @property
@@ -111,7 +114,8 @@ class Rows(NamedTuple):
 
 _FIGURES = (
     "rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m", "duration_s",
-    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share",
+    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "fault_s",
+    "reported_s", "reaction_s",
 )  # fmt: skip
 """The columns that are read as they are."""
 

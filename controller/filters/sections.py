@@ -11,8 +11,6 @@ A cascade of 1, 2 or 3 sections is written out instead of looped over: sizes are
 type, which a compiler needs and which also is the fastest form interpreted.
 """
 
-from collections.abc import Iterable
-
 Section = tuple[float, float, float, float, float]
 """Coefficients b0, b1, b2, a1, a2 of one second-order section, normalised to a0 = 1."""
 
@@ -56,57 +54,6 @@ def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3Sta
         (c1 * v - d1 * w + z2, c2 * v - d2 * w),
         (e1 * w - f1 * y + s2, e2 * w - f2 * y),
     ), y
-
-
-def section_run(
-    p: Section, x: SectionState, inputs: Iterable[float]
-) -> tuple[SectionState, list[float]]:
-    """Advance one period per input; returns the new state and the outputs.
-
-    This and the next two give the same numbers as one step per period, in less time.
-    """
-    b0, b1, b2, a1, a2 = p
-    x1, x2 = x
-    outputs = []
-    for u in inputs:
-        y = b0 * u + x1
-        x1, x2 = b1 * u - a1 * y + x2, b2 * u - a2 * y
-        outputs.append(y)
-    return (x1, x2), outputs
-
-
-def cascade_2_run(
-    p: Cascade2, x: Cascade2State, inputs: Iterable[float]
-) -> tuple[Cascade2State, list[float]]:
-    """Advance two sections in series by one period per input."""
-    (b0, b1, b2, a1, a2), (c0, c1, c2, d1, d2) = p
-    (x1, x2), (z1, z2) = x
-    outputs = []
-    for u in inputs:
-        v = b0 * u + x1
-        y = c0 * v + z1
-        x1, x2 = b1 * u - a1 * v + x2, b2 * u - a2 * v
-        z1, z2 = c1 * v - d1 * y + z2, c2 * v - d2 * y
-        outputs.append(y)
-    return ((x1, x2), (z1, z2)), outputs
-
-
-def cascade_3_run(
-    p: Cascade3, x: Cascade3State, inputs: Iterable[float]
-) -> tuple[Cascade3State, list[float]]:
-    """Advance three sections in series by one period per input."""
-    (b0, b1, b2, a1, a2), (c0, c1, c2, d1, d2), (e0, e1, e2, f1, f2) = p
-    (x1, x2), (z1, z2), (s1, s2) = x
-    outputs = []
-    for u in inputs:
-        v = b0 * u + x1
-        w = c0 * v + z1
-        y = e0 * w + s1
-        x1, x2 = b1 * u - a1 * v + x2, b2 * u - a2 * v
-        z1, z2 = c1 * v - d1 * w + z2, c2 * v - d2 * w
-        s1, s2 = e1 * w - f1 * y + s2, e2 * w - f2 * y
-        outputs.append(y)
-    return ((x1, x2), (z1, z2), (s1, s2)), outputs
 
 
 def section_at_rest(p: Section, u: float) -> tuple[SectionState, float]:

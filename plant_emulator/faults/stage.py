@@ -10,7 +10,7 @@ noise: until the first onset a run is the same as without faults, bit for bit.
 Onsets count from the first command or plan that arrives, with which the motion starts.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ...runtime.frame import Frame
@@ -29,9 +29,6 @@ class FaultStage:
     ``messages``  on the bus
 
     ``changed``   frames so far that were lost, changed, delayed or joined by others
-
-    ``on_change`` may be set. It is called with each frame that was not passed on unchanged, and the
-    frames passed on instead.
     """
 
     def __init__(
@@ -46,7 +43,6 @@ class FaultStage:
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
         self.changed = 0
-        self.on_change: Callable[[Frame, Sequence[Frame]], None] | None = None
         self.first_ns: int | None = None
         self.last_ns: int | None = None
 
@@ -72,8 +68,6 @@ class FaultStage:
                 self.changed += 1
                 self.first_ns = now_ns if self.first_ns is None else self.first_ns
                 self.last_ns = now_ns
-                if self.on_change is not None:
-                    self.on_change(frame, out)
         elif since_ns < self._onset_ns:
             memory.before[frame.can_id] = frame
         if memory.held and out:

@@ -40,10 +40,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.doctor.__main__": (
         "tools.doctor.checks.examine", "tools.doctor.kept_rate.measure",
     ),
-    "tools.faults.program": (
-        ".execute", ".run_live_campaign",
-    ),
-    "tools.faults.injection.program": (".open_port", ".ProcessFault"),
+    "tools.faults.__main__": (".open_port", ".ProcessFault"),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open",),

@@ -1,5 +1,5 @@
-"""Faults: a campaign in virtual time, the same on real processes, faults on a live bus by hand.
+"""Faults injected into a live bus and into live processes, and the program that does so.
 
-Here are what is injected, how runs are judged, and two programs; the stage that changes frames at
-the plant's edge is in ``plant_emulator.faults``. Begin with ``program.py``, the campaign.
+Not here: faults in the settings of a run (``plant_emulator.faults``). Begin with
+``live_faults.py``: the kinds of faults and how they are written.
 """

@@ -29,6 +29,7 @@ from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section, comparisons
 from .axes import StudyAxes, study_axes
+from .fault_reactions import reaction_sections
 from .heat_maps import are_drawn, draw_held, draw_rms, heat_maps, map_section
 from .law_by_delay import (
     draw_conditions,
@@ -54,6 +55,7 @@ def write(folder: Path) -> Path:
     sections = [
         study_section(study, rows),
         *filter(None, (seeds_section(study, rows),)),
+        *reaction_sections(study, rows),
         *_laws(study, rows, axes),
         *_maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),

@@ -189,7 +189,7 @@ def test_a_crew_that_is_given_up_ends_in_order_and_who_does_not_is_killed(
     pids: dict[str, int] = {}
 
     def give_up() -> None:
-        with process_group.Processes(tmp_path, tmp_path) as running:
+        with process_group.Processes(tmp_path) as running:
             running.start("first", "polite", [str(tmp_path / "first")])
             running.start("second", "stubborn", [])
             running.start("third", "polite", [str(tmp_path / "third")])

@@ -174,6 +174,38 @@ def test_a_busy_bus_changes_the_error_little_against_the_compiled_run() -> None:
     assert over_it.lateral_error_rms_m == pytest.approx(without.lateral_error_rms_m, rel=3e-3)
 
 
+LOST_OR_STUCK = """
+[[factors]]
+name = "fault"
+[factors.levels.none]
+[[factors.levels.lost.plant.faults]]
+kind = "drop"
+direction = "uplink"
+message = "LATERAL_ERROR"
+onset_s = 1
+duration_s = 0.5
+[[factors.levels.stuck.plant.faults]]
+kind = "stuck"
+direction = "downlink"
+message = "STEERING_COMMAND"
+signal = "steer_rad"
+onset_s = 1
+"""
+
+
+def test_a_study_of_faults_says_when_each_is_reported_and_answered(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY.replace("0.5", "2.0") + "[base.bus]\n" + LOST_OR_STUCK, encoding="utf-8")
+    table = run_study(file)
+    none, lost, stuck = range(3)
+    assert np.isnan([table[name][none] for name in ("fault_s", "reported_s", "reaction_s")]).all()
+    assert table["fault_s"][[lost, stuck]] == pytest.approx([1.0, 1.0], abs=0.03)
+    times_s = table["reported_s"][lost], table["reaction_s"][lost]
+    assert times_s == pytest.approx((0.13, 0.13), abs=0.02)
+    assert np.isnan(table["reported_s"][stuck])
+    assert np.isnan(table["reaction_s"][stuck])
+
+
 def test_a_program_in_lockstep_is_a_controller_of_a_study(tmp_path: Path) -> None:
     file = study_file(tmp_path, OUTSIDE + "[base.bus]\nload = 0.3\n")
     table = run_study(file)

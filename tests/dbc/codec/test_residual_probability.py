@@ -12,12 +12,11 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.tools.faults.campaign.acceptance import RESIDUAL, exceeds
 
 FRAMES = 300_000
 BITS = 64
-FITTING_MIN = 1
-"""Fewer than 1 of 4.6 expected have a probability of 1 %; the seed is fixed."""
+FITTING_MIN, FITTING_MAX = 1, 14
+"""Of 4.6 expected, fewer than 1 have a probability of 1 %, more than 14 of 10⁻⁴; a fixed seed."""
 
 
 def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
@@ -33,5 +32,4 @@ def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
         data = int.from_bytes(frame.data, "little") ^ flips
         judged = decode(Frame(CAN_IDS[kind], data.to_bytes(BITS // 8, "little")))
         fitting += judged not in (Rejection.BAD_CRC, Rejection.MASQUERADED)
-    assert fitting >= FITTING_MIN
-    assert not exceeds(fitting, FRAMES), f"{fitting}, expected {FRAMES * RESIDUAL:.1f}"
+    assert FITTING_MIN <= fitting <= FITTING_MAX

@@ -12,16 +12,11 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, View, Wrapper
-from steer_by_wire.runtime.node.end import End
-from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
-from steer_by_wire.tools.faults.campaign.node_faults import JumpingClock, NodeFault, Stricken
-from steer_by_wire.tools.faults.campaign.node_watch import Bounds, Watch
+from steer_by_wire.runtime.node import Node, ReportingNode, View, Wrapper
 from tests.support.frames.authenticated_ends import COMMAND, plant
 from tests.support.nodes.plant_link import START_NS
 
 LATER_NS = 9_000_000_000
-PAUSE = NodeFault(NodeFaultKind.PAUSED, End.PLANT, 100.0, 1.0)
 DROP = FaultSettings(
     kind=FaultKind.DROP, direction="downlink", message="STEERING_COMMAND", onset_s=50.0, magnitude=1
 )
@@ -59,9 +54,6 @@ class Asked:
 WRAPPERS: dict[str, Callable[[Asked], Wrapper[Any]]] = {
     "bare": Wrapper,
     "faulty": lambda node: FaultyNode(node, [DROP], 1),
-    "stricken": lambda node: Stricken(node, PAUSE),
-    "jumping clock": lambda node: JumpingClock(node, NEVER_NS, 1),
-    "watch": lambda node: Watch(node, Bounds(1.0, 1.0, 1.0, 1.0), 0, (), False, None),
 }
 
 

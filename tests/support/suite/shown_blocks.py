@@ -30,10 +30,10 @@ WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
     (r"^(bus|cockpit|monitor|doctor --measure) ?", "goes on in real time"),
     (
-        r"^faults inject (?!--list)|FOLDER|out/gains|out/study|--controller-command",
+        r"^faults (?!--list)|FOLDER|out/gains|out/study|--controller-command",
         "needs something of the reader's",
     ),
-    (r"^(demo|design|faults(?! inject)|paper|study(?! --list))", "takes minutes"),
+    (r"^(demo|design|paper|study(?! --list))", "takes minutes"),
 )
 """Patterns of commands that are not run, and why; the first that matches counts."""
 FURTHER = re.compile(r"[|&;>()]+|2>")

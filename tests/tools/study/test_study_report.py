@@ -25,6 +25,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.against_pd import comparisons
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
+from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.heat_maps import are_drawn, heat_maps
 from steer_by_wire.tools.study.report import PAGE, write
 from steer_by_wire.tools.study.worst_runs import worst_runs
@@ -199,12 +200,30 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
+        fault_s=np.full(count, np.nan),
+        reported_s=np.full(count, np.nan),
+        reaction_s=np.full(count, np.nan),
         factors={
             "mean_s": np.zeros(count),
             "jitter": np.zeros(count),
             "corner": np.array(["a", "b"], dtype=object)[np.arange(count) // (count // 2)],
         },
     )
+
+
+def test_reactions_are_counted_over_the_runs_with_a_fault(study: StudyRecord) -> None:
+    one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
+    rows = made_rows([1.0] * 4, [Verdict.HOLDS] * 4, 1)
+    assert reaction_sections(one_law, rows) == []
+    nan = np.nan
+    rows = rows._replace(
+        fault_s=np.array([nan, 3.0, 3.0, 3.0]),
+        reported_s=np.array([nan, 0.01, 0.13, nan]),
+        reaction_s=np.full(4, nan),
+    )
+    (section,) = reaction_sections(one_law, rows)
+    (line,) = section.tables[0].rows
+    assert [cell.text for cell in line] == ["practical_pd", "3", "2", "70, 130", "0", "-", "1.000"]
 
 
 def test_a_cell_shows_the_worst_corner_and_there_the_median(study: StudyRecord) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
-from ....runtime.node import NS_PER_S
-from ....runtime.port.port import ClosablePort
+from ...runtime.node import NS_PER_S
+from ...runtime.port.port import ClosablePort
 from .fault_frames import FrameSource
 from .live_faults import LiveFault
 

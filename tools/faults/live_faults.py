@@ -13,7 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ....runtime.settings.mistakes import meant
+from ...runtime.settings.mistakes import meant
 
 TIME_S_MAX = 1e5
 PID_MAX = 1 << 22

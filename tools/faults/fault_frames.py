@@ -8,10 +8,10 @@ import random
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ....dbc.messages import COMMAND_COUNTERS
-from ....runtime.frame import ERROR, Frame
-from ....runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
-from ....runtime.node import NEVER_NS, NS_PER_S
+from ...dbc.messages import COMMAND_COUNTERS
+from ...runtime.frame import ERROR, Frame
+from ...runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
+from ...runtime.node import NEVER_NS, NS_PER_S
 from .forged_frames import ForgedFrames
 from .live_faults import LiveFault, LiveKind
 

@@ -8,7 +8,7 @@ import pytest
 from steer_by_wire.runtime.port import socketcan
 from steer_by_wire.runtime.port.python_can import BusPort
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
-from steer_by_wire.tools.faults.injection.program import main
+from steer_by_wire.tools.faults.__main__ import main
 
 CLASSIC = "(0.000000) can0 040#0011223344556677\n"
 FD = "(0.010000) can0 040##10011223344556677\n"

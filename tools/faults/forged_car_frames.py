@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
-from ....dbc.dialect.car_message import CarMessage, Refused
-from ....dbc.dialect.dialect import Dialect
-from ....dbc.dialect.settings import Quantity
-from ....runtime.frame import Frame
-from ....runtime.node.end import End
+from ...dbc.dialect.car_message import CarMessage, Refused
+from ...dbc.dialect.dialect import Dialect
+from ...dbc.dialect.settings import Quantity
+from ...runtime.frame import Frame
+from ...runtime.node.end import End
 from .forged_frames import OurFrames
 
 

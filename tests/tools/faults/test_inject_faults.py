@@ -23,16 +23,16 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
-from steer_by_wire.tools.faults.injection import program as inject_faults
-from steer_by_wire.tools.faults.injection.fault_frames import (
+from steer_by_wire.tools.faults import __main__ as inject_faults
+from steer_by_wire.tools.faults.fault_frames import (
     FRAMES_AT_ONCE,
     FrameSource,
     frame_source,
     recording_of,
 )
-from steer_by_wire.tools.faults.injection.forged_car_frames import CarFrames
-from steer_by_wire.tools.faults.injection.forged_frames import ForgedFrames, OurFrames
-from steer_by_wire.tools.faults.injection.live_faults import (
+from steer_by_wire.tools.faults.forged_car_frames import CarFrames
+from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
+from steer_by_wire.tools.faults.live_faults import (
     FRAME_KINDS,
     MAGNITUDES,
     LiveFault,
@@ -278,7 +278,7 @@ def test_a_recording_is_sent_in_its_order_and_at_its_times() -> None:
 # In the messages of a car
 
 
-CAR = Path(__file__).parents[3] / "dbc" / "dialect" / "my_car.toml"
+CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
 JUDGED = {
     "spoof,magnitude=0.1": {},
     "bit_flips,magnitude=0.1,to=plant": {"bad checksum": 100},

@@ -15,9 +15,9 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from ....runtime.exit_status import printable
-from ....runtime.node import NS_PER_S
-from ....runtime.settings import SettingsError
+from ...runtime.exit_status import printable
+from ...runtime.node import NS_PER_S
+from ...runtime.settings import SettingsError
 from .live_faults import LiveFault, LiveKind
 
 _NAME_LENGTH_MAX = 60

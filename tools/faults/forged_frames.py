@@ -2,8 +2,8 @@
 
 from typing import Protocol
 
-from ....dbc.codec.protection import COUNTERS
-from ....dbc.messages import (
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import (
     CAN_IDS,
     COMMAND_COUNTERS,
     Decoded,
@@ -16,8 +16,8 @@ from ....dbc.messages import (
     decode,
     encode,
 )
-from ....plant_emulator.faults.messages_on_bus import OURS
-from ....runtime.frame import Frame
+from ...plant_emulator.faults.messages_on_bus import OURS
+from ...runtime.frame import Frame
 
 
 class ForgedFrames(Protocol):

@@ -8,24 +8,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
-from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame.message import frame_of
-from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
-from steer_by_wire.tools.faults.campaign.campaign_file import NodeFaultKind
-from steer_by_wire.tools.faults.campaign.campaign_runs import controller_settings_of
-from steer_by_wire.tools.faults.campaign.node_faults import NodeFault, with_node_faults
-from steer_by_wire.tools.faults.injection import program as inject_faults
+from steer_by_wire.tools.faults import __main__ as inject_faults
 from tests.support.programs.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000
@@ -54,7 +44,7 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
 ) -> None:
     words = ["pause,duration_s=1000", "--pid", str(sleeper.pid)]
     with subprocess.Popen(
-        [sys.executable, "-m", "steer_by_wire.tools.faults.injection.program", *words],
+        [sys.executable, "-m", "steer_by_wire.tools.faults.__main__", *words],
         stdout=subprocess.PIPE,
         text=True,
     ) as injector:
@@ -124,7 +114,7 @@ def test_a_live_pair_refuses_spoofed_commands_and_holds_while_the_plant_is_pause
             injector = [
                 sys.executable,
                 "-m",
-                "steer_by_wire.tools.faults.injection.program",
+                "steer_by_wire.tools.faults.__main__",
                 *words,
                 *bus,
             ]
@@ -141,26 +131,3 @@ def test_a_live_pair_refuses_spoofed_commands_and_holds_while_the_plant_is_pause
     assert controller.report()["node"]["second_senders"] == ["STEERING_COMMAND"]
     assert plant.report()["node"]["second_senders"] in ([], ["STEERING_COMMAND"])
     assert controller.report()["node"]["holds"] >= 1
-
-
-# Clocks
-
-
-def struck_in_virtual_time(kind: NodeFaultKind, jump_s: float) -> dict[str, Any]:
-    """The controller's report after 3 s, struck after 1 s."""
-    controller = ControllerNode(controller_settings_of("practical_pd"), 0)
-    fault = NodeFault(kind, "controller", 1.0, jump_s, jump_s)
-    struck = with_node_faults(controller, "controller", [fault])
-    plant = PlantNode(PlantSettings(duration_s=60.0), 0)
-    VirtualTimeExecutor([plant, struck], BusModel(BITRATE_BIT_S)).run(3 * NS_PER_S)
-    return dict(controller.report())
-
-
-@pytest.mark.parametrize("jump_s", [0.015, 0.1, 0.5])
-def test_a_pause_shows_a_node_on_its_own_clock_what_a_jump_does(jump_s: float) -> None:
-    jumped = struck_in_virtual_time(NodeFaultKind.CLOCK_JUMP, jump_s)
-    paused = struck_in_virtual_time(NodeFaultKind.PAUSED, jump_s)
-    assert jumped["skipped_ticks"] == paused["skipped_ticks"] == int(jump_s * 100)
-    assert jumped["rejected"] == paused["rejected"] == {}
-    # What waited for the paused one is fresh when it goes on; the other one has nothing so young.
-    assert (jumped["holds"], paused["holds"]) == (int(jump_s > 0.135), 0)
