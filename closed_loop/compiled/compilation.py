@@ -41,6 +41,8 @@ _UNUSED_S = 3600.0
 _PACKAGE = Path(__file__).resolve().parents[2]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
+_UNCOUNTED, _COUNTED = {"_nrt": False}, {"_nrt": True}
+"""Whether arrays have reference counts; without them nothing can make an array."""
 
 
 class CacheLocator(UserProvidedCacheLocator):
@@ -69,25 +71,25 @@ def compiled(function: Any) -> Any:
 
 def compiled_unchecked(function: Any) -> Any:
     """Compile a function whose divisors are never zero, without a test of each."""
-    return _compiled(function, {**_OPTIONS, "error_model": "numpy"})
+    return _compiled(function, {**_OPTIONS, "error_model": "numpy", **_UNCOUNTED})
 
 
 def compiled_inside(function: Any) -> Any:
     """Compile a function that only compiled functions call; it has no entry from Python."""
-    return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True})
+    return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True, **_UNCOUNTED})
 
 
 def compiled_inline(function: Any) -> Any:
     """Compile a function inline into its callers: for the innermost part of a loop."""
-    return _compiled(function, {**_OPTIONS, "inline": "always"})
+    return _compiled(function, {**_OPTIONS, "inline": "always", **_UNCOUNTED})
 
 
 def compiled_anew(made: Any) -> Any:
     """Compile a result of the above once more, for this process alone.
 
-    For steps from files whose content is not part of the folder's name.
+    For steps from files whose content is not part of the folder's name. They may make arrays.
     """
-    anew: Any = numba.jit(**made.targetoptions)(made.py_func)
+    anew: Any = numba.jit(**{**made.targetoptions, **_COUNTED})(made.py_func)
     anew.compile = _optimised(anew.compile)
     return anew
 

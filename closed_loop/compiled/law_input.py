@@ -41,8 +41,9 @@ from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.vehicle.exact_propagation import LinearState
 from ...runtime.array_types import FloatArray, IntArray
-from .compilation import compiled_inline, compiled_inside
+from .compilation import compiled_inside
 from .memory import write
+from .step_functions import INLINE, register
 
 
 class Uplink(IntEnum):
@@ -126,7 +127,6 @@ NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0
 NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
-@compiled_inline
 def quantised(value: float, resolution: float) -> float:
     """Return a value as a signal carries it: ``round(value / resolution) * resolution``.
 
@@ -134,6 +134,9 @@ def quantised(value: float, resolution: float) -> float:
     0.0 is added because rounding can give a negative zero, which an integer cannot.
     """
     return float((np.rint(value / resolution) + 0.0) * resolution)
+
+
+register(quantised)
 
 
 def _choosing(with_inbox: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
@@ -148,7 +151,7 @@ def _choosing(with_inbox: Callable[..., Any], without: Any = None) -> Callable[.
     def of_type(inbox: Any, *_: Any) -> Callable[..., Any]:
         return constant if isinstance(inbox, types.NoneType) else with_inbox
 
-    overload(chosen, strict=False, jit_options={"forceinline": True})(of_type)
+    overload(chosen, strict=False, jit_options=INLINE)(of_type)
     return chosen
 
 

@@ -50,7 +50,7 @@ from .law_input import (
     write_plan,
 )
 from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
-from .memory import at, borrowed, called, placed, read, write
+from .memory import at, called, placed, read, write
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED = range(4)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
@@ -179,7 +179,6 @@ def run_segment(
 
     Returns the samples taken and the ticks done so far, and how it ended.
     """
-    p, s, r, inbox = borrowed(p), borrowed(s), borrowed(r), borrowed(inbox)
     x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1)
     kept = Kept(x, 0.0, 0.0, nothing_known(inbox))
     place = at(law.kept, kept)

@@ -3,10 +3,9 @@
 The loop is compiled without knowing the law: the law's params and state have the law's own types,
 but their addresses are plain numbers, and so are those of the law's functions.
 
-Inside the loop arrays are borrowed. Passing a NamedTuple of arrays to a function raises and lowers
-every array's reference count, atomically, which here costs more than the arithmetic. A borrowed
-array points to the same memory and has no count, so its owner must outlive it: borrow in the
-function that Python calls, which holds the owners as its arguments.
+The loop is compiled without reference counts: raising and lowering that of every array in a record
+that is passed on would cost more than the arithmetic. So no compiled function makes an array, and
+its caller in Python holds its arrays until it ends.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numba import types
 from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
@@ -28,36 +26,6 @@ _cgutils: Any = cgutils
 _ROWS = (VehicleGains, Correction)
 KEPT_BYTES = 2048
 """Size of the memory that ``at`` may be given."""
-
-
-def _uncounted(_typing: Any, kind: Any) -> Any:
-    """Type the call and define its code; numba's ``carray`` takes longer to compile."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return without_counts(context, builder, kind, arguments[0])
-
-    return kind(kind), generate
-
-
-def without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return code for a value of a kind, with all arrays in it uncounted."""
-    if isinstance(kind, types.Array):
-        view = context.make_helper(builder, kind, value=value)
-        view.meminfo = view.meminfo.type(None)
-        view.parent = view.parent.type(None)
-        return view._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        inner: Any = kind
-        for place, each in enumerate(inner):
-            part = builder.extract_value(value, place)
-            part = without_counts(context, builder, each, part)
-            value = builder.insert_value(value, part, place)
-    return value
-
-
-borrowed: Any = intrinsic(_uncounted)
-"""For compiled code: returns an array, or a record with all its arrays and records of arrays, in
-the same memory but without reference counts; anything else unchanged."""
 
 
 class Memory(NamedTuple):
@@ -134,9 +102,7 @@ def _placed(_typing: Any, value: Any) -> Any:
 
 def _read(_typing: Any, pointer: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = signature.return_type
-        value = context.unpack_value(builder, kind, arguments[0])
-        return without_counts(context, builder, kind, value)
+        return context.unpack_value(builder, signature.return_type, arguments[0])
 
     return pointer.dtype(pointer), generate
 
@@ -174,7 +140,7 @@ at: Any = intrinsic(_at)
 placed: Any = intrinsic(_placed)
 """(value): returns a pointer to a copy, which lasts as long as the function runs."""
 read: Any = intrinsic(_read)
-"""(pointer): returns the record there, its arrays borrowed."""
+"""(pointer): returns the record there."""
 write: Any = intrinsic(_write)
 """(pointer, value): writes a record, of the type that the pointer is for."""
 called: Any = intrinsic(_called)

@@ -90,7 +90,7 @@ _AROUND: dict[type, Callable[..., Any]] = {
 """Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
-_INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 """The entries for callers in C and in Python are not needed and take long to compile."""
 _SOME_K = Correction(*[0.0] * len(Correction._fields))
 _K_BYTES = layout_of(_SOME_K).itemsize
@@ -129,7 +129,7 @@ def register(function: Callable[..., Any]) -> None:
 
 @cache
 def _register(function: Callable[..., Any]) -> None:
-    register_jitable(**_INLINE)(function)
+    register_jitable(**INLINE)(function)
 
 
 def register_law(name: str, law: Law, params: Any) -> None:
@@ -157,7 +157,7 @@ def law_step(params: Any, state: Any, observed: LawInput) -> Any:
     return _laws[type(params)].step(params, state, observed)
 
 
-@overload(law_step, jit_options=_INLINE)
+@overload(law_step, jit_options=INLINE)
 def _law_step_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: ARG001
     """Choose the step by type, at compile time."""
     kind = params.instance_class
@@ -180,7 +180,7 @@ def _law_step_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: A
     return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
 
 
-@overload(row_of, jit_options=_INLINE)
+@overload(row_of, jit_options=INLINE)
 def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
     """Read one row of a table of gains, which compiled code knows by its address."""
 
@@ -190,7 +190,7 @@ def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
     return at_address if isinstance(table, types.Integer) else None
 
 
-@overload(correction_of, jit_options=_INLINE)
+@overload(correction_of, jit_options=INLINE)
 def _correction_at(table: Any, index: Any) -> Any:  # noqa: ARG001
     """Read one row of a table of corrections, which compiled code knows by its address."""
 
@@ -208,7 +208,7 @@ def law_plan(params: Any, state: Any, observed: LawInput) -> int:
     return -1 if plan is None else plan(params, state, observed)
 
 
-@overload(law_plan, jit_options=_INLINE)
+@overload(law_plan, jit_options=INLINE)
 def _law_plan_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: ARG001
     """Choose the plan by type, at compile time."""
     kind = params.instance_class
