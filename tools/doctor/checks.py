@@ -21,7 +21,7 @@ from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, real_time
 from ...with_vcan import xstate
-from ...with_vcan.__main__ import backends
+from ...with_vcan.backend_choice import backends
 from ...with_vcan.request import Request, missing_programs
 
 DETECTION_TIMEOUT_S = 20.0

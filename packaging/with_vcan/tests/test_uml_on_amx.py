@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.with_vcan import uml, xstate
-from steer_by_wire.with_vcan.__main__ import choose
+from steer_by_wire.with_vcan.backend_choice import choose
 from steer_by_wire.with_vcan.request import SYSTEM_FOLDERS, BackendError, Request
 from tests.support.programs.running_program import PATIENCE_S
 

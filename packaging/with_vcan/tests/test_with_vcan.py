@@ -16,7 +16,7 @@ from typing import IO, NamedTuple
 
 import pytest
 
-from steer_by_wire.with_vcan.__main__ import choose
+from steer_by_wire.with_vcan.backend_choice import choose
 from steer_by_wire.with_vcan.guard import descendants
 from steer_by_wire.with_vcan.request import BackendError, Request
 from tests.support.programs.running_program import PATIENCE_S, wait_until

@@ -9,14 +9,12 @@ time is up, 126 and 127 for a command that cannot be run or is not found.
 import argparse
 import math
 import os
-import platform
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
 
+from .backend_choice import BACKENDS, Backend, choose
 from .request import BackendError, Request, interface_names, netem_of
 
 NAME = "with-vcan"
@@ -25,54 +23,6 @@ UNWRITABLE_STATUS = 4
 STDERR = 2
 SECONDS_MAX, MEBIBYTES = 1e9, (128, 65536)
 """Of ``--timeout`` and ``--memory``."""
-BACKENDS = ("host", "namespace", "uml")
-"""Modules beside this one."""
-PACKAGES = "user-mode-linux kmod can-utils iproute2"
-"""Of Debian and Ubuntu, for all backends but the host's own kernel."""
-
-
-class Backend(NamedTuple):
-    """One way to vcan0.
-
-    ``obstacle``  why it cannot be used; empty if it can
-    ``run``       runs a command, within a time [s]; returns its exit status
-    """
-
-    name: str
-    obstacle: Callable[[Request], str]
-    run: Callable[[Request, float | None], int]
-
-
-def backends() -> Iterator[Backend]:
-    """Yield the backends of this platform, best first; each is imported at its turn."""
-    for name in BACKENDS if sys.platform == "linux" else ():
-        module = import_module(f".{name}", __package__)
-        yield Backend(name, module.obstacle, module.run)
-
-
-def choose(wanted: str, request: Request) -> Backend:
-    """Return the wanted backend, or the best; raises BackendError with every obstacle."""
-    if sys.platform != "linux":
-        raise BackendError("only Linux has SocketCAN: use the emulated bus (docs/emulated_bus.md)")
-    obstacles = []
-    for backend in backends():
-        if wanted in ("auto", backend.name):
-            obstacle = backend.obstacle(request)
-            if not obstacle:
-                return backend
-            obstacles.append(f"{backend.name}: {obstacle}")
-    advice = f"; {_advice()}" if wanted == "auto" else ""
-    raise BackendError(
-        f"no way to {', '.join(request.interfaces)}{advice} ({'; '.join(obstacles)})"
-    )
-
-
-def _advice() -> str:
-    from .system_calls import FINIT_MODULE
-
-    if platform.machine() in FINIT_MODULE:
-        return f"on Debian and Ubuntu, apt-get install {PACKAGES}"
-    return "on this processor it takes a kernel with vcan, the host's or that of a virtual machine"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
