@@ -1,4 +1,4 @@
-# Two commands: `make demo` (the main job, pictures in out/demo) and `make test` (the whole suite).
+# Two commands: `make demo` (the main job, its picture in out/demo) and `make test` (the whole suite).
 # Everything goes into .venv, installed from the lock file; a second make does not reinstall.
 
 PYTHON ?= python3

@@ -5,7 +5,7 @@
 
 Runs plant emulator and controller as separate processes, one pair a law, the pairs side by side in
 real time, through the same phases of latency; then the same settings and seed in virtual time.
-Prints which law holds the path in which phase. Writes to DIR the pictures, ``summary.json`` and,
+Prints which law holds the path in which phase. Writes to DIR a picture, ``summary.json`` and,
 for each pair, its candump log, reports, trace and settings.
 """
 
@@ -47,7 +47,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     verdict_line,
     what_to_see,
 )
-from steer_by_wire.tools.demo.pictures import draw_all
+from steer_by_wire.tools.demo.pictures import draw
 from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
 
 NAME = "steer-by-wire demo"
@@ -105,9 +105,10 @@ def _present(
     channels: Channels,
     results: Sequence[LawResult],
 ) -> int:
-    """Print the tables, draw the pictures, write the summary; returns the exit status."""
+    """Print the tables, draw the picture, write the summary; returns the exit status."""
     out, phases = options.out, phases_of(plant)
-    pictures = draw_all(results, phases, out)
+    picture = out / "lateral_error.png"
+    draw(results, phases, picture)
     run = {"bus": channels.description, "plant_settings": plant.model_dump(mode="json")}
     summary = summary_json(results, phases, run)
     for file in filter(None, (out / "summary.json", options.json)):
@@ -118,7 +119,7 @@ def _present(
         console.print(f"  {line}", soft_wrap=True)
     console.print(machine_table(results))
     console.print(stolen_line([result.live for result in results]))
-    console.print(f"pictures: {', '.join(str(path) for path in pictures)}", soft_wrap=True)
+    console.print(f"picture: {picture}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
     status = fail_status(NAME, options.fail_if, QUANTITIES, summary)
     console.print(verdict_line(results), soft_wrap=True)

@@ -93,9 +93,12 @@ def law_result(
     law: DemoLaw, settings: PlantSettings, live: PairResult, virtual: PairResult
 ) -> LawResult:
     """Judge both runs of a law, phase by phase."""
-    return LawResult(
-        law.label, live, virtual, _judged(settings, live.trace), _judged(settings, virtual.trace)
+    phases = phases_of(settings)
+    judged = (
+        tuple(_phase_figures(settings, run.trace, phase) for phase in phases)
+        for run in (live, virtual)
     )
+    return LawResult(law.label, live, virtual, *judged)
 
 
 def phases_of(settings: PlantSettings) -> list[Phase]:
@@ -124,10 +127,6 @@ def _stretched(settings: PlantSettings, duration_s: float) -> PlantSettings:
         update={"downlink": downlink.model_copy(update={"schedule": schedule})}
     )
     return settings.model_copy(update={"latency": latency})
-
-
-def _judged(settings: PlantSettings, trace: Trace) -> tuple[PhaseFigures, ...]:
-    return tuple(_phase_figures(settings, trace, phase) for phase in phases_of(settings))
 
 
 def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> PhaseFigures:
