@@ -28,7 +28,7 @@ class Bus(NamedTuple):
 
     @property
     def options(self) -> list[str]:
-        """The same as python-can's command line options."""
+        """Options of python-can's command line that join it."""
         options = ["--interface", self.interface, "--channel", self.channel]
         if self.arguments:
             options += ["--bus-kwargs", *(f"{k}={v}" for k, v in self.arguments.items())]
@@ -56,7 +56,7 @@ def open_channels(
     ``wanted``          socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where
                         this machine has them all and nothing else is to be on the bus, else
                         emulated
-    ``log``             report of the emulated bus on what it carried; its settings go beside it
+    ``log``             report of the emulated bus on what it carried; its settings go next to it
     ``settings, seed``  of the emulated bus
 
     Raises SettingsError when socketcan is wanted and an interface is missing, and for databases

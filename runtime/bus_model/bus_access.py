@@ -1,4 +1,4 @@
-"""Who may start a frame when: pauses of error passive senders, and bus-off.
+"""Access to the bus: pauses of error passive senders, and bus-off.
 
 An error passive sender pauses 8 bits after each frame of its own. A sender in bus-off takes no part
 for 128 times 11 recessive bits. That is the time on an idle bus; that traffic makes it longer is

@@ -54,8 +54,8 @@ class BusErrors:
     ``noise``     when bits are wrong
     ``on_error``  called for every destroyed transmission
 
-    ``is_calm``   everybody is error active
-    ``sent``      complete frames by sender that has joined; whoever sends one counts it here or by
+    ``is_calm``   all nodes are error active
+    ``sent``      complete frames by sender that has joined; its model counts them here or by
                   ``on_whole``
     ``count``     destroyed transmissions; ``bus_offs`` those that led to bus-off
     """

@@ -1,4 +1,4 @@
-"""A CAN bus on which nothing goes wrong and nobody else sends, for runs in virtual time.
+"""A CAN bus without errors and other traffic, for runs in virtual time.
 
 It delivers what a ``BusModel`` without errors, other traffic and FIFOs delivers, by its first three
 rules, in a third of the time: the end of a frame is known when it wins the bus. A test compares the

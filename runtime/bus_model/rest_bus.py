@@ -1,7 +1,7 @@
 """The rest bus: periodic messages of all other nodes, without an object for each of their frames.
 
 Each message has a transmit buffer of one frame: a release that finds it full is refused. While
-everybody is error active, ``carry`` takes the bus from one such frame to the next with a few
+all nodes are error active, ``carry`` takes the bus from one such frame to the next with a few
 integer operations each. For everything else BusModel takes the frames over one by one, as if they
 had been submitted, with the same result.
 """

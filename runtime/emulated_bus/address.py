@@ -1,4 +1,4 @@
-"""Where a broker listens: a Unix socket that only its user can open, or TCP on the loopback.
+"""Address of a broker: a Unix socket that only its user can open, or TCP on the loopback.
 
 The default is a Unix socket in a private directory of the user. At any other path it is private to
 its user too. A directory in which others could replace the socket is refused. TCP is for machines

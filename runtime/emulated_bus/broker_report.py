@@ -1,4 +1,4 @@
-"""What a broker has carried and which clients it disconnected: as one line, and as JSON."""
+"""Report of a broker, as JSON and as one line: what it carried, whom it disconnected."""
 
 from typing import Any
 

@@ -61,7 +61,7 @@ class EmulatedBus(can.BusABC):
     ``receive_own_messages``  also receive what this client sends, at its end of frame
     ``fd``                    send and receive CAN FD frames; the broker has to carry them
     ``bitrate``               the required bit rate [bit/s]; None: any
-    ``data_bitrate``          the same for the data phase of CAN FD
+    ``data_bitrate``          the required bit rate of the data phase of CAN FD [bit/s]; None: any
 
     Where the bus has errors, it receives SocketCAN's error frame for each new state of its own
     controller. Options for other interfaces in python-can's configuration are ignored, as in all
@@ -86,7 +86,7 @@ class EmulatedBus(can.BusABC):
         self._channel = hello.channel
         self._record = record_format(fd)
         self._partial = b""
-        self._is_lost = self._listens_only = False
+        self._is_lost = False
         self._confinement = ControllerState.ERROR_ACTIVE
         self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
@@ -102,10 +102,8 @@ class EmulatedBus(can.BusABC):
                      case only frames of the same identifier can fill the buffer
 
         Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
-        ended, for an error frame, for a CAN FD frame without ``fd``, and when set to PASSIVE.
+        ended, for an error frame, and for a CAN FD frame without ``fd``.
         """
-        if self._listens_only:
-            raise can.CanOperationError("this bus is passive: it does not send")
         if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
         if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
@@ -219,19 +217,16 @@ class EmulatedBus(can.BusABC):
     def state(self) -> BusState:
         """As of the last ``recv``.
 
-        ERROR in bus-off and when the broker has ended; PASSIVE when error passive, and when set to
-        only listen; else ACTIVE.
+        ERROR in bus-off and when the broker has ended, PASSIVE when error passive, else ACTIVE.
         """
         if self._is_lost or self._confinement is ControllerState.BUS_OFF:
             return BusState.ERROR
         is_passive = self._confinement is ControllerState.ERROR_PASSIVE
-        return BusState.PASSIVE if is_passive or self._listens_only else BusState.ACTIVE
+        return BusState.PASSIVE if is_passive else BusState.ACTIVE
 
     @state.setter
     def state(self, new_state: BusState) -> None:
-        if new_state is BusState.ERROR or self._is_lost:
-            raise can.CanOperationError(f"cannot go from {self.state.name} to {new_state.name}")
-        self._listens_only = new_state is BusState.PASSIVE
+        raise can.CanOperationError(f"an emulated bus cannot be set to {new_state.name}")
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:

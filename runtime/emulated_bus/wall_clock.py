@@ -11,7 +11,7 @@ _SURE_NS = 100_000
 class WallClock:
     """Converts times; one second on the bus stays one second in a log.
 
-    Reading both clocks anew for every frame would put their reading errors into the distances
+    Reading both clocks again for every frame would put their reading errors into the distances
     between frames, up to a whole stall of the machine.
     """
 

@@ -1,4 +1,4 @@
-"""Who wins the bus when several start at once."""
+"""Arbitration: the bits by which one of several frames wins the bus."""
 
 from .frame import EXTENDED, REMOTE, Frame
 

@@ -131,7 +131,7 @@ def _first_signal() -> Iterator[int]:
 def _print_line(line: str) -> None:
     """Print a line to standard error if that does not block.
 
-    A pipe that nobody reads becomes full and must not stop the bus. A writable pipe has room for
+    A pipe without a reader becomes full and must not stop the bus. A writable pipe has room for
     PIPE_BUF bytes, more than a line has.
     """
     try:

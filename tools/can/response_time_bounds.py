@@ -50,7 +50,7 @@ class Wire(NamedTuple):
     """The bus.
 
     ``intermission_ns``    least time between two frames [ns]
-    ``error_frame_ns``     what an error costs beside the destroyed frame [ns]
+    ``error_frame_ns``     what an error costs besides the destroyed frame [ns]
     ``error_interval_ns``  least time between two errors; None for a bus without errors [ns]
     ``granularity_ns``     see above [ns]
     ``errors``             so many more of them, at the worst instants

@@ -57,7 +57,7 @@ def test_an_error_frame_follows_the_wrong_bit(frame: Frame) -> None:
         assert [(one.time_ns, one.transmit_errors) for one in events] == [(end_bits * BIT_NS, 8)]
 
 
-def test_an_error_in_the_data_phase_ends_within_a_nominal_bit_of_the_right_time() -> None:
+def test_an_error_in_the_data_phase_ends_within_a_nominal_bit() -> None:
     frame = Frame(0x555, bytes(12), FD | BITRATE_SWITCH)
     hit_ns = middle_of(25)
     errors, events = errors_at(hit_ns)

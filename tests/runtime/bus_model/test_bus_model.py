@@ -48,7 +48,7 @@ def test_a_frame_is_complete_after_its_own_bits() -> None:
     assert bus.next_event_ns == NEVER_NS
 
 
-def test_the_next_frame_starts_three_bits_after_the_end_of_the_one_before() -> None:
+def test_the_next_frame_starts_three_bits_after_the_last() -> None:
     bus = BusModel(500_000)
     bus.submit(classic(1), 0, 0)
     bus.submit(classic(2), 0, 0)
@@ -94,7 +94,7 @@ def test_a_frame_submitted_when_the_bus_becomes_free_still_competes() -> None:
     assert sent_ids(drain(bus)) == [0x200, 0x300]
 
 
-def test_an_arbitration_that_nobody_looked_at_is_decided_all_the_same() -> None:
+def test_an_arbitration_that_was_not_looked_at_is_decided() -> None:
     bus = BusModel(500_000)
     bus.submit(classic(0x700), 0, 0)
     bus.submit(classic(0x100), 1, 1)
@@ -129,7 +129,7 @@ def test_equal_identifiers_are_sent_in_the_order_they_were_submitted() -> None:
     assert [delivery.frame.data[0] for delivery in drain(bus)] == list(range(20))
 
 
-def test_the_payload_of_an_fd_frame_with_bitrate_switch_goes_at_the_data_rate() -> None:
+def test_the_payload_goes_at_the_data_rate_with_bitrate_switch() -> None:
     frame = Frame(0x100, bytes(64), FD | BITRATE_SWITCH)
     bits = frame_bits(frame)
     bus = BusModel(500_000, data_bitrate_bit_s=2_000_000)
@@ -152,7 +152,7 @@ def test_frames_back_to_back_do_not_add_up_rounding() -> None:
         bits += INTERMISSION_BITS
 
 
-def test_a_full_queue_refuses_counts_and_leaves_the_other_senders_alone() -> None:
+def test_a_full_queue_refuses_only_its_own_sender() -> None:
     bus = BusModel(500_000, queue_limit=2)
     bus.submit(classic(1), 0, 0)
     bus.submit(classic(3), 0, 1)  # the first one is on the wire now
@@ -167,7 +167,7 @@ def test_a_full_queue_refuses_counts_and_leaves_the_other_senders_alone() -> Non
     assert bus.load.refused == 1
 
 
-def test_the_load_counts_frames_and_the_time_they_took_with_intermission() -> None:
+def test_the_load_counts_frames_and_their_time() -> None:
     bus = BusModel(500_000)
     assert bus.load == BusLoad(frames=0, busy_ns=0, refused=0)
     bus.submit(classic(1), 0, 0)

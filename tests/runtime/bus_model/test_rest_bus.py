@@ -78,7 +78,7 @@ def errors_with(bit_error_rate: float | None, events: list[ErrorEvent]) -> BusEr
 
 
 @pytest.mark.parametrize("bit_error_rate", RATES)
-def test_traffic_without_objects_is_the_traffic_submitted_frame_by_frame(
+def test_the_rest_bus_is_its_frames_submitted_one_by_one(
     bit_error_rate: float | None,
 ) -> None:
     sent, seed = messages(1), 3

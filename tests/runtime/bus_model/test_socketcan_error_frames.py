@@ -1,4 +1,4 @@
-"""What SocketCAN's error frames name as their causes."""
+"""Causes that SocketCAN's error frames name."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Where the emulated bus listens, and whom the rights of the file system let in."""
+"""Addresses of the emulated bus, and whom the rights of the file system let in."""
 
 import stat
 from contextlib import ExitStack
@@ -53,7 +53,7 @@ def test_a_socket_at_a_path_of_one_s_own_is_its_user_s_alone(
     assert stat.S_IMODE(Path(f"{address}.lock").stat().st_mode) == 0o600
 
 
-def test_a_directory_where_anybody_could_replace_the_socket_is_refused(directory: Path) -> None:
+def test_a_directory_that_all_may_write_to_is_refused(directory: Path) -> None:
     directory.chmod(0o777)
     with (
         pytest.raises(AddressError, match="every user may write"),

@@ -71,7 +71,7 @@ def is_closed(client: socket.socket) -> bool:
 # Floods
 
 
-def test_who_floods_has_a_bounded_queue_and_delays_a_higher_priority_by_one_frame(
+def test_a_flood_delays_a_higher_priority_by_one_frame(
     bench: Bench,
 ) -> None:
     one, other, flooder = (bench.join() for _ in range(3))
@@ -99,7 +99,7 @@ def test_a_flood_loses_nothing_and_keeps_its_order(bench: Bench) -> None:
     assert seen == frames
 
 
-def test_frames_of_a_client_do_not_wait_behind_its_own_of_lower_priority(bench: Bench) -> None:
+def test_no_frame_waits_behind_one_of_lower_priority(bench: Bench) -> None:
     """0x300 is starved by another one's 0x200, its transmit buffer full; 0x100 goes out at once."""
     listener, flooder, victim = (bench.join() for _ in range(3))
 
@@ -234,7 +234,7 @@ def test_more_filters_than_there_may_be_are_garbage(bench: Bench) -> None:
 # Stalls
 
 
-def test_who_never_reads_is_disconnected_and_the_others_have_missed_nothing(bench: Bench) -> None:
+def test_a_client_that_never_reads_is_disconnected(bench: Bench) -> None:
     sender, listener, stalled = (bench.join() for _ in range(3))
     sent = seen = 0
     while not bench.gone(Cause.NOT_READING):

@@ -97,7 +97,7 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
 # What is reported
 
 
-def test_each_disconnection_is_one_line_with_its_reason_and_is_counted(bench: Bench) -> None:
+def test_each_disconnection_is_one_line_and_is_counted(bench: Bench) -> None:
     stranger = bench.connect()
     stranger.sendall(b"GET / HTTP/1.1\r\n".ljust(HELLO.size))
     bench.step()

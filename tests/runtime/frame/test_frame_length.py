@@ -129,7 +129,7 @@ def test_an_error_passive_sender_is_recessive_in_esi() -> None:
     assert passive == (active.nominal, active.data + 1)
 
 
-def test_the_fixed_stuff_bit_of_an_fd_frame_takes_the_place_of_one_after_the_payload() -> None:
+def test_an_fd_frame_has_its_fixed_stuff_bit_after_the_payload() -> None:
     # Payload 1F ends in a run of five, payload 0F in one of four.
     assert frame_bits(Frame(0x555, b"\x1f", FD)) == frame_bits(Frame(0x555, b"\x0f", FD))
 

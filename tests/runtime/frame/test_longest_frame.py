@@ -1,4 +1,4 @@
-"""How long a message can be."""
+"""The longest frames of a message."""
 
 import random
 

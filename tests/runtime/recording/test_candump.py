@@ -86,7 +86,7 @@ def test_what_is_written_is_read_back(entry: LogEntry) -> None:
     assert parse_entry(format_entry(entry)) == entry
 
 
-def test_lines_that_are_no_frames_are_counted_and_do_not_stop_the_reader() -> None:
+def test_lines_that_are_no_frames_are_counted() -> None:
     lines = [
         "(0.000001) can0 123#11",
         "",

@@ -119,7 +119,7 @@ class FakePort:
         return self.has_room
 
 
-def test_a_port_records_what_was_received_and_sent_and_not_what_was_refused(tmp_path: Path) -> None:
+def test_a_port_records_what_was_received_and_sent(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     recording = Recording(path, "vcan0")
     now_ns = time.monotonic_ns()

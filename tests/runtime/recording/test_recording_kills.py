@@ -1,4 +1,4 @@
-"""What a recording holds when its program or its recorder is killed or held up."""
+"""Recordings whose program or recorder is killed or held up."""
 
 import os
 import signal
@@ -54,9 +54,7 @@ def test_a_program_that_is_killed_leaves_a_complete_file(tmp_path: Path, suffix:
 
 
 @pytest.mark.parametrize("suffix", TEXT)
-def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_after_a_pause_the_file_holds_everything(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     told: list[str] = []
     recording = Recording(path, "vcan0", told.append)
@@ -79,7 +77,7 @@ def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
     assert written(path) == [index.to_bytes(8, "big") for index in range(KILLED_FRAMES)]
 
 
-def test_killed_while_frames_come_the_recorder_leaves_all_that_was_there_in_order(
+def test_a_killed_recorder_leaves_all_in_order(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.log"
@@ -120,7 +118,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_program_and_recorder_killed_together_leave_all_but_the_last_tenth_of_a_second(
+def test_both_killed_leave_all_but_the_last_tenth_of_a_second(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.log"

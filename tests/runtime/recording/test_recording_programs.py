@@ -97,7 +97,7 @@ def test_a_recording_that_fails_leaves_the_report_and_status_4(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")
-def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder(
+def test_ctrl_c_ends_a_program_that_waits_for_its_recording(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.log"

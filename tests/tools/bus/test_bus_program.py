@@ -234,7 +234,7 @@ def test_there_is_a_limit_to_clients_and_to_channels(
         client(stack, address, channel=str(most % channels))
 
 
-def test_a_client_refuses_what_its_transmit_buffer_has_no_room_for_and_nothing_else(
+def test_a_client_refuses_only_what_its_full_buffer_would_hold(
     stack: ExitStack, directory: Path
 ) -> None:
     address = str(directory / "socket")

@@ -89,7 +89,7 @@ def test_the_bus_model_shows_the_counterexample() -> None:
 
 
 @pytest.mark.parametrize("published", BROSTER["with_faults"], ids=lambda one: f"m{one['message']}")
-def test_responses_with_faults_and_their_chances_are_those_of_another_implementation(
+def test_responses_with_faults_are_those_of_another_program(
     published: Mapping[str, Any],
 ) -> None:
     messages, wire = broster()

@@ -36,9 +36,7 @@ BA_ "GenMsgCycleTime" BO_ 2565865751 5000;
 
 
 @pytest.mark.parametrize("others", ["", BUSY.replace("BO_ 16 ", "BO_ 17 ")])
-def test_with_the_longest_payloads_found_the_bus_model_never_exceeds_a_bound(
-    others: str, tmp_path: Path
-) -> None:
+def test_the_bus_model_never_exceeds_a_bound(others: str, tmp_path: Path) -> None:
     further = tmp_path / "others.dbc"
     further.write_text(others or BUSY)
     files = [Path(OURS), *([further] if others else [])]
