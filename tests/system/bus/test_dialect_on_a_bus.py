@@ -9,7 +9,7 @@ from steer_by_wire.plant_emulator.__main__ import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.programs.running_program import running
 
-CAR = Path(__file__).parents[1] / "dbc" / "dialect" / "my_car.toml"
+CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
 DIALECT = ("--dialect", str(CAR))
 
 
