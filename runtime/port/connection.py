@@ -3,7 +3,8 @@
     CONNECTED  the port's frames come and go
     SILENT     bus-off: the CAN controller has switched itself off. The port stays open, but nothing
                is sent. A report of a restart ends it, or the carrier of the network interface. A
-               bus-off that the kernel contradicts is forged, and only counted
+               bus-off while the interface has its carrier is forged, and only counted: any program
+               on the machine can send such an error frame
     LOST       the port has failed and is closed; a thread tries to reopen it every RETRY_S
 
 Without reconnecting, the connection raises BusError instead of leaving CONNECTED. With it, it does
@@ -34,7 +35,6 @@ from ..exit_status import BusError
 from ..frame import ERROR, Frame
 from ..node import NEVER_NS, NS_PER_S
 from ..node.real_time_loop import Received
-from .can_state import is_in_bus_off
 from .interface_choice import has_carrier
 from .port import ClosablePort, OpenPort
 
@@ -157,8 +157,7 @@ class Connection:
     def _take_error_frame(self, frame: Frame) -> None:
         """Count an error frame, and react to bus-off and restart."""
         causes = error_causes(frame) if self._opened.is_socketcan else (UNSPECIFIED,)
-        may_ask = BUS_OFF in causes and self._opened.has_carrier
-        if may_ask and is_in_bus_off(self._opened.channel) is False:
+        if BUS_OFF in causes and self._has_carrier():
             causes = tuple(FORGED_BUS_OFF if one == BUS_OFF else one for one in causes)
         self._error_frames.update(causes)
         if BUS_OFF in causes:
@@ -169,6 +168,10 @@ class Connection:
             self._look_at_ns = self._clock_ns() + _RETRY_NS
         elif self._is_silent and RESTARTED in causes:
             self._end_outage()
+
+    def _has_carrier(self) -> bool:
+        """Whether the bus is a network interface with its carrier, which is gone in bus-off."""
+        return self._opened.has_carrier and bool(has_carrier(self._opened.channel))
 
     def _lose(self, cause: str) -> None:
         """Close the failed port, and start to reopen it."""
@@ -207,7 +210,7 @@ class Connection:
         if self._is_silent and now_ns >= self._look_at_ns:
             # Being error-active again is not enough: the queue opens with the carrier.
             self._look_at_ns = now_ns + _RETRY_NS
-            if self._opened.has_carrier and has_carrier(self._opened.channel):
+            if self._has_carrier():
                 self._end_outage()
                 return
         is_away = self._port is None or self._is_silent

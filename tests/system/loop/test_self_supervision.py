@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -25,7 +24,6 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.plant_emulator import program
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.node.self_detected_faults import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
@@ -35,7 +33,6 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import LARGEST
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
@@ -98,16 +95,6 @@ def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() 
     assert len(tested.frames) > before
 
 
-def test_overruns_that_are_borne_change_nothing() -> None:
-    tested = steering(link())
-    late(tested, 50)
-    tested.tick_until(START_NS + 300 * PERIOD_NS)
-    report = tested.node.report()
-    assert (report["failure"], report["safety"]["safe_state"]) == ("", None)
-    assert report["skipped_samples"] == 50
-    assert not tested.node.finished
-
-
 @pytest.mark.parametrize("pause_s", [1.0, 3600.0])
 def test_a_pause_however_long_is_one_overrun_after_which_the_plant_goes_on(pause_s: float) -> None:
     """A process that was stopped, or a machine that slept with its clock running."""
@@ -130,25 +117,6 @@ def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
     end_ns = finish(tested)
     assert (end_ns - START_NS) * 1e-9 - failed_s == pytest.approx(3.0, abs=0.011)
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
-
-
-def test_a_wheel_whose_target_is_kept_is_reported_for_a_second() -> None:
-    tested = steering(link(overruns={"overruns_max": 0}, safety={"fallback": "keep"}))
-    late(tested, 1)
-    failed_s = tested.node.report()["safety"]["safe_state"]["at_s"]
-    end_ns = finish(tested)
-    assert end_ns - START_NS == pytest.approx(failed_s * 1e9 + REPORTING_NS, abs=1)
-    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.1, abs=1e-4)
-    states = [message.safety for _, message in tested.messages(PlantStatus)]
-    assert states.count(SafetyState.SAFE_STATE) == 11
-
-
-def test_a_plant_that_nobody_has_driven_yet_ends_too() -> None:
-    tested = link(overruns={"overruns_max": 0})
-    late(tested, 1)
-    finish(tested)
-    assert tested.last(SteeringStatus).status is SteeringStatusCode.SAFE_STATE
-    assert tested.node.report()["motion_s"] == 0.0
 
 
 def test_commands_after_a_fault_are_ignored() -> None:
@@ -268,22 +236,7 @@ def test_settings_that_no_motion_can_be_computed_of_are_refused(
         load_settings(PlantSettings, overrides=[f"{key}={value}"])
 
 
-def test_the_fastest_lag_that_is_allowed_is_computed() -> None:
-    tested = link(actuator={"lag_s": 1e-6})
-    tested.command(START_NS, 0.1)
-    tested.tick_until(START_NS + PERIOD_NS)
-    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.1, abs=1e-4)
-
-
 # Around the node
-
-
-def test_in_virtual_time_no_sample_is_late() -> None:
-    plant = PlantNode(PlantSettings.model_validate({"overruns": {"overruns_max": 0}}), 0)
-    controller = controller_preset("practical_pd_ddob")
-    VirtualTimeExecutor((plant, ControllerNode(controller, 0))).run(2_000 * MS_NS)
-    report = plant.report()
-    assert (report["failure"], report["skipped_samples"]) == ("", 0)
 
 
 def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
