@@ -226,7 +226,8 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     if "settling" in study.without:
         slow += _diverging(study, design)
     if slow:
-        return Judgement(np.inf, _UNSTABLE + slow / cells, tuple(demands))
+        violation = _UNSTABLE + slow / cells + _slowness(study, design)
+        return Judgement(np.inf, violation, tuple(demands))
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
     demands += _frequency(study, design)
@@ -257,6 +258,21 @@ def _diverging(study: Study, design: LawDesign) -> int:
         not SampledLoop(design, model, study.spec.period_ns).is_stable(study.spec.delays_ns[-1])
         for model in study.models
     )
+
+
+def _slowness(study: Study, design: LawDesign) -> float:
+    """Return by how much the loops are too slow, at the shortest and the longest delay.
+
+    It leads a search out of regions where the count of slow loops is the same everywhere.
+    """
+    demanded_1_s = study.spec.d_stability.settling_1_s
+    loops = [SampledLoop(design, model, study.spec.period_ns) for model in study.models]
+    lacking = [
+        max(0.0, demanded_1_s - loop.decay_1_s(delay_ns))
+        for loop in loops
+        for delay_ns in (0, study.spec.delays_ns[-1])
+    ]
+    return sum(lacking) / len(lacking) / demanded_1_s
 
 
 def _region(study: Study, pd_design: LawDesign) -> list[Demand]:

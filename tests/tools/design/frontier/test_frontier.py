@@ -168,7 +168,7 @@ def test_the_page_states_the_error_of_a_design_at_the_second_level_of_noise(stru
 
 
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
-    quick = asked("course.duration_s=6", "search.generations=12", "search.starts=1")
+    quick = asked("course.duration_s=6", "search.generations=25", "search.starts=1")
     alone = VehicleFile(vehicle=vehicle().vehicle)
     (found,) = designed_points(quick, alone, "PD", lambda _: None)
     fine = study(quick, alone, "PD", 250.0, True)
