@@ -34,8 +34,6 @@ from .secoc.secured_frame import Refused, is_secured
 Cause = Rejection | CounterResult | Refused
 _Cause = TypeVar("_Cause", Rejection, CounterResult, Refused)
 _ACCEPTED = CounterResult.ACCEPTED
-_OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
-_SECOND_SENDERS = tuple(SecondSender)
 NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
 ECHO_TICKS = 256
@@ -53,6 +51,17 @@ def second_sender_line(messages: Sequence[str]) -> str:
 def cycle_ns(message_type: type[Message]) -> int:
     """Return the period of a message while it is sent."""
     return ACTIVE_CYCLE_TIMES_MS[message_type] * NS_PER_MS
+
+
+def second_sender_at(own_ns: int | None, peer_ns: int | None, now_ns: int) -> SecondSender:
+    """Return whose messages have come from a second sender in the last NOTICE_NS.
+
+    ``own_ns``, ``peer_ns``  when a frame last showed one, of own messages and of received ones
+    """
+    is_own = own_ns is not None and now_ns - own_ns < NOTICE_NS
+    if peer_ns is not None and now_ns - peer_ns < NOTICE_NS:
+        return SecondSender.BOTH if is_own else SecondSender.PEER
+    return SecondSender.OWN if is_own else SecondSender.NONE
 
 
 class Reception:
@@ -124,12 +133,9 @@ class Reception:
 
     def second_sender(self, now_ns: int) -> SecondSender:
         """Return whose messages have come from a second sender in the last NOTICE_NS."""
-        number = _OWN if now_ns - self._own_ns < NOTICE_NS else 0
-        for check in self._checks.values():
-            noticed_ns = None if check is None else check.second_sender_ns
-            if noticed_ns is not None and now_ns - noticed_ns < NOTICE_NS:
-                number |= _PEER
-        return _SECOND_SENDERS[number]
+        checks = (check for check in self._checks.values() if check is not None)
+        noticed_ns = (it.second_sender_ns for it in checks if it.second_sender_ns is not None)
+        return second_sender_at(self._own_ns, max(noticed_ns, default=None), now_ns)
 
     def newest(self, message_type: type[Message]) -> CounterCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""

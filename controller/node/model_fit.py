@@ -113,8 +113,10 @@ class FitState(NamedTuple):
 
 def start_fit() -> FitState:
     """Return the state of a vehicle of which nothing is known."""
-    share = (0.5, 0.0, _W_VARIANCE_MAX, 0.0, _B_VARIANCE_MAX)
-    return FitState(0.0, 0.0, 0.0, share, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, True)
+    return FitState(
+        0.0, 0.0, 0.0, (0.5, 0.0, _W_VARIANCE_MAX, 0.0, _B_VARIANCE_MAX),
+        0.0, 0.0, 0.0, 0.0, 1.0, 0.0, True,
+    )  # fmt: skip
 
 
 def fit_step(

@@ -28,13 +28,22 @@ SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
 
 
-def is_overruled(code: SteeringStatusCode) -> bool:
-    """Whether the wheel's angle is not that of any command."""
-    return (
+def acting_rad(
+    code: SteeringStatusCode, age: Freshness, wheel_rad: float, sent_rad: float
+) -> float:
+    """Return the command that acts: the one sent, or the wheel's angle in its place.
+
+    An observer that takes a command for the vehicle's input which the steering limits, or no longer
+    follows, winds up. One that is held is a late command, as in any network.
+
+    ``code``, ``age``  of the newest STEERING_STATUS
+    """
+    is_other = (
         code is SteeringStatusCode.LIMITED_BY_SAFETY
         or code is SteeringStatusCode.FALLBACK
         or code is SteeringStatusCode.SAFE_STATE
     )
+    return wheel_rad if is_other and age is Freshness.FRESH else sent_rad
 
 
 class Received:
@@ -63,17 +72,11 @@ class Received:
         return self.reception.refused + self.unauthenticated
 
     def acting_rad(self, sent_rad: float, now_ns: int) -> float:
-        """Return the command that acts: the one sent, or the wheel's angle in its place.
-
-        An observer that takes a command for the vehicle's input which the steering limits, or no
-        longer follows, winds up. One that is held is a late command, as in any network.
-        """
-        code = self.steering
-        if code is _APPLYING or not is_overruled(code):
+        """Return the command that acts."""
+        if self.steering is _APPLYING:
             return sent_rad
-        arrival_ns = self.statuses.arrival_ns
-        is_stale = arrival_ns is None or now_ns - arrival_ns > self._limits.steering_status_ns
-        return sent_rad if is_stale else self.wheel_rad
+        age = freshness(self.statuses.arrival_ns, self._limits.steering_status_ns, now_ns)
+        return acting_rad(self.steering, age, self.wheel_rad, sent_rad)
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked if it is stale."""

@@ -41,7 +41,7 @@ _AGES = ("lateral_error", "steering_status", "vehicle_state")
 _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 _ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_OTHER, _STALE = SecondSender.NONE, Freshness.STALE
-_NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
+_NOT_STEERED_FROM = SteeringStatusCode.FALLBACK
 """From this code on the steering follows no commands."""
 
 
@@ -99,10 +99,25 @@ def controller_safety(x: SafetyFacts, lost: int) -> ControllerSafety:
     )
 
 
-def must_stop(mode: Mode, goes_forward: bool, steering: SteeringStatusCode) -> bool:
-    """Whether the vehicle must stop, because nobody steers it or soon will not."""
+def facts_of(
+    refused: int,
+    lateral_error: Freshness,
+    steering_status: Freshness,
+    vehicle_state: Freshness,
+    fault: ControllerFault,
+    second_sender: SecondSender,
+    validity: Validity,
+    mode: Mode,
+    goes_forward: bool,
+    steering: SteeringStatusCode,
+) -> SafetyFacts:
+    """Return the facts; the vehicle must stop where it is not steered, or soon will not be."""
     is_stopping = mode is Mode.SAFE_STOP or not goes_forward
-    return is_stopping or steering >= _NOBODY_STEERS_FROM
+    request = request_of(validity, is_stopping or steering >= _NOT_STEERED_FROM)
+    return SafetyFacts(
+        refused, lateral_error, steering_status, vehicle_state, fault, second_sender, validity,
+        request,
+    )  # fmt: skip
 
 
 class SafetyReport:
@@ -186,13 +201,12 @@ class SafetyReport:
         if now_ns <= self._fresh_until_ns and found_from == self._found_from:
             return self.facts
         self._found_from = found_from
-        is_steered = not must_stop(modes.mode, modes.goes_forward, received.steering)
-        request = request_of(validity, not is_steered)
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        found = (received.refused, *freshness, fault, second_sender, validity, request)
+        state = modes.mode, modes.goes_forward, received.steering
+        found = facts_of(received.refused, *freshness, fault, second_sender, validity, *state)
         if found != self.facts:
-            self.facts = SafetyFacts(*found)
+            self.facts = found
         # A stale message may return at any time, and a second sender is forgotten after a while.
         is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1

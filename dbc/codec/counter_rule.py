@@ -111,7 +111,7 @@ def counter_step(
     refused = x._replace(run=run, last_refused=counter)
     if is_newer:
         return refused, CounterResult.TOO_FAR
-    return refused, CounterResult.OUT_OF_ORDER if forward else CounterResult.REPEATED
+    return refused, CounterResult.OUT_OF_ORDER if forward > 0 else CounterResult.REPEATED
 
 
 def first_of_sequence(x: CounterState, counter: int, now_ns: int, restarts: int) -> CounterState:
@@ -132,6 +132,6 @@ def next_of_sequence(
         )  # fmt: skip
     passed = COUNTERS - x.since + counter
     if passed >= HALF and 2 * (lost - x.lost_before) <= passed:
-        measured_ns = (now_ns - x.since_ns) // passed
+        measured_ns = (now_ns - x.since_ns) // max(passed, 1)
         period_ns = min(max(measured_ns, PERIOD_NS_MIN), p.period_ns)
     return CounterState(counter, now_ns, period_ns, lost, x.restarts, 0, 0, now_ns, counter, lost)

@@ -122,15 +122,17 @@ class OverrunSupervision:
             bytearray(rule.window_periods),
         )
         """Rings: 1 for a tick that overran and for a period that was missed."""
+        self._is_calm = True
+        """Whether the rings hold zeros alone."""
         self._skipped_before = self._calm_ticks = 0
         self.failure = ""
 
     def on_tick(self, timer: PeriodicTimer) -> bool:
         """Process the tick that ``timer`` has advanced for; returns whether the rate is kept."""
         missed = timer.skipped - self._skipped_before
-        if not missed and not self._x.missed and not self._x.overruns:
-            self._calm_ticks += 1  # the rings hold zeros alone
-            return not self.failure
+        if self._is_calm and not missed:
+            self._calm_ticks += 1
+            return True
         self._skipped_before = timer.skipped
         rule, calm = self._rule, self._calm_ticks
         x = self._x._replace(ticks=self._x.ticks + calm, periods=self._x.periods + calm)
@@ -144,6 +146,7 @@ class OverrunSupervision:
         self._x = x = overrun_step(x, counted, overruns_left, missed_left)
         if not self.failure and not keeps_rate(rule, x):
             self.failure = _in_words(rule, x)
+        self._is_calm = not (x.overruns or x.missed or self.failure)
         return not self.failure
 
 

@@ -19,7 +19,7 @@ from .law_source import law_source, title_of
 from .node_source import node_source
 
 NAME = "steer-by-wire generate-c"
-GENERATED = ("steering_law.c", "steering_law.h", "node_settings.c", "node_settings.h")
+GENERATED = ("steering_law.c", "steering_law.h", "node_rules.c", "node_rules.h")
 DEFAULT_PRESET = "practical_pd_ddob"
 
 

@@ -118,7 +118,8 @@ class Function:
             self._source.refuse(said, "a function without a docstring")
         if not isinstance(statements[-1], ast.Return):
             self._source.refuse(statements[-1], "an end without return")
-        lines = [line for statement in statements for line in self._statement(statement)]
+        lines = [f"(void){name};" for name, _ in self.parameters if name.startswith("_")]
+        lines += [line for statement in statements for line in self._statement(statement)]
         doc = f"{ast.get_docstring(self._source.tree)}\n\n(in {self._source.file})"
         comment = "\n".join(f" * {line}".rstrip() for line in doc.replace("*/", "").splitlines())
         body = textwrap.indent("\n".join(lines), "    ")
@@ -188,8 +189,7 @@ class Function:
                 lines += [begin] if begin else []
                 within = [line for it in statements for line in self._statement(it)]
                 lines += [f"    {line}" for line in within]
-            if new := {*self._scope} - known:
-                self._refuse(statements[0], f"{min(new)} begins within an if")
+            self._scope = {name: it for name, it in self._scope.items() if name in known}
         self._is_within_if = outside
         return [*lines, "}"]
 
@@ -333,8 +333,19 @@ class Function:
             if one.kind == "double":
                 return f"{'' if sign == '==' else '!'}is_nan({one.text})"
             return f"{one.within(_COMPARISON + 1)} {sign} INT64_MIN"
-        other = self._expression(right, "double" if isinstance(one.kind, Record) else one.kind)
+        other = self._expression(right, one.kind)
+        if isinstance(one.kind, Record):
+            return self._compared_records(node, one, other, sign)
         return f"{one.within(_COMPARISON + 1)} {sign} {other.within(_COMPARISON + 1)}"
+
+    def _compared_records(self, node: ast.Compare, one: Text, other: Text, sign: str) -> str:
+        """Return the comparison of all fields of two records of numbers."""
+        names = dict(one.kind.fields) if isinstance(one.kind, Record) else {}
+        pairs = [(self._field(node, one, it), self._field(node, other, it)) for it in names]
+        if any(isinstance(left.kind, Record) for left, _ in pairs):
+            self._refuse(node)
+        joined = " && " if sign == "==" else " || "
+        return f"({joined.join(f'{left.text} {sign} {right.text}' for left, right in pairs)})"
 
     def _replaced(self, node: ast.Call, record: Text) -> Text:
         """Return a copy of a record with other values in some fields."""
@@ -358,7 +369,10 @@ class Function:
             self._refuse(node, f"a division by {name}, which may be 0")
 
     def _value_of(self, node: ast.expr) -> float:
-        """Return the value of a constant, 0 for what is none."""
+        """Return the value of a constant, and the least one of ``max`` with one; else 0."""
+        match node:
+            case ast.Call(func=ast.Name(id="max"), args=[_, least]):
+                return max(self._value_of(least), 0.0)
         value = node.value if isinstance(node, ast.Constant) else self._meant(node)
         return value if _is_number(value) and ast.unparse(node) not in self._scope else 0.0
 
@@ -409,7 +423,7 @@ class Function:
         if isinstance(node, ast.Tuple):
             return f"({declared(kind)}){self._literal(node, node.elts, kind)}"
         if isinstance(node, ast.Constant) and node.value is None:
-            return "INT64_MIN" if kind == "int64_t" else "NAN"
+            return "INT64_MIN" if kind == "int64_t" else "none()"
         value = self._expression(node, kind)
         return f"*{value.text}" if value.is_pointer else value.text
 

@@ -36,6 +36,24 @@ static int64_t floor_mod(int64_t x, int64_t by)
     return x % by + (x % by != 0 && (x < 0) != (by < 0) ? by : 0);
 }
 """,
+    "nearest": """\
+static int64_t nearest(double x) /* halves to even */
+{
+    const int64_t truncated = (int64_t)x;
+    const int64_t below = truncated - (x < (double)truncated ? 1 : 0);
+    const double above = x - (double)below;
+
+    return below + (above > 0.5 || (above == 0.5 && below % 2 != 0) ? 1 : 0);
+}
+""",
+    "none": """\
+static double none(void) /* no number, for a number that is not known */
+{
+    const double zero = 0.0;
+
+    return zero / zero;
+}
+""",
     **{
         f"{name}{suffix}": f"""\
 static {kind} {name}{suffix}({kind} one, {kind} other)

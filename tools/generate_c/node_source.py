@@ -1,50 +1,114 @@
-"""The files of the node around a law: its settings and the messages' layouts, and what is by hand.
+"""node_rules.c and node_rules.h: what the node around a law takes from Python.
 
+These are the node's rules, as functions; their parameters, from the settings; and its messages.
 ``node/`` has the C that is written by hand, and ``closed_loop/lockstep`` the protocol with its two
-machines. All are copied, so that the folder needs nothing else.
+machines. Those are copied, so that the folder needs nothing else.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.resources import files
+from math import ceil
+from typing import Any, NamedTuple
 
-from steer_by_wire.controller.limits.designed_ranges import designed_ranges_of
-from steer_by_wire.controller.node.model_fit import gradients_s2_m
-from steer_by_wire.controller.node.newest_messages import RECEIVED, SENT
+from steer_by_wire.controller.age_limits import freshness
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle
+from steer_by_wire.controller.limits.designed_ranges import (
+    NOT_FORWARD_M_S,
+    designed_ranges_of,
+    share_of_demand,
+    validity_of,
+)
+from steer_by_wire.controller.node import modes
+from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, echoed_age
+from steer_by_wire.controller.node.law_runner import FAILURES_MAX
+from steer_by_wire.controller.node.model_fit import FitParams, fit_params, fit_step, start_fit
+from steer_by_wire.controller.node.newest_messages import RECEIVED, acting_rad
 from steer_by_wire.controller.node.plausibility import nominal_vehicle
+from steer_by_wire.controller.node.reported_delay import (
+    delay_status,
+    echo_delay_s,
+    echo_rule,
+    echo_step,
+)
+from steer_by_wire.controller.node.safety_alarms import (
+    controller_safety,
+    facts_of,
+    is_report_due,
+)
+from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS, controller_status
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.codec.layout import MessageLayout, SignalLayout
-from steer_by_wire.dbc.contract.generated_layout import LAYOUTS
-from steer_by_wire.dbc.contract.message_records import MESSAGE_TYPES
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.dbc.codec.counter_rule import counter_step, start_counters
+from steer_by_wire.dbc.codec.protection import COUNTERS
+from steer_by_wire.dbc.codec.second_sender import sender_step, start_senders
+from steer_by_wire.dbc.messages import COMMAND_COUNTERS, DelayStatus, limits
+from steer_by_wire.dbc.reception import cycle_ns, second_sender_at
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.node.overruns import (
+    counted_periods,
+    keeps_rate,
+    overrun_rule,
+    overrun_step,
+)
 from steer_by_wire.runtime.settings import SettingsError
 
-from .records import hexadecimal
+from .functions import Function
+from .helpers import called_by
+from .messages import messages_in_c
+from .records import Records, declared, enumeration, hexadecimal, initializer, struct
+from .sources import reached, records_of
 
+NAME = "node_rules"
 _PROTOCOL = "steer_by_wire.closed_loop.lockstep"
+_RULES: tuple[Callable[..., Any], ...] = (
+    *(modes.mode_step, modes.measured_run, modes.damaged_run),
+    *(counted_periods, overrun_step, keeps_rate),
+    *(start_counters, counter_step, start_senders, sender_step),
+    *(freshness, acting_rad, share_of_demand),
+    *(echoed_age, echo_step, echo_delay_s, delay_status),
+    *(start_fit, fit_step, validity_of),
+    *(second_sender_at, facts_of, is_report_due, controller_safety, controller_status),
+)
 _HEADER = """\
 /* {title}
  *
- * What the node around the law was given, and where its messages have their signals.
+ * The rules of the node around the law, their parameters, and its messages.
  */
-#ifndef NODE_SETTINGS_H
-#define NODE_SETTINGS_H
+#ifndef NODE_RULES_H
+#define NODE_RULES_H
 
-#include "messages.h"
+#include <stdbool.h>
+#include <stdint.h>
 
 {defines}
 
-{messages}
+{enums}
+{structs}
+{parameters}
+{prototypes}
 
+{messages}
 #endif
 """
 _SOURCE = """\
-/* The messages that the node sends and receives, as steer_by_wire.dbc defines them. */
-#include "node_settings.h"
+/* {title} */
+#include "node_rules.h"
 
-{tables}"""
-_NO_LIMIT = 1_000_000
-"""More overruns or missed periods than any window has."""
+{parameters}
+{helpers}
+{definitions}
+{messages}"""
+
+
+_DELAY_S_MAX = limits(DelayStatus)["echo_delay_s"].maximum
+_ANY_VEHICLE = NominalVehicle(*(1.0,) * len(NominalVehicle._fields))
+"""Of settings that state no vehicle, whose fit is not judged."""
+
+
+class Parameter(NamedTuple):
+    """A constant of the generated file, with its value in Python."""
+
+    name: str
+    value: Any
 
 
 def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
@@ -56,101 +120,85 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
         raise SettingsError('supervision.second_sender = "silent" does not become C: leave it out')
     if settings.supervision.stops_if_implausible:
         raise SettingsError("supervision.stops_if_implausible does not become C: leave it out")
-    layouts = [layout for layout in LAYOUTS if MESSAGE_TYPES[layout.name] in {*RECEIVED, *SENT}]
-    largest = {
-        "SIGNALS_MAX": max(len(layout.signals) for layout in layouts),
-        "PAYLOAD_MAX": max(layout.length for layout in layouts),
-    }
-    values = [*largest.items(), *_defines(settings)]
-    defines = "\n".join(f"#define {name} {value}" for name, value in values)
-    header = _HEADER.format(
-        title=title, defines=defines, messages="\n".join(map(_indices, layouts))
+    sources = reached(_RULES)
+    records = records_of(sources)
+    functions = [(source.function, Function(source, records)) for source in sources]
+    definitions = "\n".join(
+        function.definition("" if rule in _RULES else "static ") for rule, function in functions
     )
-    source = _SOURCE.format(tables="\n".join(map(_table, layouts)))
+    parameters = [_definition(it, records) for it in _parameters(settings)]
+    messages = messages_in_c(records)
+    header = _HEADER.format(
+        title=title,
+        defines="\n".join(f"#define {name} {value}" for name, value in _defines(settings)),
+        enums="\n".join(map(enumeration, records.enums)),
+        structs="\n".join(map(struct, records.made)),
+        parameters="\n".join(f"extern const {it};" for it, _ in parameters),
+        prototypes="\n".join(f"{it.prototype()};" for rule, it in functions if rule in _RULES),
+        messages=messages.header,
+    )
+    source = _SOURCE.format(
+        title=title,
+        parameters="\n".join(f"const {it} = {value};\n" for it, value in parameters),
+        helpers=called_by(definitions + messages.source),
+        definitions=definitions,
+        messages=messages.source,
+    )
     by_hand = {
         file.name: file.read_text(encoding="utf-8")
         for folder in (files(__package__) / "node", files(_PROTOCOL))
         for file in folder.iterdir()
         if file.is_file() and not file.name.endswith(".py")
     }
-    return {"node_settings.h": header, "node_settings.c": source, **by_hand}
+    return {f"{NAME}.h": header, f"{NAME}.c": source, **by_hand}
+
+
+def commands_in_flight(settings: ControllerSettings) -> int:
+    """Return of how many commands the node in C keeps the sending time.
+
+    It covers twice the longest delay that the settings are designed for, so that a longer one is
+    noticed; or the longest that DELAY_STATUS reports, where they state none.
+    """
+    delay_s = 2e-3 * settings.validity.delay_ms_max if settings.validity else _DELAY_S_MAX
+    return min(ceil(delay_s * NS_PER_S / settings.period_ns) + 1, IN_FLIGHT_MAX)
 
 
 def _defines(settings: ControllerSettings) -> Iterator[tuple[str, str]]:
-    table, ages, counters = settings.supervision, settings.age_limits, settings.counters
+    rule = overrun_rule(settings.overruns)
     yield "LAW_NUMBER", str(int(settings.law_record.number))
-    yield "LATERAL_ERROR_AGE_NS", _long(ages.lateral_error_ns)
-    yield "STEERING_STATUS_AGE_NS", _long(ages.steering_status_ns)
-    yield "VEHICLE_STATE_AGE_NS", _long(ages.vehicle_state_ns)
-    yield "HOLD_NS", _long(round(table.hold_ms * NS_PER_MS))
-    yield "RECOVERY_FRAMES", str(table.recovery_frames)
-    yield "LEAD_NS", _long(counters.lead_ns)
-    yield "RESYNC_RUN", str(counters.resync_run)
-    yield "RESYNC_NS", _long(counters.resync_ns)
-    yield "DELAY_AVERAGING_NS", _long(round(settings.link.delay_averaging_s * NS_PER_S))
-    overruns = settings.overruns
-    yield "OVERRUNS_MAX", _bound(overruns.overruns_max)
-    yield "OVERRUN_WINDOW_TICKS", str(overruns.window_ticks)
-    yield "MISSED_PERIODS_MAX", _bound(overruns.missed_periods_max)
-    yield "MISSED_WINDOW_PERIODS", str(overruns.window_periods)
-    yield "STALL_PERIODS_MAX", str(overruns.stall_periods_max)
-    validity, vehicle = settings.validity, nominal_vehicle(settings)
-    yield "HAS_VALIDITY", str(int(validity is not None))
-    ranges = designed_ranges_of(validity)
-    yield "SPEED_M_S_MAX", hexadecimal(ranges.speed_m_s_max)
-    yield "SPEED_TOLERATED_M_S_MIN", hexadecimal(ranges.tolerated_m_s_min)
-    yield "SPEED_TOLERATED_M_S_MAX", hexadecimal(ranges.tolerated_m_s_max)
-    yield "DELAY_S_MAX", hexadecimal(1e-3 * validity.delay_ms_max if validity else 0.0)
-    has_fit = vehicle is not None and validity is not None
-    yield "HAS_MODEL_FIT", str(int(has_fit))
-    least, largest = gradients_s2_m(vehicle, validity) if vehicle and validity else (0.0, 0.0)
-    yield "GRADIENT_LEAST_S2_M", hexadecimal(least)
-    yield "GRADIENT_LARGEST_S2_M", hexadecimal(largest)
-    fields = vehicle._asdict() if vehicle else {}
-    for name in (
-        "virtual_mass_kg", "yaw_inertia_kg_m2", "front_cornering_stiffness_n_rad",
-        "rear_cornering_stiffness_n_rad", "front_axle_distance_m", "rear_axle_distance_m",
-    ):  # fmt: skip
-        yield name.upper(), hexadecimal(fields.get(name, 1.0))
-    yield "LENGTH_M", "(FRONT_AXLE_DISTANCE_M + REAR_AXLE_DISTANCE_M)"
+    yield "IN_FLIGHT", str(commands_in_flight(settings))
+    yield "OVERRUN_WINDOW_TICKS", str(rule.window_ticks)
+    yield "MISSED_WINDOW_PERIODS", str(rule.window_periods)
+    yield "STATUS_PERIOD_NS", str(STATUS_PERIOD_NS)
+    yield "COMMAND_COUNTERS", str(COMMAND_COUNTERS)
+    yield "COUNTERS", str(COUNTERS)
+    yield "LAW_FAILURES_MAX", str(FAILURES_MAX)
+    yield "NOT_FORWARD_M_S", hexadecimal(NOT_FORWARD_M_S)
+    yield "HAS_MODEL_FIT", str(int(_fit(settings) is not None))
 
 
-def _long(value: int) -> str:
-    return f"INT64_C({value})"
+def _fit(settings: ControllerSettings) -> FitParams | None:
+    vehicle, box = nominal_vehicle(settings), settings.validity
+    return fit_params(vehicle, box) if vehicle and box else None
 
 
-def _bound(value: int | str) -> str:
-    return str(_NO_LIMIT if isinstance(value, str) else value)
+def _parameters(settings: ControllerSettings) -> Iterator[Parameter]:
+    ranges = designed_ranges_of(settings.validity)
+    yield Parameter("SUPERVISION", modes.supervision_of(settings))
+    yield Parameter("OVERRUN_RULE", overrun_rule(settings.overruns))
+    yield Parameter("DESIGNED_RANGES", ranges)
+    yield Parameter("ECHO_RULE", echo_rule(settings))
+    yield Parameter("FIT_PARAMS", _fit(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE))
+    yield Parameter("AGE_LIMITS_NS", [*settings.age_limits])
+    rules = [settings.counters._replace(period_ns=cycle_ns(kind)) for kind in RECEIVED]
+    yield Parameter("COUNTER_RULES", rules)
 
 
-def _indices(layout: MessageLayout) -> str:
-    """Return where a message's signals stand among its raws."""
-    names = [f"{layout.name}_{signal.field}".upper() for signal in layout.signals]
-    lines = "\n".join(f"    {name}," for name in (*names, f"{layout.name}_SIGNALS"))
-    return f"extern const struct message {layout.name};\nenum {{\n{lines}\n}};"
-
-
-def _table(layout: MessageLayout) -> str:
-    """Return the tables of a message and its signals."""
-    rows = "\n".join(f"    {_signal(signal)}," for signal in layout.signals)
-    form = FD | BITRATE_SWITCH if layout.length > CLASSIC_LENGTH_MAX else 0
-    fields = {
-        "can_id": f"{layout.can_id:#x}",
-        "data_id": f"{layout.data_id:#x}",
-        "length": layout.length,
-        "format": form,
-        "count": len(layout.signals),
-        "cycle_ns": _long(layout.cycle_time_ms * NS_PER_MS),
-        "signals": f"{layout.name}_TABLE",
-    }
-    values = "\n".join(f"    .{name} = {value}," for name, value in fields.items())
-    return (
-        f"static const struct signal {layout.name}_TABLE[] = {{\n{rows}\n}};\n"
-        f"const struct message {layout.name} = {{\n{values}\n}};\n"
-    )
-
-
-def _signal(it: SignalLayout) -> str:
-    low, high = round(it.minimum / it.scale), round(it.maximum / it.scale)
-    is_signed = str(it.is_signed).lower()
-    return f"{{{it.start}, {it.length}, {is_signed}, {low}, {high}, {hexadecimal(it.scale)}}}"
+def _definition(it: Parameter, records: Records) -> tuple[str, str]:
+    """Return the declaration of a parameter, and its value; a list is an array."""
+    values = it.value if isinstance(it.value, list) else [it.value]
+    kind = records.kind_of(type(values[0]))
+    texts = [initializer(kind, value) for value in values]
+    if values is not it.value:
+        return f"{declared(kind)} {it.name}", texts[0]
+    return f"{declared(kind)} {it.name}[{len(values)}]", f"{{{', '.join(texts)}}}"

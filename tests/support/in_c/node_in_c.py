@@ -48,15 +48,12 @@ from steer_by_wire.tools.generate_c.node_source import node_source
 
 from .law_in_c import STRICT, Target
 
-NODE = (
-    "steering_law.c", "node_settings.c", "messages.c", "sequence.c", "reception.c", "overruns.c",
-    "model_fit.c", "node.c", "on_lockstep.c",
-)  # fmt: skip
+NODE = ("steering_law.c", "node_rules.c", "crc.c", "node.c", "on_lockstep.c")
 
 
 def settings_of(preset: str, *overrides: str) -> ControllerSettings:
-    """Return a preset's settings."""
-    return controller_preset(preset, overrides)
+    """Return a preset's settings, with room for every delay that drawn traffic has."""
+    return controller_preset(preset, ("validity.delay_ms_max=2000", *overrides))
 
 
 def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Sequence[str]:
@@ -109,12 +106,17 @@ class RecordedNode(Wrapper[ControllerNode]):
         self.answers.append(answer[: len(answer) - (FRAMES_MAX - len(sent)) * FRAME_BYTES])
 
 
-def agree(words: Sequence[str], runs: Sequence[RecordedNode]) -> None:
-    """Ask a node in C the same, in one process; AssertionError names the first other answer."""
+def answered(words: Sequence[str], runs: Sequence[RecordedNode]) -> bytes:
+    """Return what a node in C answers to the same, in one process."""
     asked = b"".join(one for run in runs for one in run.asked)
     answers = subprocess.run(words, input=asked, stdout=subprocess.PIPE, check=True).stdout
     assert len(answers) == len(asked), f"{len(answers)} bytes of {len(asked)}"
-    offset = 0
+    return answers
+
+
+def agree(words: Sequence[str], runs: Sequence[RecordedNode]) -> None:
+    """Compare a node in C; AssertionError names the first other answer."""
+    answers, offset = answered(words, runs), 0
     for run in runs:
         for wanted in run.answers:
             if not answers.startswith(wanted, offset):

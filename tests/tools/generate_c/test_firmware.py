@@ -1,25 +1,36 @@
-"""The node in C sends the frames of the node in Python; ``tests.soak.node_in_c`` looks longer."""
+"""The node in C sends the frames of the node in Python; ``tests.soak.firmware`` looks longer."""
 
 import random
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, unpack
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_virtual_nodes
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import ControllerSafety, Decoded, DelayStatus, Validity, decode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
-from tests.support.in_c.law_in_c import hosts
+from steer_by_wire.tools.generate_c.node_source import commands_in_flight
+from tests.support.in_c.law_in_c import hosts, m7
 from tests.support.in_c.node_in_c import (
+    HELD_UP,
+    NODE,
+    ON_TIME,
     OVERRUN,
     RecordedNode,
     agree,
+    answered,
     built_node,
     driven,
     settings_of,
 )
+from tests.support.in_c.size_on_m7 import size_on_m7
 
 SETTINGS = settings_of("practical_pd_ddob", "overruns.overruns_max=3")
+PROMISED = controller_preset("practical_pd_ddob")
 JITTERING = {
     "duration_s": 2.0,
     "sensor_noise": {"lateral_error_m": 0.002},
@@ -28,6 +39,8 @@ JITTERING = {
         "uplink": {"mean_s": 0.02, "spread_s": 0.01, "model": "normal", "loss": 0.01},
     },
 }
+LONG_DELAY = {"duration_s": 3.0, "latency": {"downlink": {"mean_s": 0.8}}}
+RAM_BYTES_MAX = 16 * 1024
 
 
 @pytest.fixture(scope="module")
@@ -36,22 +49,62 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Sequence[str]:
     return built_node(SETTINGS, tmp_path_factory.mktemp("node"), hosts()[0])
 
 
-def test_on_a_network_with_jitter(in_c: Sequence[str]) -> None:
-    _, edge = make_virtual_plant(PlantSettings.model_validate(JITTERING))
-    node = RecordedNode(SETTINGS)
+def on_network(node: RecordedNode, network: dict[str, object]) -> RecordedNode:
+    _, edge = make_virtual_plant(PlantSettings.model_validate(network))
     run_virtual_nodes(edge, node, QuietBus(QUIET_BUS.bitrate_bit_s), None, lambda: False)
-    agree(in_c, [node])
-    assert node.commands > 150
+    return node
 
 
-def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
+def through_all(count: int) -> list[RecordedNode]:
     drawn, nodes = random.Random(1), list[RecordedNode]()
-    for seed in range(10):
+    for seed in range(count):
         kinds = [kind for kind in drawn.sample(range(12), 12) if kind != OVERRUN]
         kinds += [OVERRUN] * 5
         passing = [(kind, drawn.randint(2, 25), drawn.randrange(256)) for kind in kinds]
         nodes.append(driven(SETTINGS, passing, seed))
+    return nodes
+
+
+def test_on_a_network_with_jitter(in_c: Sequence[str]) -> None:
+    node = on_network(RecordedNode(SETTINGS), JITTERING)
+    agree(in_c, [node])
+    assert node.commands > 150
+
+
+def test_after_a_bus_was_held_up(in_c: Sequence[str]) -> None:
+    agree(in_c, [driven(SETTINGS, [(ON_TIME, 30, 128), (HELD_UP, 60, 128), (ON_TIME, 30, 128)], 1)])
+
+
+def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
+    nodes = through_all(20)
     agree(in_c, nodes)
     causes = {cause for node in nodes for cause in node.report()["rejected"]}
     assert {"bad_crc", "own_identifier", "no_key", "not_available", "too_far"} <= causes
     assert any(node.report()["failure"] for node in nodes)
+    assert any(len(node.report()["second_senders"]) > 1 for node in nodes)
+
+
+def test_a_cortex_m7_sends_them_too(tmp_path: Path) -> None:
+    agree(built_node(SETTINGS, tmp_path / "node", m7("-O2")), through_all(3))
+
+
+def test_a_delay_longer_than_any_that_is_kept_is_still_too_long(tmp_path: Path) -> None:
+    """The node keeps the times of the commands of twice the delay that is promised."""
+    node = on_network(RecordedNode(PROMISED), LONG_DELAY)
+    answers = answered(built_node(PROMISED, tmp_path / "node", hosts()[0]), [node])
+    records = [unpack(answers[at:][:RECORD_BYTES]) for at in range(0, len(answers), RECORD_BYTES)]
+    decoded = [decode(frame) for record in records for _, frame in record.frames]
+    sent = [it.message for it in decoded if isinstance(it, Decoded)]
+    kept_s = (commands_in_flight(PROMISED) - 1) * PROMISED.period_s
+    *_, delay = [it for it in sent if isinstance(it, DelayStatus)]
+    *_, safety = [it for it in sent if isinstance(it, ControllerSafety)]
+    assert delay.echo_delay_s == pytest.approx(kept_s, abs=PROMISED.period_s)
+    assert safety.validity is Validity.DELAY_LONG
+
+
+def test_it_fits_in_16_kb_of_ram(tmp_path: Path) -> None:
+    target, nodes = m7("-O2"), through_all(1)
+    built_node(PROMISED, tmp_path / "node", target)
+    size = size_on_m7(tmp_path / "node", NODE, b"".join(nodes[0].asked))
+    assert 500 < size.stack <= size.stack_bound
+    assert size.static + size.stack_bound < RAM_BYTES_MAX

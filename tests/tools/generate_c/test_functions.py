@@ -135,7 +135,7 @@ def test_it_becomes_what_a_reader_expects(body: str, wanted: list[str]) -> None:
         ("a = b\nreturn a", 3, "a becomes another thing than it was"),
         ("c = a\nc = is_so\nreturn a", 4, "c becomes another thing than it was"),
         ("c, d = a, b\nc, d = d, c\nreturn c", 4, "an assignment that reads a name set with it"),
-        ("if is_so:\n  c = a\nreturn a", 4, "c begins within an if"),
+        ("if is_so:\n  c = a\nreturn c", 5, "Name 'c'"),
         ("if is_so:\n  return a", 3, "an end without return"),
         ("k, d, e = p\nreturn k", 3, "3 names for another number of fields"),
         ("register = a\nreturn register", 3, "register, a name that C has for something else"),

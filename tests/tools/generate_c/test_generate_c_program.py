@@ -14,6 +14,7 @@ def test_it_writes_a_folder_and_says_what_is_generated(
     assert main(["--preset", "practical_pd_dob", "--out", str(folder)]) == 0
     *names, rest = capsys.readouterr().out.splitlines()
     assert names == [str(folder / it) for it in GENERATED]
+    assert all(Path(name).is_file() for name in names)
     assert rest == f"and {len([*folder.iterdir()]) - 4} files around these: make -C {folder}"
     source = (folder / "steering_law.c").read_text(encoding="utf-8")
     assert "Law pd_dob at 100 Hz, generated from preset practical_pd_dob: do not edit." in source

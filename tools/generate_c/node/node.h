@@ -1,67 +1,60 @@
 /* The controller around a generated law: as controller/node, without a bus, a clock or an allocation.
  *
  *     node_start(&node, now_ns);
- *     node_on_frame(&node, &frame, now_ns);              every frame that arrives
+ *     node_on_frame(&node, &frame, now_ns);              every frame that others have sent
  *     count = node_on_tick(&node, now_ns, frames);       at node.deadline_ns or later; to be sent
  *
- * Not in it: the watch over signals that contradict each other, and authentication.
+ * Its rules are node_rules.c, generated from Python. Not in it: the watch over signals that
+ * contradict each other, and authentication.
  */
 #ifndef NODE_H
 #define NODE_H
 
-#include "model_fit.h"
-#include "overruns.h"
-#include "reception.h"
+#include "node_rules.h"
 #include "steering_law.h"
 
-enum { IN_FLIGHT_MAX = 4096, SENT_MAX = 4 };
-enum mode { MODE_WAITING, MODE_ACTIVE, MODE_HOLDING, MODE_SAFE_STOP };
-enum freshness { NEVER_SEEN, FRESH, STALE };
+enum { SENT_MAX = 4, CONTENTS = 128 };
 
-struct facts { /* that may have to be reported at once */
-    int64_t rejected;
-    int ages[3], fault, second_sender, validity, request;
+struct reception { /* of one message; a time is INT64_MIN before the first */
+    struct counter_state counters;
+    struct sender_state senders;
+    int64_t arrival_ns;
+    int32_t contents[CONTENTS]; /* CRC of the frame with each of the last counters, or -1 */
 };
 
 struct node {
     int64_t deadline_ns;
-    bool has_finished;  /* it cannot steer any more, or the plant has ended; the command is zero */
-    bool ends_with_plant;
-    bool is_plant_gone;
-    struct timer control, status;
+    bool has_failed; /* it steers no more: the command is zero */
+    /* time: periods served or skipped since the start */
+    int64_t start_ns, control_periods, status_periods, skipped;
     struct overruns overruns;
-    struct reception reception;
-    /* newest values */
-    double lateral_error_m, wheel_rad, speed_m_s;
-    int steering;
-    bool goes_forward;
-    /* the mode table */
-    enum mode mode;
-    int64_t entered_ns;
-    int good_run;
-    bool has_own_fault;
-    /* the law, and the fade of its commands */
+    uint8_t overran[OVERRUN_WINDOW_TICKS / 8 + 1], missed[MISSED_WINDOW_PERIODS / 8 + 1];
+    /* what has been received */
+    struct reception received[RECEIVED_COUNT];
+    int64_t refused, lost;
+    int64_t own_ns, peer_ns; /* when a second sender was noticed, of own messages and of others */
+    struct lateral_error error;
+    struct steering_status steering;
+    struct vehicle_state vehicle;
+    /* what is steered */
+    struct mode_state modes;
+    struct evidence evidence;
     struct law law;
     struct law_output output;
     double fade_rad, sent_rad;
-    bool continues_hold, is_distrusted;
+    bool continues_hold, has_lost_rate;
     int failures;
     /* commands sent, and the delay of their echoes */
-    int64_t commands, commands_sent_ns[IN_FLIGHT_MAX];
-    bool has_echo;
-    int64_t echo_ns;
-    double echo_mean_ns;
-    /* judgement of the vehicle */
-    struct motion reported;
-    int reported_count;
-    int64_t judged_ns;
-    struct model_fit fit;
-    int validity;
-    /* what was reported last */
-    bool has_reported;
-    struct facts facts;
+    int64_t commands, sent_ns[IN_FLIGHT];
+    struct echo_mean echoes;
+    /* judgement of the vehicle, by sums since the last one */
+    double speeds_m_s, yaw_rates_rad_s, wheels_rad, reported;
+    int64_t judged_ns, validity;
+    struct fit_state fit;
+    /* reported last */
+    struct safety_facts facts;
     int64_t reported_ns;
-    uint8_t command_counter, status_counter, safety_counter, delay_counter;
+    uint8_t counters[SENT_MAX];
 };
 
 void node_start(struct node *x, int64_t start_ns);

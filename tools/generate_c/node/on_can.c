@@ -1,6 +1,5 @@
-/* The node on a CAN interface of Linux, until the plant has been silent for three seconds. */
+/* The node on a CAN interface of Linux, until no measurement has come for three seconds. */
 #define _GNU_SOURCE
-#include <errno.h>
 #include <poll.h>
 #include <stdio.h>
 #include <string.h>
@@ -14,11 +13,8 @@
 
 #include "node.h"
 
-enum { FRAMES_PER_WAKE_UP_MAX = 256 };
-
 #define NS_PER_S INT64_C(1000000000)
-
-static struct node node;
+#define PLANT_ENDED_NS (3 * NS_PER_S)
 
 static int64_t now_ns(void)
 {
@@ -34,82 +30,59 @@ static int opened(const char *interface)
     const int bus = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK, CAN_RAW), is_on = 1;
 
     address.can_ifindex = (int)if_nametoindex(interface);
-    if (bus < 0 || address.can_ifindex == 0
-        || setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &is_on, sizeof is_on) != 0
-        || bind(bus, (struct sockaddr *)&address, sizeof address) != 0) {
-        perror(interface);
-        return -1;
-    }
-    return bus;
+    setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &is_on, sizeof is_on);
+    if (address.can_ifindex != 0 && bind(bus, (struct sockaddr *)&address, sizeof address) == 0)
+        return bus;
+    perror(interface);
+    return -1;
 }
 
-/* Take what has arrived; returns 0 once the bus is gone. */
-static int receive(int bus)
+static void take(struct node *node, const struct canfd_frame *it, bool is_fd)
 {
-    struct canfd_frame read_frame;
-    ssize_t size = 0;
+    struct frame frame = {.can_id = it->can_id & CAN_EFF_MASK, .length = it->len};
 
-    for (int i = 0; i < FRAMES_PER_WAKE_UP_MAX; i++) {
-        struct frame frame = {0};
-
-        size = read(bus, &read_frame, sizeof read_frame);
-        if (size != CAN_MTU && size != CANFD_MTU)
-            break;
-        if (read_frame.can_id & CAN_ERR_FLAG)
-            continue;
-        frame.can_id = read_frame.can_id & CAN_EFF_MASK;
-        frame.length = read_frame.len;
-        frame.format = (uint8_t)((read_frame.can_id & CAN_EFF_FLAG ? FORMAT_EXTENDED : 0)
-            | (read_frame.can_id & CAN_RTR_FLAG ? FORMAT_REMOTE : 0)
-            | (size == CANFD_MTU ? FORMAT_FD : 0)
-            | (size == CANFD_MTU && read_frame.flags & CANFD_BRS ? FORMAT_BITRATE_SWITCH : 0));
-        memcpy(frame.data, read_frame.data, sizeof frame.data);
-        node_on_frame(&node, &frame, now_ns());
-    }
-    if (size < 0 && errno != EAGAIN)
-        perror("the bus");
-    return size >= 0 || errno == EAGAIN;
-}
-
-/* Send what is due; a bus without room loses it, as the receiver's counters show. */
-static void tick(int bus)
-{
-    struct frame frames[SENT_MAX];
-    const int count = node_on_tick(&node, now_ns(), frames);
-
-    for (int i = 0; i < count; i++) {
-        struct can_frame sent = {.can_id = frames[i].can_id, .can_dlc = frames[i].length};
-
-        memcpy(sent.data, frames[i].data, sizeof sent.data);
-        if (write(bus, &sent, sizeof sent) != (ssize_t)sizeof sent)
-            perror("not sent");
-    }
+    frame.format = (uint8_t)((it->can_id & CAN_EFF_FLAG ? FORMAT_EXTENDED : 0)
+        | (it->can_id & CAN_RTR_FLAG ? FORMAT_REMOTE : 0) | (is_fd ? FORMAT_FD : 0)
+        | (is_fd && it->flags & CANFD_BRS ? FORMAT_BITRATE_SWITCH : 0));
+    memcpy(frame.data, it->data, sizeof frame.data);
+    node_on_frame(node, &frame, now_ns());
 }
 
 int main(int count, char **arguments)
 {
-    struct pollfd waiting = {.events = POLLIN};
+    static struct node node;
+    struct frame frames[SENT_MAX];
+    struct canfd_frame arrived;
+    int64_t silence_ns = 0;
+    struct pollfd bus = {.fd = count == 2 ? opened(arguments[1]) : -1, .events = POLLIN};
 
-    if (count != 2) {
+    if (bus.fd < 0) {
         fprintf(stderr, "usage: %s INTERFACE\n", arguments[0]);
         return 2;
     }
-    waiting.fd = opened(arguments[1]);
-    if (waiting.fd < 0)
-        return 1;
     node_start(&node, now_ns());
-    node.ends_with_plant = true;
     printf("ready\n");
     fflush(stdout);
-    while (!node.has_finished) {
-        const int64_t left_ns = node.deadline_ns - now_ns();
-        const struct timespec left = {left_ns > 0 ? left_ns / NS_PER_S : 0,
-                                      left_ns > 0 ? left_ns % NS_PER_S : 0};
+    while (!node.has_failed && !(node.sent_rad == 0.0 && silence_ns >= PLANT_ENDED_NS)) {
+        const int64_t left_ns = node.deadline_ns > now_ns() ? node.deadline_ns - now_ns() : 0;
+        const struct timespec left = {left_ns / NS_PER_S, left_ns % NS_PER_S};
+        const ssize_t size = ppoll(&bus, 1, &left, NULL) > 0 ? read(bus.fd, &arrived, CANFD_MTU) : 0;
 
-        if (ppoll(&waiting, 1, &left, NULL) > 0 && !receive(waiting.fd))
+        if (size < 0) {
+            perror("the bus");
             return 1;
-        if (node.deadline_ns <= now_ns())
-            tick(waiting.fd);
+        }
+        if (size > 0)
+            take(&node, &arrived, size == CANFD_MTU);
+        const int sent = node.deadline_ns <= now_ns() ? node_on_tick(&node, now_ns(), frames) : 0;
+        for (int i = 0; i < sent; i++) {
+            struct can_frame frame = {.can_id = frames[i].can_id, .can_dlc = frames[i].length};
+
+            memcpy(frame.data, frames[i].data, sizeof frame.data);
+            if (write(bus.fd, &frame, sizeof frame) < 0) /* the receiver's counters show the loss */
+                perror("not sent");
+        }
+        silence_ns = node.evidence.arrival_ns == INT64_MIN ? 0 : now_ns() - node.evidence.arrival_ns;
     }
     printf("%lld commands sent\n", (long long)node.commands);
     return 0;

@@ -9,7 +9,7 @@ int read_record(struct lockstep_record *record);
 int write_record(const struct lockstep_record *record);
 
 static struct node node;
-static struct lockstep_record record, answer;
+static struct lockstep_record record;
 
 static void take(const struct lockstep_frame *arrived)
 {
@@ -19,13 +19,9 @@ static void take(const struct lockstep_frame *arrived)
     node_on_frame(&node, &frame, arrived->time_ns);
 }
 
-static void send(const struct frame *frame)
+static void send(struct lockstep_frame *sent, const struct frame *frame)
 {
-    struct lockstep_frame *sent = &answer.frames[answer.count++];
-
-    sent->can_id = frame->can_id;
-    sent->length = frame->length;
-    sent->format = frame->format;
+    *sent = (struct lockstep_frame){0, frame->can_id, frame->length, frame->format, {0}, {0}};
     memcpy(sent->data, frame->data, sizeof frame->data);
 }
 
@@ -33,21 +29,21 @@ int main(void)
 {
     struct frame frames[SENT_MAX];
 
-    answer.mark = LOCKSTEP_MARK;
     while (read_record(&record)) {
+        const bool is_due = record.flags & (LOCKSTEP_START | LOCKSTEP_DEADLINE);
+
         if (record.flags & LOCKSTEP_START)
             node_start(&node, record.time_ns);
         for (unsigned i = 0; i < record.count; i++)
             take(&record.frames[i]);
-        answer.count = 0;
-        if ((record.flags & (LOCKSTEP_START | LOCKSTEP_DEADLINE)) && !node.has_finished) {
-            const int count = node_on_tick(&node, record.time_ns, frames);
-
-            for (int i = 0; i < count; i++)
-                send(&frames[i]);
-        }
-        answer.time_ns = node.has_finished ? LOCKSTEP_NEVER : node.deadline_ns;
-        if (!write_record(&answer))
+        record.count = 0;
+        if (is_due && !node.has_failed)
+            record.count = (uint16_t)node_on_tick(&node, record.time_ns, frames);
+        for (unsigned i = 0; i < record.count; i++)
+            send(&record.frames[i], &frames[i]);
+        record.flags = 0;
+        record.time_ns = node.has_failed ? LOCKSTEP_NEVER : node.deadline_ns;
+        if (!write_record(&record))
             return 1;
     }
     return 0;
