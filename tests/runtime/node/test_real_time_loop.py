@@ -161,16 +161,6 @@ def test_a_frame_before_the_deadline_is_handed_over_when_it_arrives() -> None:
     assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
 
 
-def test_a_node_is_reported_when_a_frame_arrived_where_the_port_knows() -> None:
-    arrivals = [(4 * MS, frame(1)), (5 * MS, frame(2))]
-    node = Recorder(ticks=2)
-    run(node, Machine(arrivals, wake_up_ns=2 * MS, reports_arrivals=True))
-    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", 5 * MS), ("tick", 10 * MS)]
-    node = Recorder(ticks=2)
-    run(node, Machine(arrivals, wake_up_ns=2 * MS))
-    assert node.calls == [("tick", 0), ("frame", 6 * MS), ("frame", 6 * MS), ("tick", 10 * MS)]
-
-
 def test_a_node_is_reported_no_time_of_the_future_and_none_before_its_last() -> None:
     class Confused(Machine):
         """Its arrivals are off, as after the wall clock was set."""
@@ -210,20 +200,6 @@ def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after
     machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))], reports_arrivals=True)
     figures = run(Recorder(ticks=3), machine)
     assert len(machine.readings_ns) == 1 + 2 * figures.wake_ups
-
-
-def test_work_is_not_slept_on_top_of() -> None:
-    machine = Machine()
-
-    def work(_tick: int) -> None:
-        machine.now_ns += 2 * MS
-
-    node = Recorder(ticks=3, work=work)
-    figures = run(node, machine)
-    assert node.tick_times_ns == [0, 10 * MS, 20 * MS]
-    assert machine.waits_ns == [0, 8 * MS, 8 * MS]
-    assert figures.busy_ns == 6 * MS
-    assert figures.duration_ns == 22 * MS
 
 
 def test_work_beyond_the_next_deadline_leaves_no_wait_and_keeps_phase() -> None:
@@ -268,13 +244,6 @@ def test_a_frame_ends_the_spinning() -> None:
     assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000
 
 
-def test_nothing_is_spun_away_while_a_deadline_is_far_off() -> None:
-    node, machine = Recorder(period_ns=1000 * MS), Spinning()
-    run(node, machine, lambda: machine.now_ns >= 400 * MS, spin_ns=10 * MS)
-    assert machine.waits_ns.count(0) == 1
-    assert set(machine.waits_ns[1:]) == {WAIT_NS_MAX}
-
-
 def test_error_frames_are_no_node_s_business() -> None:
     node = Recorder(ticks=2)
     error = Frame(0x300, bytes(8), ERROR)
@@ -311,12 +280,6 @@ def test_a_node_without_a_deadline_is_driven_by_frames_alone() -> None:
     figures = run(node, machine, should_stop=lambda: machine.now_ns >= 200 * MS)
     assert node.calls == [("frame", 70 * MS)]
     assert figures.lateness.samples == 0
-
-
-def test_nothing_is_run_after_a_request_to_stop() -> None:
-    node, machine = Recorder(), Machine()
-    run(node, machine, should_stop=lambda: True)
-    assert (node.calls, machine.waits_ns) == ([], [])
 
 
 def test_a_bus_that_fails_ends_the_run_and_leaves_its_figures() -> None:

@@ -5,7 +5,6 @@ import json
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import can
 import pytest
@@ -14,8 +13,7 @@ from can.interfaces.virtual import VirtualBus
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.program import main
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.node.real_time_loop import Received
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port import interface_choice
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.python_can import BusPort, OpenBus, open_bus
@@ -145,33 +143,6 @@ def test_a_bus_that_cannot_be_opened_is_reported_in_one_line(
     with pytest.raises(BusError, match=expected) as caught:
         opened(*arguments)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "frame",
-    [
-        Frame(0x123, b"12345678"),
-        Frame(0x1FFFFFFF, b"", EXTENDED),
-        Frame(0x7FF, b"", REMOTE),
-        Frame(0x7FF, bytes(48), FD),
-        Frame(0x1, b"x", FD | BITRATE_SWITCH | EXTENDED),
-    ],
-)
-def test_a_port_passes_frames_through_unchanged(broker_address: str, frame: Frame) -> None:
-    options: dict[str, Any] = {"channel": uuid.uuid4().hex, "address": broker_address, "fd": True}
-    with (
-        can.Bus(interface="emulated", **options) as one,
-        can.Bus(interface="emulated", **options) as other,
-    ):
-        BusPort(one).send(frame)
-        received = BusPort(other).recv(PATIENCE_S)
-    assert received == Received(frame, None)
-
-
-def test_a_port_receives_nothing_when_nothing_comes() -> None:
-    with can.Bus(interface="virtual", channel="quiet") as bus:
-        assert BusPort(bus).recv(0) is None
-        assert BusPort(bus).recv(-1) is None
 
 
 def test_a_port_reports_a_failed_bus_in_one_line() -> None:

@@ -118,13 +118,6 @@ def test_socketcan_is_opened_without_python_can_and_says_so() -> None:
     assert (found.channel, found.driver, found.is_socketcan) == ("can0", AF_CAN, True)
 
 
-def test_socketcan_that_is_chosen_without_being_named_is_opened_without_python_can() -> None:
-    found = opened("-c", "can0")
-    assert found.description == (
-        "SocketCAN can0 by AF_CAN (no interface was given, and this machine has it)"
-    )
-
-
 def test_fd_reaches_the_fast_path(monkeypatch: pytest.MonkeyPatch) -> None:
     assert given(opened("-i", "socketcan", "-c", "can0", "--fd"))[2]
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"fd": True}))
@@ -195,12 +188,6 @@ def test_every_option_reaches_a_plugin() -> None:
     )
 
 
-def test_bit_timing_reaches_a_plugin() -> None:
-    timing = ("f_clock=8000000", "brp=1", "tseg1=11", "tseg2=4", "sjw=2", "nof_samples=1")
-    opened("-i", "adapter", "-c", "x", "--timing", *timing)
-    assert Adapter.opened_with[0]["timing"].bitrate == 500_000
-
-
 def test_a_configuration_file_is_all_that_a_plugin_needs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -213,16 +200,6 @@ def test_a_configuration_file_is_all_that_a_plugin_needs(
     assert found.description == "adapter 3 (from the configuration file)"
     (options,) = Adapter.opened_with
     assert (options["channel"], options["bitrate"], options["listen_only"]) == (3, 125000, True)
-
-
-def test_the_environment_is_all_that_a_plugin_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAN_INTERFACE", "adapter")
-    monkeypatch.setenv("CAN_CHANNEL", "x")
-    monkeypatch.setenv("CAN_BITRATE", "125000")
-    monkeypatch.setenv("CAN_CONFIG", json.dumps({"receive_own_messages": True}))
-    assert opened().description == "adapter x (from the environment)"
-    (options,) = Adapter.opened_with
-    assert (options["bitrate"], options["receive_own_messages"]) == (125000, True)
 
 
 def test_a_plugin_that_filters_is_given_what_the_node_receives() -> None:

@@ -55,13 +55,6 @@ def test_a_run_leaves_a_report_of_settings_loop_host_and_node(
     assert {"version", "python"} < set(report)
 
 
-def test_nothing_but_the_report_is_left_in_its_directory(options: Options, tmp_path: Path) -> None:
-    directory = tmp_path / "reports"
-    directory.mkdir()
-    run(options("--json", str(directory / "report.json")), Probe())
-    assert os.listdir(directory) == ["report.json"]
-
-
 def test_the_first_line_says_that_the_bus_is_open(options: Options, capsys: Capture) -> None:
     heard = []
     node = Probe(on_tick_do=lambda: heard.append(capsys.readouterr().out))
