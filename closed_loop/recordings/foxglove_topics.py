@@ -18,6 +18,7 @@ from ...runtime.command_line import installation
 from ...runtime.output_file import open_binary
 from ...runtime.settings import SettingsError
 from .bus_listener import ReceivedMessage
+from .log_analysis import LoggedMessages
 
 HOST = "127.0.0.1"
 
@@ -68,10 +69,14 @@ class FoxgloveTopics:
 
         self.close = close
 
-    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
-        """Pass on a message that came at ``time_ns`` since 1970; without a time it has no place."""
-        if time_ns is None:
-            return
+    def write(self, taken: LoggedMessages) -> None:
+        """Send the messages of a log; without a time they have no place."""
+        if (time_ns := taken.time_ns) is not None:
+            for received in taken.messages:
+                self.send(received, time_ns)
+
+    def send(self, received: ReceivedMessage, time_ns: int) -> None:
+        """Send a message that came at ``time_ns`` since 1970."""
         name = received.name
         if name not in self._channels:
             self._channels[name] = self._library.Channel(

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 from ...dbc import messages
 from ...dbc.listening import OUR_MESSAGES, Listening
@@ -77,6 +77,21 @@ class Gap(NamedTuple):
     name: str
 
 
+class LoggedMessages(NamedTuple):
+    """The messages in a frame of a log, without those that a node would reject.
+
+    ``time_ns``  in the log; None without times
+    ``at_s``     since the start; NaN without times
+    ``of_car``   name of the car's message; empty for a frame of ours
+    """
+
+    time_ns: int | None
+    at_s: float
+    messages: Sequence[ReceivedMessage]
+    of_car: str
+    frame: Frame
+
+
 class LogAnalysis:
     """Analyses one log.
 
@@ -118,13 +133,8 @@ class LogAnalysis:
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
 
-    def take(
-        self, time_ns: int | None, frame: Frame
-    ) -> tuple[float, Sequence[ReceivedMessage], str]:
-        """Take the next frame; returns the time since the start [s], its messages, the car's name.
-
-        Those that a node would reject are not among them. The time is NaN in a log without times.
-        """
+    def take(self, time_ns: int | None, frame: Frame) -> LoggedMessages:
+        """Take the next frame."""
         self._frames += 1
         since_ns = self._axis.since_start_ns(time_ns)
         received, of_car = self.listener.take(frame, since_ns or 0)
@@ -138,7 +148,7 @@ class LogAnalysis:
         timely = [one for one in received if not one.is_late]
         for one in timely:
             self._follow(one.shown, at_s, since_ns)
-        return at_s, timely, of_car
+        return LoggedMessages(time_ns, at_s, timely, of_car, frame)
 
     def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
         for label, field in self._by_message.get(NAMES[type(shown)], ()):
@@ -304,21 +314,12 @@ PROGRESS_FRAMES = 5_000
 class Export(Protocol):
     """A file that the messages of a log are written to."""
 
-    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:
-        """Add a message: time in the log [ns], and time since its start [s]."""
+    def write(self, taken: LoggedMessages) -> None:
+        """Add what a frame says."""
         ...
 
     def close(self) -> None:
         """Write out what is still held back."""
-        ...
-
-
-@runtime_checkable
-class CarExport(Export, Protocol):
-    """An export that has a car's own messages too."""
-
-    def write_of_car(self, at_s: float, name: str, frame: Frame) -> None:
-        """Add an accepted frame of a car: time since the start [s], and its message."""
         ...
 
 
@@ -350,7 +351,6 @@ def analyse_files(
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
     analysis = LogAnalysis(rules, preview_m, listening)
-    car_exports = [one for one in exports if isinstance(one, CarExport)]
     unreadable, first_unreadable, cut_off = 0, "", ""
     channels: dict[str, None] = {}
     for path in paths:
@@ -362,12 +362,9 @@ def analyse_files(
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
-                at_s, received, of_car = analysis.take(time_ns, frame)
-                for one in received:
-                    for export in exports:
-                        export.write(time_ns, at_s, one)
-                for table in car_exports if of_car else ():
-                    table.write_of_car(at_s, of_car, frame)
+                taken = analysis.take(time_ns, frame)
+                for export in exports:
+                    export.write(taken)
         unreadable += log.state.unreadable
         first_unreadable = first_unreadable or log.state.first_unreadable
         if log.state.cut_off:

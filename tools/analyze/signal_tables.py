@@ -11,10 +11,9 @@ A car's messages have the signals, names and units of its database: ``LANE.OFFSE
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ...closed_loop.recordings.bus_listener import ReceivedMessage
+from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import MESSAGE_TYPES, resolutions
-from ...runtime.frame import Frame
 from ...runtime.output_file import open_text
 
 
@@ -34,22 +33,21 @@ class CsvTable:
         self._file.write(",".join(("time_s", "message", *self._columns)) + "\n")
         self._cells = [""] * len(self._columns)
 
-    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
-        """Add a message of ours, unless one of a car stands for it."""
-        if (formats := self._formats.get(received.name)) is not None:
-            cells = [form(value) for form, value in zip(formats, received.message, strict=True)]
-            self._add(at_s, received.name, cells)
-
-    def write_of_car(self, at_s: float, name: str, frame: Frame) -> None:
-        """Add an accepted frame of a car."""
-        message = self._listening.car_messages[name]
-        values = message.values(frame.data)
-        newest = self._cells[self._places[name]]
-        cells = [
-            f"{values[signal]:.10g}" if signal in values else cell  # the multiplexer has others
-            for signal, cell in zip(message.signals, newest, strict=True)
-        ]
-        self._add(at_s, name, cells)
+    def write(self, taken: LoggedMessages) -> None:
+        """Add the messages of ours, or the one of a car that stands for them."""
+        for received in taken.messages:
+            if (formats := self._formats.get(received.name)) is not None:
+                cells = [form(value) for form, value in zip(formats, received.message, strict=True)]
+                self._add(taken.at_s, received.name, cells)
+        if taken.of_car:
+            message = self._listening.car_messages[taken.of_car]
+            values = message.values(taken.frame.data)
+            newest = self._cells[self._places[taken.of_car]]
+            cells = [
+                f"{values[signal]:.10g}" if signal in values else cell  # multiplexed
+                for signal, cell in zip(message.signals, newest, strict=True)
+            ]
+            self._add(taken.at_s, taken.of_car, cells)
 
     def _add(self, at_s: float, name: str, cells: Sequence[str]) -> None:
         self._cells[self._places[name]] = cells

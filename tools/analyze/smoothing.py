@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from ...closed_loop.recordings.bus_listener import ReceivedMessage
+from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.log_file import LogError
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.history.echo_delay import unwrapped
@@ -143,19 +143,17 @@ class SmoothedTable:
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
-    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
-        """Take a message."""
-        message = received.message
-        if received.is_late:
-            return
-        if isinstance(message, LateralError):
-            sample = self._sample(self._errors, received.counter)
-            self._errors.append(_Error(sample, at_s, *message))
-        elif isinstance(message, SteeringStatus):
-            sample = self._sample(self._statuses, received.counter)
-            self._statuses.append(_Status(sample, message.wheel_angle_rad))
-        elif isinstance(message, VehicleState):
-            self._speeds_m_s.append(message.speed_m_s)
+    def write(self, taken: LoggedMessages) -> None:
+        """Take the messages in a frame."""
+        for _, message, counter, _, _ in taken.messages:
+            if isinstance(message, LateralError):
+                sample = self._sample(self._errors, counter)
+                self._errors.append(_Error(sample, taken.at_s, *message))
+            elif isinstance(message, SteeringStatus):
+                sample = self._sample(self._statuses, counter)
+                self._statuses.append(_Status(sample, message.wheel_angle_rad))
+            elif isinstance(message, VehicleState):
+                self._speeds_m_s.append(message.speed_m_s)
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""

@@ -54,7 +54,7 @@ class ServedWatch(BusWatch):
         """Take a frame that arrived at ``now_ns``, and pass on the messages that it brings."""
         taken = super().on_frame(frame, now_ns, has_time=has_time)
         for received in taken.messages:
-            self._topics.write(self._epoch_ns + now_ns, now_ns / NS_PER_S, received)
+            self._topics.send(received, self._epoch_ns + now_ns)
         return taken
 
 

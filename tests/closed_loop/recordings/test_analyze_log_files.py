@@ -92,7 +92,7 @@ def test_a_full_disk_ends_a_file_for_foxglove_with_its_name() -> None:
     topics.write_to(Path("/dev/full"))
     for counter in range(20_000):
         command = SteeringCommand(1e-5 * counter, counter, Mode.ACTIVE)
-        topics.write(counter, 0.0, ReceivedMessage("STEERING_COMMAND", command, 0, False, 0))
+        topics.send(ReceivedMessage("STEERING_COMMAND", command, 0, False, 0), counter)
     with pytest.raises(OSError, match="/dev/full"):
         topics.close()
 
