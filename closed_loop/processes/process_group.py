@@ -9,10 +9,10 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any, Self
 
 from ...runtime.exit_status import BusError, printable
-from .private_folder import private_folder
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -205,8 +205,9 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
     directory go with this process, however that ends. Raises RuntimeError if the broker does not
     start, after it has printed the reason on standard error.
     """
-    with private_folder("bus") as folder, closing(Lifeline()) as line:
-        address = str(folder / "socket")
+    made = TemporaryDirectory(prefix="steer-by-wire-bus-", ignore_cleanup_errors=True)
+    with made as folder, closing(Lifeline()) as line:
+        address = str(Path(folder) / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(
             "steer_by_wire.tools.bus",
@@ -214,7 +215,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
             subprocess.PIPE,
             log,
             after_s=BROKER_AFTER_S,
-            remove=folder,
+            remove=Path(folder),
         )
         with broker:  # ends with waiting for it
             if broker.stdout is None or not broker.stdout.readline():

@@ -1,9 +1,9 @@
-"""The end of a run: lateral error and wheel angle in two windows, as means and oscillation.
+"""The end of a run: means, amplitude and rhythm of lateral error and wheel in two windows.
 
 ``mean_m`` and ``mean_before_m`` are the means of the straight lines fitted to the lateral error of
-the last window and of the one before (``oscillation``), ``drift_m_s`` is the difference of the two
-over the window's length. The peaks of the two windows are those of the error itself. The windows of
-the wheel's fast motion end half of FAST_S earlier.
+the last window and of the one before (``amplitude_and_rhythm``), ``drift_m_s`` is the difference of
+the two over the window's length. The peaks of the two windows are those of the error itself. The
+windows of the wheel's fast motion end half of FAST_S earlier.
 
 Plain arithmetic on any sequence of floats: the plant runs it as it is, studies run it compiled.
 """
@@ -12,12 +12,12 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .oscillation import (
+from .amplitude_and_rhythm import (
     HALF_PERIODS_MIN,
     WHEEL_HALF_PERIODS_MIN,
+    amplitude_and_rhythm,
     fast_half,
     fast_motion,
-    oscillation,
 )
 
 WINDOW_SHARE_MAX = 0.25
@@ -56,14 +56,14 @@ def window_figures(
         peak_m = largest(error_m, 0, samples)
         return WindowFigures(nan, nan, nan, nan, nan, nan, nan, peak_m, nan, nan, nan, nan, nan)
     first, middle = samples - 2 * window, samples - window
-    before, last, omega_rad_s, irregularity = oscillation(
+    before, last, omega_rad_s, irregularity = amplitude_and_rhythm(
         error_m, first, window, period_s, HALF_PERIODS_MIN
     )
     wheel_amplitude_rad = wheel_before_rad = wheel_omega_rad_s = wheel_irregularity = nan
     half = fast_half(window, period_s)
     if len(wheel_rad) >= 2 * (window + half):
         fast_rad = fast_motion(wheel_rad, 2 * window, half)
-        wheel_before, wheel_last, wheel_omega_rad_s, wheel_irregularity = oscillation(
+        wheel_before, wheel_last, wheel_omega_rad_s, wheel_irregularity = amplitude_and_rhythm(
             fast_rad, 0, window, period_s, WHEEL_HALF_PERIODS_MIN
         )
         wheel_amplitude_rad, wheel_before_rad = wheel_last[2], wheel_before[2]

@@ -1,4 +1,4 @@
-"""What the plant's report says about its run in words: the verdict, and a few lines of figures."""
+"""The plant's report in words: the verdict on its run, and a few lines of figures."""
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType

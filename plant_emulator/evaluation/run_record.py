@@ -44,7 +44,7 @@ class PlantSample(NamedTuple):
 
 
 class PlacedSample(NamedTuple):
-    """Position of a sample: the preview point, and the point of the path beside it."""
+    """Position of a sample: the preview point, and the point of the path at its distance."""
 
     x_m: float
     y_m: float

@@ -58,9 +58,9 @@ from pydantic import Field
 from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
+from .amplitude_and_rhythm import fast_half
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
 from .judged_point import FollowedPoint
-from .oscillation import fast_half
 
 NOISE_GAIN = 6.0
 """Amplitude that white noise may cause over its standard deviation, of the error [m/m] and of the

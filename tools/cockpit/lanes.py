@@ -7,6 +7,8 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path as FilePath
+from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from ...closed_loop.pair.live_bus import open_channels
@@ -14,7 +16,6 @@ from ...closed_loop.pair.live_pair import LivePair
 from ...closed_loop.pair.live_pair import Program as StartedProgram
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ...closed_loop.pair.virtual_bus import QUIET_BUS
-from ...closed_loop.processes.private_folder import private_folder
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.path_from_settings import build_path
@@ -108,7 +109,8 @@ class OwnLanes:
                 self._language.refuse_law(lane.controller.law_that_reads_the_vehicle)
         self.stop()
         with ExitStack() as stack:
-            folder = stack.enter_context(private_folder("cockpit"))
+            made = TemporaryDirectory(prefix="steer-by-wire-cockpit-", ignore_cleanup_errors=True)
+            folder = FilePath(stack.enter_context(made))
             names = [f"lane{number}" for number in range(1, len(settings) + 1)]
             seed = settings[0].plant.seed
             channels = stack.enter_context(

@@ -8,11 +8,12 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from ...closed_loop.processes.private_folder import private_folder
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
 from ...runtime.frame import FD, Frame
@@ -147,7 +148,8 @@ class Desk:
         self._may_control = may_control
         self._worker = ThreadPoolExecutor(1, "desk")
         self._stack = ExitStack()
-        self.recordings = self._stack.enter_context(private_folder("recordings"))
+        made = TemporaryDirectory(prefix="steer-by-wire-recordings-", ignore_cleanup_errors=True)
+        self.recordings = Path(self._stack.enter_context(made))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
         self._best = BestOfTheDay()

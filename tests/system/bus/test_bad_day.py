@@ -8,8 +8,8 @@ report counts is in its recording.
 import importlib
 import json
 import tomllib
-from collections.abc import Iterator, Sequence
-from contextlib import chdir
+from collections.abc import Sequence
+from contextlib import ExitStack, chdir
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,12 @@ import pytest
 from steer_by_wire.closed_loop.pair.live_bus import Bus
 from steer_by_wire.closed_loop.pair.live_pair import PROGRAMS, LivePair
 from steer_by_wire.closed_loop.pair.pair_result import PairFiles
-from steer_by_wire.closed_loop.processes.private_folder import private_folder
-from steer_by_wire.closed_loop.processes.process_group import Processes
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
+from tests.support.programs.broker_program import directory as directory
+from tests.support.programs.broker_program import stack as stack
+from tests.support.programs.broker_program import start_broker
 from tests.support.programs.driven_pair import BEAR_ALL, CONTROLLER
 from tests.support.programs.failing_disk import failing_disk
 from tests.support.programs.running_program import wait_until
@@ -34,7 +35,6 @@ COMMANDS = {
 }
 CAUSE = "No space left on device"
 CHECKS: dict[str, Any] = {".json": json.loads, ".toml": tomllib.loads}
-BROKER = "broker"
 
 
 def run(command: str, arguments: Sequence[str]) -> int:
@@ -79,25 +79,20 @@ def test_a_full_disk_is_one_line_and_leaves_whole_files(
                 CHECKS[file.suffix](content.decode())
 
 
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Processes]:
-    with private_folder("kills") as folder, Processes(tmp_path) as processes:
-        processes.start_broker(folder / "socket", ())
-        yield processes
-
-
 def test_nodes_end_with_a_killed_broker_and_keep_their_recordings(
-    broker: Processes, tmp_path: Path
+    stack: ExitStack, directory: Path, tmp_path: Path
 ) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address)
     files = PairFiles(tmp_path)
     files.write_settings(PlantSettings(duration_s=600.0, overruns=BEAR_ALL), CONTROLLER)
     logs = {name: tmp_path / f"{name}.log" for name in PROGRAMS}
     options = {name: ["--record", str(log)] for name, log in logs.items()}
-    bus = Bus("emulated", "can0", {"address": broker.address})
+    bus = Bus("emulated", "can0", {"address": address})
     with LivePair(bus, files, options=options, is_recorded=False) as pair:
         pair.wait_until_ready()
         wait_until(lambda: all(log.stat().st_size for log in logs.values()), "recorded frames")
-        broker.kill([BROKER])
+        broker.kill()
         wait_until(
             lambda: all(pair.programs.status(name) is not None for name in PROGRAMS), "the ends"
         )

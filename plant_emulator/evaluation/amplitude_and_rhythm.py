@@ -1,4 +1,4 @@
-"""Oscillation in two windows of a run: amplitude, frequency and how regular it is.
+"""Amplitude and rhythm of a motion in two windows of a run: frequency, and how regular it is.
 
 Each window is fitted by a straight line,
 
@@ -7,10 +7,11 @@ Each window is fitted by a straight line,
 so that the lines contain what changes slowly, as the path asks, and e contains the loop's own
 motion. The amplitudes are √2 times the RMS of e.
 
-An oscillation is distinguished from noise by its half periods: e crosses zero and exceeds 0.3 of
-the amplitude on the other side. Its frequency is π over the mean of the half periods that lie in
-either window, its irregularity their standard deviation over their mean. With two periods in a
-window both are accurate to 5 % and 0.2, with more they are better.
+Whether it oscillates is for the verdict (``run_verdict``) to say. The rhythm is that of the half
+periods: in each, e crosses zero and exceeds 0.3 of the amplitude on the other side. The frequency
+is π over the mean of the half periods that lie in either window, the irregularity their standard
+deviation over their mean. With two periods in a window both are accurate to 5 % and 0.2, with more
+they are better.
 
 The wheel's oscillation is measured in its fast motion, the angle less its mean over FAST_S about
 each sample: no path asks for that, while a loop that oscillates faster than the vehicle can follow
@@ -23,7 +24,7 @@ import math
 from collections.abc import Sequence
 
 HALF_PERIODS_MIN = 4
-"""Fewer half periods are no oscillation: its figures are then NaN."""
+"""Fewer half periods are no rhythm: its figures are then NaN."""
 WHEEL_HALF_PERIODS_MIN = 12
 """The same for the wheel, which noise moves too: in fewer it has a rhythm by chance."""
 FAST_S = 1.0
@@ -51,7 +52,7 @@ def fast_motion(values: Sequence[float], count: int, half: int) -> list[float]:
     return fast
 
 
-def oscillation(
+def amplitude_and_rhythm(
     values: Sequence[float], first: int, window: int, period_s: float, halves_min: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float]:
     """Return the lines fitted to two windows, and frequency and irregularity of what is left.
