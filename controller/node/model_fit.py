@@ -34,7 +34,7 @@ DEVIATIONS = 3.0
 MARGIN = 0.03
 """Of the width of the box: the yaw rate of a wheel that turns differs from a held one's."""
 DEVIATION_MAX = 0.1
-"""``tests.soak.ordinary_runs`` counts false alarms: 8 in 182 runs of the highway laws without this,
+"""``tests.searches.ordinary_runs`` counts false alarms: 8 in 182 runs of the highway laws without this,
 at deviations from 0.16."""
 DEBOUNCE_S = 3.0
 WIDTH_MIN = 0.05

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire import simulate
-from tests.soak.ordinary_runs import alarm_in
+from tests.searches.ordinary_runs import alarm_in
 from tests.support.suite.combinations import combined
 
 STIFF = ("front_cornering_stiffness_n_rad", 190e3), ("rear_cornering_stiffness_n_rad", 500e3)

@@ -1,4 +1,4 @@
-"""The node in C sends the frames of the node in Python; ``tests.soak.firmware`` looks longer."""
+"""The node in C sends the frames of the node in Python; ``tests.searches.firmware`` looks longer."""
 
 import random
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Ask of drawn loops whether the analysis calls stable what is not.
 
-    python -m tests.soak.false_stable [--loops 1000] [--boxes 30] [--seed 1]
+    python -m tests.searches.false_stable [--loops 1000] [--boxes 30] [--seed 1]
 
 A loop is a law, its rate and the sensors', its gains, a nominal vehicle from 0.6 to 14 t, another
 vehicle that is driven, a lag of the wheel and a latency of the measurements. It is asked at a drawn
@@ -31,7 +31,7 @@ from steer_by_wire.controller.analysis.stable_delays import RESOLUTION_NS
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
-from tests.soak.loop_written_apart import OBSERVERS, Table, decay_1_s
+from tests.searches.loop_written_apart import OBSERVERS, Table, decay_1_s
 
 LAWS = ("pd", *OBSERVERS, "pid", "smith")
 RATES_HZ = (25.0, 50.0, 100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -185,7 +185,7 @@ def searched(
 
 def main() -> int:
     """Draw and ask; returns 1 if the two disagree."""
-    parser = argparse.ArgumentParser(prog="python -m tests.soak.false_stable")
+    parser = argparse.ArgumentParser(prog="python -m tests.searches.false_stable")
     for name, usual in (("--loops", 1000), ("--boxes", 30), ("--seed", 1)):
         parser.add_argument(name, type=int, default=usual)
     options = parser.parse_args()

@@ -1,6 +1,6 @@
 """Wrong controllers as programs on a bus: each is red for its reason, and right ones are green.
 
-    steer-by-wire with-vcan python -m pytest -n 3 tests/soak/wrong_controllers_on_bus.py
+    steer-by-wire with-vcan python -m pytest -n 3 tests/searches/wrong_controllers_on_bus.py
 
 On a real vcan0; without with-vcan, on this machine's vcan0 or an emulated bus. Takes half a minute
 for each of 27 where the machine is not busy; on a busy one it shows what the load changes. Inside

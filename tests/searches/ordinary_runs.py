@@ -1,6 +1,6 @@
 """Count false alarms of the watch on signals and of the model's fit in ordinary runs.
 
-    python -m tests.soak.ordinary_runs [--runs 1000] [--seed 1]
+    python -m tests.searches.ordinary_runs [--runs 1000] [--seed 1]
 
 A run in virtual time is one of ``tests.controller.node.test_plausibility``: a preset, a vehicle of
 its box, network, noise, side wind and an offset; here also on a drawn path. Prints every alarm, and
@@ -54,7 +54,7 @@ def alarm_in(seed: int) -> str:
 
 def main() -> int:
     """Drive the runs; returns 1 if one raised an alarm."""
-    parser = argparse.ArgumentParser(prog="python -m tests.soak.ordinary_runs")
+    parser = argparse.ArgumentParser(prog="python -m tests.searches.ordinary_runs")
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()

@@ -1,6 +1,6 @@
 """Analyse logs that are damaged by a draw, and judge what is said of them.
 
-    python -m tests.soak.drawn_logs [--logs 500] [--seed 1]
+    python -m tests.searches.drawn_logs [--logs 500] [--seed 1]
 
 The log is of a loop that holds its path, or of one that does not: thinned, doubled, cut, shuffled,
 with a clock that is set or swapped neighbours, among foreign frames or the frames of another pair,
@@ -208,7 +208,7 @@ def base_logs(folder: Path) -> dict[bool, Log]:
 
 def main() -> int:
     """Draw and analyse; returns 1 if a promise is broken."""
-    parser = argparse.ArgumentParser(prog="python -m tests.soak.drawn_logs")
+    parser = argparse.ArgumentParser(prog="python -m tests.searches.drawn_logs")
     parser.add_argument("--logs", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
