@@ -34,8 +34,8 @@ DEVIATIONS = 3.0
 MARGIN = 0.03
 """Of the width of the box: the yaw rate of a wheel that turns differs from a held one's."""
 DEVIATION_MAX = 0.1
-"""``tests.searches.ordinary_runs`` counts false alarms: 8 in 182 runs of the highway laws without this,
-at deviations from 0.16."""
+"""Without this ``tests.searches.ordinary_runs`` counts 8 false alarms in 182 runs of the highway
+laws, at deviations from 0.16."""
 DEBOUNCE_S = 3.0
 WIDTH_MIN = 0.05
 _DEVIATION_KNOWN_MAX = 0.2

@@ -1,6 +1,6 @@
 """Compare generated C with Python for every preset and target there is.
 
-    python -m tests.searches.firmware [--ticks 1000000] [--examples 1000] [--presets practical_pid ...]
+    python -m tests.searches.firmware [--ticks 1000000] [--examples 1000] [--presets NAME ...]
 
 The law tick by tick, each bit; then the node frame by frame, through what Hypothesis draws: starts,
 silences, refusals, counters, second senders, changes of speed, overruns. Targets: gcc and clang

@@ -108,7 +108,7 @@ def hosts(compiler: str = "gcc") -> list[Target]:
 
 
 def every_target() -> list[Target]:
-    """Return those of a soak: gcc, clang and the Cortex-M7; says which compiler is missing."""
+    """Return those of a search: gcc, clang and the Cortex-M7; says which compiler is missing."""
     found: list[Target] = []
     for compiler in ("gcc", "clang"):
         try:

@@ -1,4 +1,4 @@
-"""The node in C sends the frames of the node in Python; ``tests.searches.firmware`` looks longer."""
+"""The node in C sends the frames of the node in Python (longer: ``tests.searches.firmware``)."""
 
 import random
 from collections.abc import Sequence
