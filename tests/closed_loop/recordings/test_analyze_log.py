@@ -110,18 +110,6 @@ def test_jitter_comes_out_in_both_directions(varying: Run) -> None:
     assert -reported_s < later_s < PERIOD_S + reported_s
 
 
-def test_without_the_plants_word_the_uplink_counts_from_its_fastest_frame(
-    constant: Run, tmp_path: Path
-) -> None:
-    entries = [e for e in entries_of(constant.log) if e.frame.can_id != 0x310]
-    latency = analyse(write_log(tmp_path / "short.log", entries))["latency"]
-    assert latency["is_absolute"] is False
-    assert latency["uplink"]["p50_s"] < ON_THE_WIRE_S
-    assert latency["downlink"]["p50_s"] == pytest.approx(
-        latency["round_trip"]["p50_s"], abs=ON_THE_WIRE_S
-    )
-
-
 def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
     messages = analyse(constant.log)["messages"]
     assert messages["LATENCY_CONFIG"]["cycle_dbc_s"] is None

@@ -11,7 +11,6 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.runtime.node.end import End
-from steer_by_wire.runtime.settings import SettingsError
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
 SETTINGS = controller_preset("practical_pd")
@@ -57,8 +56,3 @@ def test_what_a_car_does_not_say_is_not_demanded(rig: Rig) -> None:
         outcome.assert_round_trip(p99_ms=50.0)
     with pytest.raises(AssertionError, match=why):
         outcome.assert_detects("silence", within_ms=50.0)
-
-
-def test_a_dialect_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"no_car\.toml: cannot be read: No such file"):
-        Rig(tmp_path, dialect="no_car.toml")

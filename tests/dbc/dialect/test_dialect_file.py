@@ -60,12 +60,6 @@ MISTAKES = {
         "messages.STEER_REQUEST.checksum: there is no rule 'xor' (allowed: sum, crc,"
         " e2e_p01, e2e_p05, e2e_p11, package.module:ATTRIBUTE)",
     ),
-    "a module that there is not": (
-        'rule = "sum", identifier = true, length = true',
-        'rule = "no_such:rule"',
-        "messages.STEER_REQUEST.checksum: the rule no_such:rule is not there: ModuleNotFoundError: "
-        "No module named 'no_such'",
-    ),
     "a constant that does not fit": (
         "TORQUE_MAX = 10.0",
         "TORQUE_MAX = 26.0",

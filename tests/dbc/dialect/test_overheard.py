@@ -21,7 +21,6 @@ from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.overheard import listening_to
@@ -29,19 +28,14 @@ from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
-    Decoded,
     LateralError,
-    SteeringCommand,
-    decode,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
-from steer_by_wire.tools.cockpit.hand import HandFile, HandNode
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.monitor import __main__ as monitor
@@ -96,26 +90,6 @@ def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
     assert struct.unpack("<2f", block[-8:]) == pytest.approx((wanted["rms"], abs(wanted["peak"])))
     unknown = gzip.decompress(read_replay([log]))
     assert math.isnan(*struct.unpack("<f", unknown[-4:]))
-
-
-def test_the_cockpits_hand_steers_a_car_in_its_dialect(tmp_path: Path) -> None:
-    hand = HandFile(tmp_path / "hand")
-    node = read_language(CAR).at_edge(HandNode(hand, 0), End.CONTROLLER, 0)
-    overheard, steers_rad = listening(), []
-    while node.deadline_ns < 50 * NS_PER_MS:
-        now_ns = node.deadline_ns
-        hand.write(0.1, now_ns)
-        heard = [
-            one for frame in node.on_tick(now_ns) for one in overheard.hear(frame, now_ns).ours
-        ]
-        steers_rad += [message.steer_rad for one in heard if (message := command_in(one))]
-    assert steers_rad == pytest.approx([0.1] * 5, abs=1e-3)
-
-
-def command_in(frame: Frame) -> SteeringCommand | None:
-    decoded = decode(frame)
-    assert isinstance(decoded, Decoded)
-    return decoded.message if isinstance(decoded.message, SteeringCommand) else None
 
 
 def test_what_nobody_would_take_is_counted() -> None:

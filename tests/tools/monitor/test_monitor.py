@@ -111,17 +111,6 @@ def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
     assert lateness.p99_s < 1e-4
 
 
-def test_after_skipped_periods_the_newest_command_is_soon_on_time_again() -> None:
-    watch = BusWatch(0)
-    for number in range(1000):
-        skipped_ns = 280_000_000 if number >= 100 else 0
-        frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
-        watch.on_frame(frame, number * 10_000_000 + skipped_ns)
-        if number == 100:
-            assert watch.lateness_s == pytest.approx(0.28, abs=1e-6)
-    assert watch.lateness_s < 1e-6
-
-
 def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
     now_ns = entries[-1].time_ns
     good = encode(LateralError(0.0, 0.0), 0)
