@@ -70,12 +70,15 @@ def open_edge(
 def _of_car(end: End, options: argparse.Namespace, car: "Dialect") -> Edge:
     if options.key_file is not None:
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
-    received = car.sent_by(end.peer)
+    received, sent = car.sent_by(end.peer), car.sent_by(end)
     if any(one.flags & FD for one in car.messages):
         options.fd = True
-    has_extended = any(one.flags & EXTENDED for one in received)
-    can_ids = {*car.kept_ids, *(one.can_id for one in received)}
+    has_extended = any(one.flags & EXTENDED for one in (*received, *sent))
+    can_ids = {*car.kept_ids, *(one.can_id for one in (*received, *sent))}
     notice = f"speaks {options.dialect.name}; frames of a car are not authenticated"
+    if uncounted := [one.name for one in received if one.carries and not one.settings.counter]:
+        names = ", ".join(uncounted)
+        notice += f"; a second sender is not noticed of what has no counter: {names}"
     return Edge(None if has_extended else can_ids, notice, say_figures=_say_translated)
 
 

@@ -16,6 +16,7 @@ from ..runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from ..runtime.node import NEVER_NS, NS_PER_MS
 from .codec.counter_check import CounterCheck
 from .codec.counter_rule import CounterResult, CounterRule
+from .codec.sender_watch import ECHO_TICKS
 from .messages import (
     ACTIVE_CYCLE_TIMES_MS,
     CAN_IDS,
@@ -36,16 +37,8 @@ _Cause = TypeVar("_Cause", Rejection, CounterResult, Refused)
 _ACCEPTED = CounterResult.ACCEPTED
 NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
-ECHO_TICKS = 256
-"""An echo comes before a node has sent in more ticks than this."""
 SecondSenderAction = Literal["report", "silent"]
 """What a node does while there is a second sender: it only reports it, or no longer acts."""
-
-
-def second_sender_line(messages: Sequence[str]) -> str:
-    """Return in words which messages have had a second sender; empty without any."""
-    why = "two programs on the bus send what only one may"
-    return f"second sender of {', '.join(messages)}: {why}" if messages else ""
 
 
 def cycle_ns(message_type: type[Message]) -> int:

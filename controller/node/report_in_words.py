@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ...dbc.reception import second_sender_line
+from ...dbc.codec.sender_watch import second_sender_line
 from ...runtime.program.fail_if_conditions import Report
 from ...runtime.program.report import causes_line, durations_line
 from .control_verdict import ControlVerdict

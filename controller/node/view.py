@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import Freshness, Mode, MotionRequest
-from ...dbc.reception import second_sender_line
 from ...runtime.node import View
 from ..limits.designed_ranges import in_words
 from .newest_messages import Received

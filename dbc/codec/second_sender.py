@@ -1,6 +1,7 @@
 """Second-sender alarm: two senders of one message, noticed by its counters and contents.
 
-One sender uses each counter once in a turn of 256, and its counters form one sequence. A network
+One sender uses each counter once in a turn (of 256 in our messages), and its counters form one
+sequence. A network
 may double, delay and drop its frames, and let them overtake others by less than half a turn. So
 either of these shows two senders, once it has gone on for LASTING_NS and TIMES_MIN times:
 
@@ -13,12 +14,10 @@ follow, and so on in turn. This notices two senders whose frames are lost or ove
 sender that restarts also uses counters again, but its old frames end with those on their way.
 
 Two senders of equal contents under equal counters cannot be told from a network that doubles
-frames. The step takes no such frame; ``dbc.codec.counter_check`` remembers the contents.
+frames. The step takes no such frame; ``dbc.codec.sender_watch`` remembers the contents.
 """
 
 from typing import NamedTuple
-
-from .protection import COUNTERS, HALF
 
 LASTING_NS = 700_000_000
 """How long two senders go on before they are reported [ns]."""
@@ -66,14 +65,15 @@ def start_senders(counter: int, now_ns: int) -> SenderState:
 
 
 def sender_step(
-    x: SenderState, counter: int, is_second_content: bool, now_ns: int
+    counters: int, x: SenderState, counter: int, is_second_content: bool, now_ns: int
 ) -> tuple[SenderState, bool]:
     """Return the state after a frame, and whether it shows a second sender.
 
+    ``counters``           number of values of the counter
     ``is_second_content``  whether its counter has come with another content in the last half turn
     """
-    forward = (counter - x.newest) % COUNTERS
-    is_ahead = forward > 0 and forward <= HALF
+    forward = (counter - x.newest) % counters
+    is_ahead = forward > 0 and forward <= counters // 2
     newest = counter if is_ahead else x.newest
     content_ns, is_behind, changes, change_ns = x.content_ns, x.is_behind, x.changes, x.change_ns
     shows = False
@@ -86,10 +86,10 @@ def sender_step(
         change_ns = now_ns if changes == 0 else change_ns
         changes, is_behind = changes + 1, False
     run, since_ns, other, other_ns, other_run = 0, now_ns, x.counter, x.last_ns, 0
-    if counter == (x.counter + 1) % COUNTERS:
+    if counter == (x.counter + 1) % counters:
         run, since_ns = x.run + 1, x.since_ns
         other, other_ns, other_run = x.other, x.other_ns, x.other_run
-    elif counter == (x.other + 1) % COUNTERS and now_ns - x.other_ns <= SILENCE_NS:
+    elif counter == (x.other + 1) % counters and now_ns - x.other_ns <= SILENCE_NS:
         run, since_ns, other_run = x.other_run + 1, x.since_ns, x.run
         is_lasting = min(run, other_run) >= TIMES_MIN and x.last_ns - since_ns >= LASTING_NS
         shows = shows or is_lasting

@@ -5,9 +5,10 @@
 
 Frames that ``keep`` names pass unchanged, all others of ours stay inside. A frame of the peer that
 the car would refuse does not reach the node and is counted by its cause: for the node it is lost.
+A second sender is noticed here: of a message with a counter, and of one that this end alone sends.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from ...runtime.node import NEVER_NS, NS_PER_MS, N, View, Wrapper
 from ...runtime.node.end import End
 from ...runtime.node.periodic import PeriodicTimer
 from .. import messages as ours
+from ..codec.sender_watch import ECHO_TICKS, second_sender_line
 from .car_message import Refused
 from .dialect import Dialect
 from .quantities import values_of
@@ -44,6 +46,9 @@ class Gateway(Wrapper[N]):
         self._values: dict[Quantity, float] = {}
         self._known_until_ns = dict.fromkeys(Quantity, -1)
         self._sent_counts = Counter[str]()
+        self._own = {(message.can_id, message.flags): message.name for message, _ in self._sent}
+        self._own_seen = list[str]()
+        self._echoes: deque[Frame] = deque(maxlen=ECHO_TICKS)
 
     @property
     def deadline_ns(self) -> int:
@@ -54,6 +59,7 @@ class Gateway(Wrapper[N]):
         """Translate a frame of the peer for the node, if the car would take it."""
         message = self._reader.known.get((frame.can_id, frame.flags))
         if message is None:
+            self._notice_own(frame)
             kept = frame.can_id in self._kept_ids
             return self._kept(self.node.on_frame(frame, now_ns), now_ns) if kept else ()
         translated = self._reader.read(message, frame, now_ns)
@@ -82,17 +88,35 @@ class Gateway(Wrapper[N]):
             for name, causes in self._reader.refused.items()
             for why, count in causes.items()
         }
-        return view._replace(counts={**view.counts, **refused})
+        states = dict(view.states)
+        if messages := self.second_senders:
+            states["second sender"] = second_sender_line(messages)
+        return view._replace(states=states, counts={**view.counts, **refused})
 
     def report(self) -> Mapping[str, Any]:
         """Return the node's report, with the figures of the gateway under ``dialect``.
 
         ``sent``, ``accepted``  frames of the car
         ``refused``             frames of the peer that the car would refuse, by cause
+
+        ``second_senders`` has the messages of the car too.
         """
         accepted, refused = self._reader.totals()
         figures = {"sent": self._sent_counts.total(), "accepted": accepted, "refused": refused}
-        return {**self.node.report(), "dialect": figures}
+        node = self.node.report()
+        messages = [*node["second_senders"], *self.second_senders]
+        return {**node, "second_senders": messages, "dialect": figures}
+
+    @property
+    def second_senders(self) -> Sequence[str]:
+        """Names of the car's messages, sent or received here, that have had a second sender."""
+        return [*self._own_seen, *self._reader.second_senders]
+
+    def _notice_own(self, frame: Frame) -> None:
+        """Note a frame that only this end sends, unless it is the echo of its own."""
+        name = self._own.get((frame.can_id, frame.flags))
+        if name is not None and name not in self._own_seen and frame not in self._echoes:
+            self._own_seen.append(name)
 
     def _due(self, now_ns: int) -> Sequence[Frame]:
         frames = []
@@ -101,6 +125,7 @@ class Gateway(Wrapper[N]):
                 timer.advance(now_ns)
                 if all(self._known_until_ns[one] >= now_ns for one in message.carries):
                     frames.append(message.frame(self._values, self._sent_counts[message.name]))
+                    self._echoes.append(frames[-1])
                     self._sent_counts[message.name] += 1
         self._due_ns = min(timer.deadline_ns for _, timer in self._sent)
         return frames

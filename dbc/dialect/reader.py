@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
+from ..codec.sender_watch import SenderWatch
 from ..listening import MessageCounts
 from .car_message import CarMessage, Reading, Refused
 from .dialect import Dialect
@@ -17,6 +18,7 @@ class CarReader:
 
     ``known``    the messages, by identifier and format of their frames
     ``refused``  frames by message and cause
+    ``second_senders``  names of messages that have had a second sender, by their own counters
     """
 
     def __init__(self, dialect: Dialect, messages: Iterable[CarMessage]) -> None:
@@ -27,6 +29,12 @@ class CarReader:
         """Counters, by message."""
         self._accepted, self._missing = Counter[str](), Counter[str]()
         self.refused = defaultdict[str, Counter[str]](Counter)
+        self._watches = {
+            one.name: SenderWatch(one.counters)
+            for one in self.known.values()
+            if one.settings.counter
+        }
+        self.second_senders = list[str]()
 
     def note_sent(self, message: ours.Message) -> None:
         """Take note of a message of ours that the peer's may answer."""
@@ -35,6 +43,11 @@ class CarReader:
     def read(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
         """Return what a frame of one of the messages says as frames of ours."""
         reading = message.read(frame.data)
+        if isinstance(reading, Reading) and message.settings.counter:
+            watch = self._watches[message.name]
+            watch.take(reading.counter, now_ns, frame.data)
+            if watch.shows and message.name not in self.second_senders:
+                self.second_senders.append(message.name)
         said = self._judged(message, reading, now_ns)
         if isinstance(said, Refused) or isinstance(reading, Refused):
             self.refused[message.name][str(said)] += 1

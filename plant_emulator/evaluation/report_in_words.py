@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from ...dbc.reception import second_sender_line
+from ...dbc.codec.sender_watch import second_sender_line
 from ...runtime.program.report import causes_line, durations_line
 from .run_verdict import RANGE_M, SHORTEST_RUN_S, Verdict
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 
+from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import Mode, SteeringCommand
-from ...dbc.reception import Reception, second_sender_line
+from ...dbc.reception import Reception
 from ...runtime.node import View
 from ..evaluation.run_record import RunningFigures
 from ..network.network import Network

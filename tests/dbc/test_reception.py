@@ -3,6 +3,7 @@
 import pytest
 
 from steer_by_wire.dbc.codec.counter_rule import CounterRule
+from steer_by_wire.dbc.codec.sender_watch import ECHO_TICKS
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
@@ -16,7 +17,7 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
-from steer_by_wire.dbc.reception import ECHO_TICKS, NOTICE_NS, Reception
+from steer_by_wire.dbc.reception import NOTICE_NS, Reception
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 

@@ -18,6 +18,7 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     LateralError,
     Mode,
+    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -61,7 +62,7 @@ class Recorder:
         return View({}, {}, "")
 
     def report(self) -> Mapping[str, Any]:
-        return {"own": 1}
+        return {"own": 1, "second_senders": []}
 
     @property
     def messages(self) -> list[Any]:
@@ -93,7 +94,8 @@ def test_a_request_becomes_a_command() -> None:
     assert steers == pytest.approx([0.0, 0.005818, -0.000582], abs=5e-6)
     assert [one.command_counter for one in node.messages] == [0, 1, 2]
     assert {one.mode for one in node.messages} == {Mode.ACTIVE}
-    assert gateway.report() == {"own": 1, "dialect": {"sent": 0, "accepted": 3, "refused": {}}}
+    figures = {"sent": 0, "accepted": 3, "refused": {}}
+    assert gateway.report() == {"own": 1, "second_senders": [], "dialect": figures}
 
 
 @pytest.mark.parametrize(
@@ -115,6 +117,42 @@ def test_what_the_car_would_refuse_is_counted_and_stays_out(frame: Frame, cause:
     assert len(node.got) == node.refused == 1
     assert gateway.report()["dialect"]["refused"] == {cause: 1}
     assert gateway.view(0).counts == {f"STEER_REQUEST refused, {cause}": 1}
+
+
+@pytest.mark.parametrize("ahead", range(16))
+@pytest.mark.parametrize("period_ms", [10, 7, 20, 100])
+def test_a_second_sender_is_noticed_by_the_car_s_own_counter(ahead: int, period_ms: int) -> None:
+    _, gateway = behind(End.PLANT)
+    frames = [(10 * n, request(1.0, n)) for n in range(300)]
+    for now_ms, frame in frames[:100]:
+        gateway.on_frame(frame, now_ms * NS_PER_MS)
+    assert gateway.second_senders == []
+    others = [(1003 + period_ms * n, request(2.0, n + ahead)) for n in range(300)]
+    for now_ms, frame in sorted(frames[100:] + others):
+        if now_ms <= 1003 + 1000:
+            gateway.on_frame(frame, now_ms * NS_PER_MS)
+    assert gateway.second_senders == ["STEER_REQUEST"]
+    assert gateway.report()["second_senders"] == ["STEER_REQUEST"]
+    assert gateway.view(0).states["second sender"].startswith("second sender of STEER_REQUEST")
+
+
+def test_doubled_frames_and_a_restart_are_no_second_sender() -> None:
+    _, gateway = behind(End.PLANT)
+    for number in range(400):
+        frame = request(1.0, number + 5 * (number > 200))
+        gateway.on_frame(frame, 10 * number * NS_PER_MS)
+        gateway.on_frame(frame, (10 * number + 3) * NS_PER_MS)
+    assert gateway.second_senders == []
+
+
+def test_a_frame_that_only_this_end_sends_is_noticed_unless_it_is_an_echo() -> None:
+    node, gateway = behind(End.CONTROLLER)
+    node.to_send = [encode(SteeringCommand(0.1, 0, Mode.ACTIVE), 0)]
+    (sent,) = gateway.on_tick(0)
+    gateway.on_frame(sent, NS_PER_MS)
+    assert gateway.second_senders == []
+    gateway.on_frame(request(1.0, 7), 2 * NS_PER_MS)
+    assert gateway.second_senders == ["STEER_REQUEST"]
 
 
 @given(st.binary(max_size=8), st.sampled_from([0, EXTENDED]), st.sampled_from([0x100, LANE_ID, 7]))
