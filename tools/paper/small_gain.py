@@ -55,11 +55,6 @@ class Uncertainty(NamedTuple):
     omega_rad_s: FloatArray
     size: FloatArray
 
-    @property
-    def peak(self) -> Peak:
-        """Return the largest of all."""
-        return _peak(self.size, self.omega_rad_s)
-
 
 class CdobParts(NamedTuple):
     """The transfer functions in (26)."""

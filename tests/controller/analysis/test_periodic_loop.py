@@ -14,7 +14,7 @@ from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, Responses
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from tests.support.loops.straight_runs import PUSH, decay_1_s, run_straight
@@ -79,26 +79,6 @@ def test_the_predictor_is_stable_over_the_box_at_every_delay_to_600_ms(corner: s
         assert loop.is_stable(delay_ns)
 
 
-def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
-    """pd_ddob looks at its last command only: both ways have to give the same poles.
-
-    Its Q has a triple pole, and the loop three near it: known to the cube root of rounding, but
-    not so the polynomial of the slow poles.
-    """
-    settings, vehicle = controller(), paper_box().nominal
-    design, model = design_law(settings), steer_to_lateral_error(vehicle)
-    classical = SampledLoop(design, model, settings.period_ns)
-    loop = PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle))
-    for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
-        expected = classical.closed_loop_poles(delay_ns)
-        found = loop.closed_loop_poles(delay_ns)
-        slow = np.poly(expected[np.abs(expected) > 0.9])
-        off = np.abs(np.poly(found[: len(slow) - 1]) - slow)
-        assert off.max() < 1e-11 * np.abs(slow).max()
-        margins = classical.margins(delay_ns)
-        assert loop.peak_sensitivity(delay_ns) == pytest.approx(margins.peak_sensitivity, rel=2e-3)
-
-
 @pytest.mark.parametrize("delay_ns", [0, 83_700_000])
 def test_noise_makes_the_steer_as_restless_as_a_run_shows(delay_ns: int) -> None:
     vehicle, noise_m = paper_box().nominal, 0.004  # with more the limit of the steer rate has a say
@@ -118,12 +98,6 @@ def test_periods_of_their_own_are_one_period_together(overrides: tuple[str, ...]
     assert other.decay_1_s(100 * MS) == pytest.approx(expected, rel=0.15)
 
 
-def test_periods_without_a_common_multiple_are_refused() -> None:
-    settings = controller(*PREDICTOR, "rate_hz=99")
-    with pytest.raises(ValueError, match="no common multiple"):
-        PeriodicLoop(design_law(settings), settings.loop_delay, LoopModel(paper_box().nominal))
-
-
 def test_a_loop_that_grows_has_no_noise_gain() -> None:
     assert loop_of(PREDICTOR, CORNERS["c"], 0.2).noise_gain_rad_m(400 * MS) == math.inf
 
@@ -141,12 +115,6 @@ def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays(
     assert "delay margin  above 600 ms" in text
     assert "pd_ddob" in text
     assert "nan" not in text
-
-
-def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
-    assert "Not analysed: control every 10101010 ns" in check_text(
-        controller(*PREDICTOR, "rate_hz=99")
-    )
 
 
 def test_the_check_of_the_predictor_reports_what_its_fallback_survives(

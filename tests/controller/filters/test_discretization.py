@@ -145,9 +145,3 @@ def test_a_law_without_its_table_is_refused(
 ) -> None:
     with pytest.raises(ValidationError, match=rf"needs the table \[{missing}\]"):
         LawSettings.model_validate({"law": law, "pd": PD, **given_tables})
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_cutoff_that_is_no_positive_number_is_refused(bad: float) -> None:
-    with pytest.raises(ValidationError, match="q_cutoff_rad_s"):
-        DobSettings(q_cutoff_rad_s=bad)

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from steer_by_wire.controller.filters.sections import (
-    IDENTITY,
     Section,
     cascade_2_at_rest,
     cascade_2_step,
@@ -65,10 +64,6 @@ def test_a_cascade_at_rest_stays_at_rest(
         x2, stepped2 = cascade_2_step(sections[:2], x2, constant)
         x3, stepped3 = cascade_3_step(sections, x3, constant)
         assert (stepped1, stepped2, stepped3) == pytest.approx((y1, y2, y3), rel=1e-6, abs=1e-6)
-
-
-def test_the_identity_passes_its_input_and_keeps_no_state() -> None:
-    assert section_step(IDENTITY, AT_ZERO, 1.25) == (AT_ZERO, 1.25)
 
 
 def test_an_integrator_rests_at_zero_only() -> None:

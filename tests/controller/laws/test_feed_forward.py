@@ -36,15 +36,6 @@ def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
     assert last.sent_steer_rad == pytest.approx(2.8461 / 30.0, rel=0.01)
 
 
-def test_without_it_pd_is_off_the_circle_by_the_steer_over_its_gain() -> None:
-    last = on_a_circle("practical_pd", ())
-    pd = preset("practical_pd").pd
-    assert pd is not None
-    assert last.lateral_error_m == pytest.approx(
-        -2.85 / 30.0 / pd.proportional_gain_rad_m, rel=0.01
-    )
-
-
 def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
     """Not so on the way here: in a loop of the test's own, on a circle, with and without."""
     settings = preset("practical_pd_dob", FEED_FORWARD)
@@ -71,11 +62,3 @@ def test_the_feed_forward_is_outside_the_loop() -> None:
         loops = [SampledLoop(design_law(each), plain.model, PERIOD_NS) for each in (plain, fed)]
         decays = [loop.decay_1_s(180_000_000) for loop in loops]
         assert decays[0] == pytest.approx(decays[1], rel=1e-6)
-
-
-def test_half_the_feed_forward_is_half_the_steer() -> None:
-    nominal = vehicle_of(preset("practical_pd"))
-    reading = VehicleReading(2.0, 0.0, -0.03)
-    whole_rad = curve_steer(steady_steer(nominal), reading)
-    assert curve_steer(steady_steer(nominal, 0.5), reading) == pytest.approx(0.5 * whole_rad)
-    assert whole_rad < 0.0

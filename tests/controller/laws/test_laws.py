@@ -149,13 +149,6 @@ def test_the_dob_finds_a_steering_offset_and_takes_it_out(law: str) -> None:
     assert run.lateral_error_m[-1] == pytest.approx(0.0, abs=1e-5)
 
 
-def test_without_a_dob_the_same_offset_stays_in_the_error() -> None:
-    settings = preset("practical_pd")
-    run = close_loop(settings, (5.0, 2000.0), 8, duration_s=30.0, offset_rad=0.02, straight=True)
-    expected = 0.02 / required(settings.pd).proportional_gain_rad_m
-    assert run.lateral_error_m[-1] == pytest.approx(expected, rel=1e-3)
-
-
 def test_the_cdob_shows_the_error_as_it_were_without_the_delay() -> None:
     settings = variant("practical_pd_cdob", cdob={"q_cutoff_rad_s": 50.0, "washout_rad_s": 0.01})
     design, phi, delay = design_law(settings), transition(5.0, 2000.0), 16

@@ -148,17 +148,6 @@ def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
     assert x.wheel_rad == pytest.approx(-0.03, abs=1e-9)
 
 
-def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
-    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
-    gains_at = together([schedule])
-    low, high = schedule.speeds_m_s[10:12]
-    middle = gains_at(0.25 * low + 0.75 * high)[0]
-    expected = 0.25 * numbers(schedule.gains[10]) + 0.75 * numbers(schedule.gains[11])
-    np.testing.assert_allclose(numbers(middle), expected)
-    assert gains_at(0.0)[0] == schedule.gains[0]
-    assert gains_at(1e3)[0] == schedule.gains[-1]
-
-
 def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
     """5 for K after a gap; that much only where one crosses zero; of the larger neighbour."""
     settings = EstimatorSettings()

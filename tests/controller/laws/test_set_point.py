@@ -50,13 +50,6 @@ def test_the_set_point_puts_the_point_on_the_circle(
     assert steady_set_point_m(set_point_of(point, vehicle), reading) == pytest.approx(preview_m)
 
 
-def test_at_walking_speed_the_cg_wants_the_preview_point_a_foot_outside() -> None:
-    vehicle = vehicle_of(preset("practical_pd"))
-    reading = VehicleReading(1.0, 0.0, 1.0 / 15.0)
-    set_point_m = steady_set_point_m(set_point_of("centre_of_gravity", vehicle), reading)
-    assert set_point_m == pytest.approx(-(2.0 * 1.5453 + 2.0) / 15.0, rel=2e-3)
-
-
 @pytest.mark.parametrize("point", ["preview", "centre_of_gravity", "rear_axle"])
 def test_the_predictor_holds_the_steady_turn_in_which_the_point_is_on_the_path(
     point: FollowedPoint,

@@ -5,10 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -22,11 +20,9 @@ from steer_by_wire.tools.design.search.parameter_search import Found, confirm
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import (
-    constant,
     drive,
     drives,
     jittered,
-    plant_settings,
 )
 from tests.support.loops.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
 from tests.support.suite.combinations import sampled
@@ -98,20 +94,6 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
     for asked, rms in zip(worst, stated, strict=True):
         assert drive(asked).rms_m == pytest.approx(rms, abs=6e-5)
         assert rms < RMS_M_MAX
-
-
-@pytest.mark.parametrize("delay_ms", [0, 135, 250])
-def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
-    spec, vehicle = shipped_spec(), shipped_vehicle()
-    settings = shipped_preset()
-    # Compiled, which tests/test_compiled_run.py holds to be bit for bit the two nodes.
-    runs = [
-        run_compiled(plant_settings(asked), settings)
-        for asked in drives(spec, vehicle, settings, [constant(delay_ms * 1_000_000)])
-    ]
-    assert all(run.outcome is Outcome.COMPLETE for run in runs)
-    assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX
-    assert max(np.abs(run.sent_rad).max() for run in runs) < 0.3
 
 
 @pytest.mark.parametrize(

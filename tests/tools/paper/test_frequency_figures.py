@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
-from steer_by_wire.controller.filters.continuous_filters import q_order_2
-from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
 from steer_by_wire.tools.paper.figures import uncertainty_figure
 from steer_by_wire.tools.paper.figures.frequency_figures import (
-    SPREAD_AT_RAD_S,
     corner_spreads,
     figure_10,
     figure_11,
@@ -23,7 +20,7 @@ from steer_by_wire.tools.paper.figures.network_figure import (
     first_intersection_rad_s,
     network_verdict,
 )
-from steer_by_wire.tools.paper.figures.uncertainty_figure import exact_cutoffs, figure_9
+from steer_by_wire.tools.paper.figures.uncertainty_figure import figure_9
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from tests.support.suite.curves import alike_without_colour
 
@@ -60,22 +57,6 @@ def test_figure_9_meets_its_condition_at_every_vertex(monkeypatch: pytest.Monkey
     assert published.agrees is True
     assert published.reproduced == "a 4.4, b 4.4, c 13.4, d 13.8 dB"
     assert all(comparison.agrees is None for comparison in others)
-
-
-def test_the_exact_bound_of_the_cutoff_is_above_the_sufficient_one() -> None:
-    (found,) = exact_cutoffs(q_order_2, paper_eq19(), DELAY_S)
-    assert found.minimum_rad_s == 0.0
-    assert 34.8 < found.maximum_rad_s < 35.0
-
-
-def test_at_a_tenth_of_a_radian_per_second_the_observer_takes_nearly_all_of_the_spread() -> None:
-    without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
-    closed = decibels(without.closed_loop.spread_at(SPREAD_AT_RAD_S))
-    closed_dob = decibels(with_dob.closed_loop.spread_at(SPREAD_AT_RAD_S))
-    assert 0.108 < closed < 0.109
-    assert 0.0022 < closed_dob < 0.0024
-    assert 9.4 < decibels(without.regulated.spread_at(SPREAD_AT_RAD_S)) < 9.5
-    assert 0.112 < decibels(with_dob.regulated.spread_at(SPREAD_AT_RAD_S)) < 0.114
 
 
 def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:

@@ -107,20 +107,6 @@ def test_each_law_survives_the_papers_delay_up_to_the_filter_that_the_page_state
     assert not is_stable_at_the_papers_delay(law, 1.01 * last_rad_s)
 
 
-def test_pd_survives_the_paper_s_delay_only_with_a_slow_derivative() -> None:
-    last_rad_s = 17.8
-    plant = delayed_plant(60.0)
-    steers_rad = [
-        peak(run.wheel_angle_rad[run.time_s > 50.0])
-        for share in (0.9, 1.2)
-        for run in drive(
-            [PD.changed(f"pd.derivative_filter_rad_s={share * last_rad_s}")], plant
-        ).values()
-    ]
-    assert steers_rad[0] < 0.03
-    assert steers_rad[1] == pytest.approx(0.6)
-
-
 def gain_ratio_at_rest() -> float:
     """G/G_n at s = 0, the vehicle's over that of (19); both have two integrators."""
     _, (zeros,), (poles,), _ = steer_to_lateral_error(paper_box().nominal)
@@ -158,12 +144,6 @@ def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> No
     first_m, second_m = ends_m[(*FILTER, *WASHOUT, *TYPE_2)]
     assert abs(first_m) < 2e-4
     assert abs(second_m - first_m) < 1e-5
-
-
-def test_of_latencies_drawn_for_every_command_only_the_short_ones_come_through() -> None:
-    gamma = ("latency.downlink.model=gamma", "latency.downlink.spread_s=0.03")
-    run = drive([PD.changed(*FILTER)], delayed_plant(5.0, *gamma))[PD.label]
-    assert 0.025 < float(np.nanmean(run.downlink_latency_s)) < 0.045
 
 
 def test_thinning_keeps_every_so_many_rows() -> None:

@@ -50,12 +50,12 @@ FOUND = {
     },
     "PD + DOB": {"k_p": 1.14, "k_d": 0.14, "derivative_filter": 14.8, "dob": 1.92},
     "PD + DDOB": {
-        "k_p": 1.36,
-        "k_d": 0.106,
-        "derivative_filter": 17.0,
-        "dob": 3.1,
-        "cdob": 5.0,
-        "washout": 2.3,
+        "k_p": 1.1,
+        "k_d": 0.135,
+        "derivative_filter": 15.7,
+        "dob": 2.0,
+        "cdob": 0.0576,
+        "washout": 0.559,
     },
 }
 """By ``steer-by-wire design paper_vehicle --frontier frontier``, for 250 ms."""
