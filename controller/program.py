@@ -100,7 +100,7 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"short for --set law=NAME: {laws}, or package.module:LAW of your own",
     )
     offer(law, lambda: LAWS)
-    parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
+    parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 1 to 1000")
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -43,7 +43,7 @@ class PlantSettings(Settings):
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     duration_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
     """Of motion; then the program ends."""
-    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=500.0)] = 10.0
     """Between two LATERAL_ERROR, and two STEERING_STATUS."""
     start_on_first_command: bool = True
     """Whether the vehicle stands until a valid command arrives on the bus."""

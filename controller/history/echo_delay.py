@@ -37,7 +37,7 @@ it."""
 class LinkSettings(Settings):
     """[link]: the period of the plant's sensors, and the measurement of the delay."""
 
-    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=500.0)] = 10.0
     """Period of the plant's LATERAL_ERROR; the default is the DBC's cycle time."""
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     """Time constant for averaging the delays measured by echoes."""

@@ -81,7 +81,7 @@ class _SharedTables(Settings):
     """Settings that all laws share."""
 
     law: LawName
-    rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
+    rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 100.0
     pd: PdSettings | None = None
     dob: DobSettings | None = None
     cdob: CdobSettings | None = None

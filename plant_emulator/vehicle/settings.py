@@ -67,10 +67,10 @@ class VehicleSettings(Settings):
     """
 
     speed_m_s: float = Field(5.0 / 3.6, ge=0.13, le=70.0)
-    virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
-    yaw_inertia_kg_m2: float = Field(3728.0, ge=100.0, le=1_000_000.0)
-    front_cornering_stiffness_n_rad: float = Field(190_000.0, ge=1000.0, le=10_000_000.0)
-    rear_cornering_stiffness_n_rad: float = Field(500_000.0, ge=1000.0, le=10_000_000.0)
+    virtual_mass_kg: float = Field(2000.0, ge=0.1, le=100_000.0)
+    yaw_inertia_kg_m2: float = Field(3728.0, ge=1e-4, le=1_000_000.0)
+    front_cornering_stiffness_n_rad: float = Field(190_000.0, ge=1.0, le=10_000_000.0)
+    rear_cornering_stiffness_n_rad: float = Field(500_000.0, ge=1.0, le=10_000_000.0)
     front_axle_distance_m: float = Field(1.3008, gt=0.0, le=20.0)
     """From the centre of gravity to the front axle."""
     rear_axle_distance_m: float = Field(1.5453, gt=0.0, le=20.0)

@@ -45,7 +45,7 @@ def checked(capsys: Capture, *arguments: str) -> str:
 @pytest.mark.parametrize(
     ("line", "parts"),
     [
-        ("rate_hz = 5", ["rate_hz = 5", "10", "1000"]),
+        ("rate_hz = 0.5", ["rate_hz = 0.5", "1.0", "1000"]),
         ("law = 'lqr'", ["law", "lqr", "pd_ddob"]),
         ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
         ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),

@@ -80,7 +80,7 @@ def test_times_are_whole_nanoseconds() -> None:
         ),
         (
             "[latency.uplink]\ntrace_file = 'no/such.csv'",
-            ["latency.uplink", "no/such.csv cannot be read: No such file"],
+            ["latency.uplink", "no/such.csv: cannot be read: No such file"],
         ),
         ("[latency.sidelink]\nmean_s = 0.1", ["latency.sidelink"]),
     ],
