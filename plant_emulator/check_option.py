@@ -30,7 +30,7 @@ from .settings import PlantSettings
 from .steering.safety_limiter import AVERAGING_S, Cause
 from .steering.settings import design_guard
 from .vehicle.motion_parameters import MotionParams, motion_params
-from .vehicle.settings import VehicleSettings
+from .vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, wheelbase_m
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""
@@ -45,31 +45,18 @@ def check_text(settings: PlantSettings) -> str:
     return "\n".join([dump_toml(settings), *lines, ""])
 
 
-def understeer_gradient_s2_m(vehicle: VehicleSettings) -> float:
-    """Return K of the steady steer (L + K V²) ρ [rad per m/s²]; negative: it oversteers."""
-    compliance = (
-        vehicle.rear_axle_distance_m / vehicle.front_cornering_stiffness_n_rad
-        - vehicle.front_axle_distance_m / vehicle.rear_cornering_stiffness_n_rad
-    )
-    return vehicle.virtual_mass_kg / _wheelbase_m(vehicle) * compliance
-
-
-def _wheelbase_m(vehicle: VehicleSettings) -> float:
-    return vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
-
-
 def _vehicle(settings: PlantSettings) -> Iterator[str]:
     vehicle = settings.vehicle
     if vehicle.model is not None:
         yield f"Vehicle: equations of another package ({vehicle.model}), which are not analysed."
         return
-    wheelbase_m = _wheelbase_m(vehicle)
+    length_m = wheelbase_m(vehicle)
     gradient = understeer_gradient_s2_m(vehicle)
     yield f"Vehicle: {vehicle.speed_m_s:.4g} m/s ({3.6 * vehicle.speed_m_s:.4g} km/h):"
-    yield f"  wheelbase            {wheelbase_m:.4g} m"
+    yield f"  wheelbase            {length_m:.4g} m"
     yield f"  understeer gradient  {gradient:.4g} rad per m/s²"
     if gradient < 0.0:
-        critical_m_s = math.sqrt(-wheelbase_m / gradient)
+        critical_m_s = math.sqrt(-length_m / gradient)
         verdict = "above it: UNSTABLE" if critical_m_s <= vehicle.speed_m_s else "below it: stable"
         yield f"  critical speed       {critical_m_s:.4g} m/s, {verdict}"
     else:
@@ -88,7 +75,7 @@ def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
     # From the critical speed on it is not positive.
-    steer_m = _wheelbase_m(vehicle) + understeer_gradient_s2_m(vehicle) * speed_m_s**2
+    steer_m = steady_steer_m(vehicle)
     if vehicle.model is not None or steer_m <= 0.0:
         return
     steer = steer_m * curvature_1_m

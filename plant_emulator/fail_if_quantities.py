@@ -45,3 +45,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "limited_share": _driven("limited_share"),
     }
 )
+"""Those that a recording of the bus has too."""
+RUN_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {**QUANTITIES, "warnings": Quantity(lambda report: len(report["node"]["warnings"]))}
+)

@@ -21,7 +21,7 @@ from ..runtime.program.run_node import run_node
 from .check_option import check_text
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
-from .fail_if_quantities import QUANTITIES
+from .fail_if_quantities import RUN_QUANTITIES
 from .faults.messages_on_bus import messages_in, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
@@ -31,7 +31,7 @@ from .settings import PRESETS, PlantSettings, shared_vehicle
 from .vehicle.motion_parameters import motion_params
 
 NAME = "steer-by-wire plant"
-ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
+ENDING = Ending({**RUN_QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

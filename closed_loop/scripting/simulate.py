@@ -17,6 +17,7 @@ from ...controller.law_interface import Law
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...plant_emulator.node.settings_without_effect import never_varies
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
@@ -140,11 +141,15 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     given = {**overrides, **{SHORT[key]: it for key, it in own.items() if it is not None}}
     if jitter_s:
         given |= GAMMA
+    if own["latencies"] == []:
+        raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
     values = by_side(given)
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
     drives = settings_of(ControllerSettings, controller, values["controller"], of_controller)
     driven = settings_of(PlantSettings, plant, values["plant"], of_plant)
+    if jitter_s and never_varies(driven.latency.downlink):
+        raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
     settings = judged_like(driven, drives), drives
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))

@@ -41,6 +41,8 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "interventions", f"{made['count']} in all over the bus; the report lists them"
     if made["count"] > made["refused"]:
         yield "repeat with", _repeated(made)
+    for warning in node["warnings"]:
+        yield "warning", warning
     if node["second_senders"]:
         yield "warning", second_sender_line(node["second_senders"])
     if node["rejected"]:

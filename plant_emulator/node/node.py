@@ -59,6 +59,7 @@ from .interventions import Interventions
 from .live_view import plant_view
 from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
+from .settings_without_effect import settings_without_effect
 
 STEERING = (SteeringCommand, SteeringPlan)
 """Commands: a plan may take the place of a command, and the other way round."""
@@ -90,7 +91,7 @@ class PlantNode:
         params: MotionParams | None = None,
         samples_max: int = SAMPLES_MAX,
     ) -> None:
-        self._seed = settings.seed
+        self._settings = settings
         self._noise_m = settings.sensor_noise.lateral_error_m
         self._duration_ns = settings.duration_ns
         self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
@@ -243,10 +244,11 @@ class PlantNode:
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
         ``interventions``         what tools on the bus have changed (``Interventions.report``)
+        ``warnings``              settings that had no effect (``settings_without_effect``)
         """
-        record = self._record
+        record, clamped = self._record, self._sampling.frames.clamped
         return {
-            "seed": self._seed,
+            "seed": self._settings.seed,
             "failure": self._own_fault.failure,
             **motion_report(
                 record.figures, self._motion.time_ns, record.rules, self._noise_m, record.period_s
@@ -256,9 +258,12 @@ class PlantNode:
             **reception_report(self._reception),
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._sampling.frames.not_available,
-            "clamped": self._sampling.frames.clamped + self._status_frames.clamped,
+            "clamped": clamped + self._status_frames.clamped,
             "safety": self._unit.report(),
             "interventions": self.interventions.report(),
+            "warnings": settings_without_effect(
+                self._settings, self._motion.path, self._motion.time_ns / NS_PER_S, clamped
+            ),
         }
 
     def _motion_ns(self, time_ns: int) -> int:

@@ -104,7 +104,7 @@ def is_followed(frame: Frame) -> bool:
         (["--set", "seed=-1"], ["command line: seed = -1"]),
         (["--seed", "-1"], ["command line: seed = -1"]),
         (["--set", "latency.downlink.mean_s=11"], ["latency.downlink.mean_s = 11", "10.0"]),
-        (["--set", "latency.uplink.trace_file=none.csv"], ["none.csv cannot be read"]),
+        (["--set", "latency.uplink.trace_file=none.csv"], ["none.csv: cannot be read"]),
         (["--preset", "paper_nominl"], ["preset paper_nominl", "paper_nominal"]),
         (["none.toml"], ["none.toml: cannot be read"]),
         (["--set", "path.kind=waypoints", "--set", "path.file=none.csv"], ["none.csv"]),

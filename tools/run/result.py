@@ -26,7 +26,7 @@ CONTROLLER_PREFIX = "controller_"
 """Of the controller's quantities."""
 PROGRAMS = (PLANT_PROGRAM, CONTROLLER_PROGRAM)
 QUANTITIES = {
-    **of_part(plant_quantities.QUANTITIES, PLANT_PROGRAM),
+    **of_part(plant_quantities.RUN_QUANTITIES, PLANT_PROGRAM),
     **of_part(controller_quantities.QUANTITIES, CONTROLLER_PROGRAM, CONTROLLER_PREFIX),
 }
 """What ``--fail-if`` may name."""

@@ -1,0 +1,97 @@
+"""Settings that had no effect in a run, each in one line.
+
+A test whose fault begins after the end of its run passes without having tested anything, and so
+does one whose path the vehicle never reaches.
+"""
+
+import math
+from collections.abc import Iterator
+
+from ..network.settings import LatencySettings
+from ..path.path import Path
+from ..path.settings import PluginPathSettings, WaypointSettings
+from ..settings import PlantSettings
+from ..steering.safety_limiter import Cause
+from ..steering.settings import design_guard
+from ..vehicle.steady_turn import steady_steer_m
+
+
+def settings_without_effect(
+    settings: PlantSettings, path: Path, motion_s: float, clamped: int
+) -> list[str]:
+    """Return what of the settings never acted, or could not act in full.
+
+    ``motion_s``  how long the vehicle has moved
+    ``clamped``   values of the sensors that did not fit their signal
+    """
+    if not motion_s:
+        return []
+    end = f"the motion ended at {motion_s:g} s"
+    late = [
+        f"{what} from {at_s:g} s on: {end}" for what, at_s in _times(settings) if at_s >= motion_s
+    ]
+    return [*late, *_spreads(settings), *_path(settings, path, motion_s), *_range(clamped)]
+
+
+def _times(settings: PlantSettings) -> Iterator[tuple[str, float]]:
+    """Yield what begins at a time of motion, and that time."""
+    for number, fault in enumerate(settings.faults):
+        yield f"faults[{number}] ({fault.kind}) never acted,", fault.onset_s
+    for number, step in enumerate(settings.disturbance.all_steps):
+        yield f"disturbance.steps[{number}] never acted,", step.at_s
+    if settings.safety.override_at_s is not None:
+        yield "safety.override_at_s never acted,", settings.safety.override_at_s
+    for way in ("downlink", "uplink"):
+        latency: LatencySettings = getattr(settings.latency, way)
+        for number, point in enumerate(latency.schedule[1:], start=1):
+            yield f"latency.{way}.schedule[{number}] never acted,", point.time_s
+        trace = latency.trace()
+        if trace is not None and len(trace.times_s) > 1:
+            yield f"latency.{way}: only the first row of the trace acted, others", trace.times_s[1]
+
+
+def _spreads(settings: PlantSettings) -> Iterator[str]:
+    for way in ("downlink", "uplink"):
+        latency: LatencySettings = getattr(settings.latency, way)
+        if never_varies(latency):
+            yield f"latency.{way}.spread_s never acted: {latency.model} needs a mean_s too"
+
+
+def never_varies(latency: LatencySettings) -> bool:
+    """Return whether the latency has a spread, and yet is always the same."""
+    if latency.has_trace or latency.schedule or not latency.spread_s:
+        return False
+    low_s, high_s = (latency.quantile(u, latency.mean_s, latency.spread_s) for u in (0.01, 0.99))
+    return low_s == high_s
+
+
+def _path(settings: PlantSettings, path: Path, motion_s: float) -> Iterator[str]:
+    speed_m_s = settings.vehicle.speed_m_s
+    driven_m = speed_m_s * motion_s
+    if not path.closed and path.length_m > driven_m:
+        yield f"path: only {driven_m:.4g} m of its {path.length_m:.4g} m were driven"
+    elif not path.closed and isinstance(settings.path, WaypointSettings | PluginPathSettings):
+        end_s = path.length_m / speed_m_s
+        yield f"path ends after {path.length_m:.4g} m ({end_s:.4g} s); from there on it is straight"
+    if settings.vehicle.model is not None:
+        return
+    curvature_1_m = max(map(abs, path.curvature_1_m))
+    needed_rad = curvature_1_m * steady_steer_m(settings.vehicle)
+    guard = design_guard(settings.safety, settings.vehicle, settings.actuator)
+    rows = guard.limiter.table.rows
+    allowed_rad, cause = min(
+        ((row.reach_rad, row.cause) for row in rows), default=(math.inf, Cause.ANGLE)
+    )
+    if needed_rad > allowed_rad:
+        yield (
+            f"path asks for {needed_rad:.3g} rad of steer where it bends most, and the limit"
+            f" {Cause(cause).name.lower()} allows {allowed_rad:.3g} rad"
+        )
+
+
+def _range(clamped: int) -> Iterator[str]:
+    if clamped:
+        yield (
+            f"{clamped} measured values were beyond the range of their signal, and clamped to it"
+            " (a curvature of more than 0.2 1/m, for instance)"
+        )

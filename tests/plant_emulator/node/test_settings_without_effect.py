@@ -1,0 +1,102 @@
+"""Settings that had no effect in a run are said, and a run in which all act says nothing."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire import simulate
+from steer_by_wire.plant_emulator.node.settings_without_effect import settings_without_effect
+from steer_by_wire.plant_emulator.path.path_from_settings import build_path
+from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings, plant_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names
+
+MOTION_S = 10.0
+
+
+def warnings_of(*overrides: str, clamped: int = 0) -> list[str]:
+    settings = load_settings(PlantSettings, overrides=overrides)
+    path = build_path(settings.path)
+    return settings_without_effect(settings, path, MOTION_S, clamped)
+
+
+@pytest.mark.parametrize("name", preset_names(PRESETS))
+def test_a_whole_run_of_a_preset_has_no_warnings(name: str) -> None:
+    settings = plant_preset(name)
+    path = build_path(settings.path)
+    assert settings_without_effect(settings, path, settings.duration_s, 0) == []
+
+
+LATE = {
+    "faults[0] (drop)": 'faults=[{{kind="drop",direction="uplink",onset_s={at_s}}}]',
+    "disturbance.steps[0]": "disturbance.steps=[{{at_s={at_s},side_force_n=300}}]",
+    "safety.override_at_s": "safety.override_at_s={at_s}",
+    "latency.uplink.schedule[1]": (
+        "latency.uplink.schedule=[{{time_s=0,mean_s=0.1}},{{time_s={at_s},mean_s=0.2}}]"
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LATE)
+@given(at_s=st.floats(0.1, 100.0).map(lambda at_s: round(at_s, 3)))
+def test_what_begins_after_the_end_of_the_motion_is_said_by_its_key(what: str, at_s: float) -> None:
+    found = warnings_of(LATE[what].format(at_s=at_s))
+    assert bool(found) == (at_s >= MOTION_S)
+    assert all(line.startswith(f"{what} never acted, from {at_s:g} s on") for line in found)
+
+
+def test_a_trace_of_which_only_the_first_row_acted_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "trace.csv"
+    for second_s, is_said in ((5.0, False), (10.0, True)):
+        file.write_text(f"time_s,latency_s\n0,0.05\n{second_s},0.1\n")
+        found = warnings_of(f'latency.downlink.trace_file="{file.as_posix()}"')
+        assert bool(found) == is_said
+
+
+@pytest.mark.parametrize(
+    ("last_m", "words"),
+    [(9.0, "path ends after 9 m (6.48 s)"), (90.0, "path: only 13.89 m of its 90 m were driven")],
+)
+def test_a_path_that_is_shorter_or_longer_than_the_run_is_said(
+    tmp_path: Path, last_m: float, words: str
+) -> None:
+    file = tmp_path / "path.csv"
+    file.write_text(f"x_m,y_m\n0,0\n{last_m},0\n")
+    (line,) = warnings_of(f'path={{kind="waypoints",file="{file.as_posix()}"}}')
+    assert line.startswith(words)
+
+
+def test_a_path_that_bends_more_than_the_steering_allows_is_said() -> None:
+    assert warnings_of('path={kind="circle",radius_m=4.5}') == []
+    (line,) = warnings_of('path={kind="circle",radius_m=3.5}')
+    assert line.startswith("path asks for 0.8")
+    assert "limit angle allows 0.7 rad" in line
+
+
+@pytest.mark.parametrize("model", ["gamma", "lognormal"])
+def test_a_spread_around_no_mean_is_said(model: str) -> None:
+    spread = (f'latency.downlink.model="{model}"', "latency.downlink.spread_s=0.02")
+    (line,) = warnings_of(*spread)
+    assert line.startswith("latency.downlink.spread_s never acted")
+    assert warnings_of(*spread, "latency.downlink.mean_s=0.05") == []
+
+
+@pytest.mark.parametrize("given", [{"jitter_s": 0.02}, {"latencies": []}])
+def test_python_refuses_a_latency_that_could_not_act(given: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=r"^(jitter_s|latencies)"):
+        simulate(duration_s=1.0, **given)
+
+
+def test_clamped_values_are_counted() -> None:
+    (line,) = warnings_of(clamped=2002)
+    assert line.startswith("2002 measured values were beyond the range of their signal")
+
+
+def test_a_run_reports_what_never_acted() -> None:
+    wind = {"plant.disturbance.steps": [{"at_s": 50.0, "side_force_n": 300.0}]}
+    run = simulate(duration_s=3.0, overrides=wind)
+    assert run.plant_report["warnings"] == [
+        "disturbance.steps[0] never acted, from 50 s on: the motion ended at 3 s"
+    ]
