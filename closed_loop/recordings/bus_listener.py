@@ -130,7 +130,7 @@ class BusListener:
             dict(sorted(self._refused[name].items())),
         )
 
-    def take(self, frame: Frame, now_ns: int) -> Taken:
+    def on_frame(self, frame: Frame, now_ns: int) -> Taken:
         """Take a frame that arrived at ``now_ns``."""
         heard = self.listening.hear(frame, now_ns)
         if heard.is_foreign:

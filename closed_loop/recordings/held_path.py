@@ -73,7 +73,7 @@ class HeldPath:
         """Whether the two windows at the end, each of a share of the samples, have any."""
         return int(self.samples * WINDOW_SHARE_MAX) > 1
 
-    def take(self, message: messages.Message, at_s: float, cg_deviation_m: float) -> None:
+    def on_message(self, message: messages.Message, at_s: float, cg_deviation_m: float) -> None:
         """Take an accepted message, and the centre of gravity's deviation by then, NaN for none.
 
         ``at_s``  its time; NaN in a log without times, whose error never counts as settled
@@ -133,7 +133,7 @@ class CgDeviation:
         self._at_s = math.nan
         self._is_sent = False
 
-    def take(self, message: messages.Message, at_s: float) -> float:
+    def on_message(self, message: messages.Message, at_s: float) -> float:
         """Take an accepted message, ``at_s`` NaN where there are no times.
 
         Returns the deviation that it brings [m], to the left positive; NaN for none.

@@ -135,7 +135,7 @@ class CommandLateness:
         self._due: _Due | None = None
         self._fit_ns = 0
 
-    def take(self, counter: int, now_ns: int) -> None:
+    def on_command(self, counter: int, now_ns: int) -> None:
         """Take a command that arrived at ``now_ns``."""
         number = self._commands[-1][1] if self._commands else counter
         step = (counter - number) % COMMAND_COUNTERS
@@ -300,7 +300,7 @@ class BusWatch:
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
-        messages, of_car = self._listener.take(frame, now_ns)
+        messages, of_car = self._listener.on_frame(frame, now_ns)
         messages = [one for one in messages if not one.is_late]
         if of_car:
             self._time(of_car, now_ns, has_time)
@@ -354,7 +354,7 @@ class BusWatch:
         )
 
     def _follow(self, message: Message, now_ns: int, has_time: bool) -> None:
-        cg_m = self._cg.take(message, (now_ns - self._start_ns) / NS_PER_S)
+        cg_m = self._cg.on_message(message, (now_ns - self._start_ns) / NS_PER_S)
         if not math.isnan(cg_m):
             self.cg_deviation_m = cg_m
         if isinstance(message, LateralError):
@@ -366,7 +366,7 @@ class BusWatch:
             self._sent_ns.pop(message.command_counter, None)
             if has_time:
                 self._sent_ns[message.command_counter] = now_ns
-                self._lateness.take(message.command_counter, now_ns)
+                self._lateness.on_command(message.command_counter, now_ns)
         elif isinstance(message, SteeringStatus):
             sent_ns = self._sent_ns.pop(message.applied_counter, None)
             if (

@@ -133,11 +133,11 @@ class LogAnalysis:
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
 
-    def take(self, time_ns: int | None, frame: Frame) -> LoggedMessages:
+    def on_frame(self, time_ns: int | None, frame: Frame) -> LoggedMessages:
         """Take the next frame."""
         self._frames += 1
         since_ns = self._axis.since_start_ns(time_ns)
-        received, of_car = self.listener.take(frame, since_ns or 0)
+        received, of_car = self.listener.on_frame(frame, since_ns or 0)
         at_s = math.nan
         if since_ns is not None:
             at_s = since_ns / NS_PER_S
@@ -153,11 +153,11 @@ class LogAnalysis:
     def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
         for label, field in self._by_message.get(NAMES[type(shown)], ()):
             self.histories[label].add(at_s, getattr(shown, field))
-        cg_m = self._cg.take(shown, at_s)
+        cg_m = self._cg.on_message(shown, at_s)
         if not math.isnan(cg_m):
             self._cg_m = cg_m
             self.histories[CG_DEVIATION].add(at_s, cg_m)
-        self._held_path.take(shown, at_s, self._cg_m)
+        self._held_path.on_message(shown, at_s, self._cg_m)
         self._watch(shown, since_ns)
 
     def figures(self) -> dict[str, Any]:
@@ -362,7 +362,7 @@ def analyse_files(
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
-                taken = analysis.take(time_ns, frame)
+                taken = analysis.on_frame(time_ns, frame)
                 for export in exports:
                     export.write(taken)
         unreadable += log.state.unreadable

@@ -60,7 +60,7 @@ def _replay(files: Sequence[Path], channel: str | None, listening: Listening) ->
         log = open_log(file)
         for time_ns, its_channel, frame in log:
             if channel in (None, its_channel):
-                replay.take(file, time_ns, frame)
+                replay.on_frame(file, time_ns, frame)
         if log.state.cut_off:
             replay.cut_off = f", cut off: {file.name}: {log.state.cut_off}"
     if not replay.has_begun:
@@ -120,7 +120,7 @@ class _Replay:
         self._frame_lists = _Thinned(_FRAME_LIST_S, _FRAME_LISTS_MAX)
         self._lights: list[tuple[float, Sequence[Light]]] = []
 
-    def take(self, file: Path, time_ns: int | None, frame: Frame) -> None:
+    def on_frame(self, file: Path, time_ns: int | None, frame: Frame) -> None:
         """Take one frame; raises LogError for one without a time."""
         if time_ns is None:
             raise LogError(f"{file}: has no times, which a replay needs")

@@ -182,7 +182,7 @@ class Sampler:
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message)
         if isinstance(message, messages.LateralError):
-            self._score.take(message.lateral_error_m, self._watch.cg_deviation_m)
+            self._score.add(message.lateral_error_m, self._watch.cg_deviation_m)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest

@@ -17,7 +17,7 @@ class Score:
         self._samples = self._in_lane = 0
         self._squares_m2 = self.peak_m = 0.0
 
-    def take(self, error_m: float, cg_deviation_m: float) -> None:
+    def add(self, error_m: float, cg_deviation_m: float) -> None:
         """Take an error of the preview point; a deviation of NaN is in the lane."""
         self._samples += 1
         self._in_lane += not abs(cg_deviation_m) > IN_LANE_M

@@ -104,7 +104,7 @@ def test_plans_and_commands_are_one_sequence_to_the_listener() -> None:
     for number, kind in enumerate(kinds):
         message = PLAN if kind is SteeringPlan else SteeringCommand(0.0, number, Mode.ACTIVE)
         if number not in (20, 100, 101):
-            taken = listener.take(encode(message, number % 256), number)
+            taken = listener.on_frame(encode(message, number % 256), number)
             assert [one.is_late for one in taken.messages] == [False]
     assert listener.counts("STEERING_COMMAND")[:3] == (148, 3, 0)
     assert listener.counts("STEERING_PLAN")[:3] == (79, 0, 0)

@@ -73,7 +73,7 @@ def test_what_the_car_says_is_heard_as_ours(log: Path) -> None:
         if frame.can_id == LANE.frame_id:
             said = DATABASE.decode_message(LANE.frame_id, frame.data, decode_choices=False)
             said_m.append(-said["LATERAL_OFFSET"])
-        messages = [one.message for one in listener.take(frame, time_ns or 0).messages]
+        messages = [one.message for one in listener.on_frame(frame, time_ns or 0).messages]
         errors_m += [it.lateral_error_m for it in messages if isinstance(it, LateralError)]
     assert errors_m == pytest.approx(said_m, abs=1e-4)
     assert listener.counts("STEERING_COMMAND").accepted > 190
