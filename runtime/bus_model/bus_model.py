@@ -134,7 +134,7 @@ class BusModel:
             return
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
         queue, arbitration = self._queue, arbitration_field(frame)
-        entry = queue.push(arbitration, duration_ticks, sender, frame, now_ticks)
+        entry = queue.push(arbitration, duration_ticks, sender, frame)
         if self._on_wire is None and self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
         is_next = self._on_wire is None and queue.competing[0] is entry
@@ -247,7 +247,7 @@ class BusModel:
         hit_ticks = hit_ns * self._ticks_per_ns
         self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
         if self._next_start_ticks < now_ticks and traffic.best < rival:
-            self._queue.push_traffic(traffic, traffic.hand_over_best(self._next_start_ticks))
+            self._queue.push_traffic(traffic, traffic.hand_over_best())
 
     def _admit(self, traffic: RestBus, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
@@ -262,7 +262,7 @@ class BusModel:
     def _queue_all(self, traffic: RestBus) -> None:
         """Put the frames of the traffic that wait into the queue."""
         while traffic.best < NO_FIELD:
-            self._queue.push_traffic(traffic, traffic.hand_over_best(self._next_start_ticks))
+            self._queue.push_traffic(traffic, traffic.hand_over_best())
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""

@@ -46,14 +46,9 @@ class ErrorCounters:
         """Whether its error flags are recessive."""
         return self.transmit >= PASSIVE_MIN or self.receive >= PASSIVE_MIN
 
-    def on_transmit_error(self, times: int = 1) -> None:
+    def on_transmit_error(self) -> None:
         """Count an error of a frame of one's own."""
-        self.transmit = min(self.transmit + 8 * times, BUS_OFF_MIN)
-
-    def on_dominant_after_flag(self) -> None:
-        """Count a dominant bit right after one's flag: one was the first to see the error."""
-        if self.receive < PASSIVE_MIN:
-            self.receive += 8
+        self.transmit = min(self.transmit + 8, BUS_OFF_MIN)
 
     def on_receive_error(self) -> None:
         """Count an error of a frame of others; the counter does not grow while passive."""

@@ -48,7 +48,6 @@ class Ready(NamedTuple):
     ``rank``            of its message
     ``arbitration``     its arbitration field
     ``duration_ticks``  its length
-    ``due_ticks``       when it was released, or now
     """
 
     rank: int
@@ -56,7 +55,6 @@ class Ready(NamedTuple):
     duration_ticks: int
     sender: int
     frame: Frame
-    due_ticks: int
 
 
 class RestBus:
@@ -165,11 +163,11 @@ class RestBus:
         """Arbitration field of the most urgent frame that waits here."""
         return self._arbitration[self._lowest_rank()] if self._waiting else NO_FIELD
 
-    def hand_over_best(self, now_ticks: int) -> Ready:
+    def hand_over_best(self) -> Ready:
         """Hand over the most urgent frame that waits here."""
         rank = self._lowest_rank()
         self._waiting ^= 1 << rank - 1
-        return self._ready(rank, now_ticks)
+        return self._ready(rank)
 
     def hand_over_next(self, is_off: Callable[[int, int], bool]) -> Ready | None:
         """Hand over the message that is released next; None if it is refused, or lost.
@@ -182,11 +180,11 @@ class RestBus:
         rank = bit.bit_length()
         if is_off(self._senders[rank], due_ticks):
             self.lost += 1
-            self._ready(rank, due_ticks)  # the payload counts on
+            self._ready(rank)  # the payload counts on
         elif (self._taken | self._waiting) & bit:
             self.refused += 1
         else:
-            return self._ready(rank, due_ticks)
+            return self._ready(rank)
         return None
 
     def hold(self, rank: int) -> None:
@@ -200,14 +198,14 @@ class RestBus:
     def _lowest_rank(self) -> int:
         return (self._waiting & -self._waiting).bit_length()
 
-    def _ready(self, rank: int, due_ticks: int) -> Ready:
+    def _ready(self, rank: int) -> Ready:
         count = self._counts[rank]
         self._counts[rank] = count + 1
         self._handed_over += 1
         frame = self._messages[rank].frames[count & _COUNT_MASK]
         duration_ticks = self._durations[rank][count & _COUNT_MASK] - self._intermission_ticks
         sender = self._senders[rank]
-        return Ready(rank, self._arbitration[rank], duration_ticks, sender, frame, due_ticks)
+        return Ready(rank, self._arbitration[rank], duration_ticks, sender, frame)
 
     def _lay_out(self) -> None:
         """List the releases of the next block in order; the last entry is its end."""

@@ -23,7 +23,6 @@ class Waiting(NamedTuple):
     duration_ticks: int
     sender: int
     frame: Frame
-    submitted_ticks: int
     buffer: tuple[int, int]
 
 
@@ -42,9 +41,7 @@ class TransmitQueue:
         self._sequence = self.refused = 0
         self._waiting_of: dict[tuple[int, int], int] = {}
 
-    def push(
-        self, arbitration: int, duration_ticks: int, sender: int, frame: Frame, now_ticks: int
-    ) -> Waiting:
+    def push(self, arbitration: int, duration_ticks: int, sender: int, frame: Frame) -> Waiting:
         """Queue a frame; raises BusOverflowError for a full buffer."""
         buffer = (sender, arbitration)
         waiting = self._waiting_of.get(buffer, 0)
@@ -56,22 +53,18 @@ class TransmitQueue:
             )
         self._waiting_of[buffer] = waiting + 1
         self._sequence += 1
-        entry = Waiting(
-            arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer
-        )
+        entry = Waiting(arbitration, self._sequence, duration_ticks, sender, frame, buffer)
         heappush(self.competing, entry)
         return entry
 
     def push_traffic(self, traffic: RestBus, ready: Ready) -> None:
         """Queue a frame of the traffic."""
-        rank, arbitration, duration_ticks, sender, frame, due_ticks = ready
+        rank, arbitration, duration_ticks, sender, frame = ready
         traffic.hold(rank)
         self._sequence += 1
         buffer = (sender, rank)
         self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
-        entry = Waiting(
-            arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer
-        )
+        entry = Waiting(arbitration, self._sequence, duration_ticks, sender, frame, buffer)
         heappush(self.competing, entry)
 
     def remove(self, winner: Waiting) -> None:

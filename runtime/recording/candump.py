@@ -11,7 +11,6 @@ the error state of an FD sender and a raw length code above 8 are ignored: a Fra
 """
 
 import re
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -131,26 +130,3 @@ class CandumpLog:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-class CandumpReader:
-    """Iterates over the frames in ``lines`` (an open file, the output of candump).
-
-    ``unreadable`` counts the lines that are neither a frame nor blank. It includes a last line
-    without line end, which a killed writer leaves: half a payload would be read as a whole frame.
-    """
-
-    def __init__(self, lines: Iterable[str]) -> None:
-        self._lines = lines
-        self.unreadable = 0
-
-    def __iter__(self) -> Iterator[LogEntry]:
-        has_ends = False
-        for line in self._lines:
-            is_torn = has_ends and not line.endswith("\n")
-            has_ends = has_ends or line.endswith("\n")
-            entry = None if is_torn else parse_entry(line)
-            if entry is not None:
-                yield entry
-            elif line.strip():
-                self.unreadable += 1

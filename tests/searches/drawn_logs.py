@@ -37,7 +37,8 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.analyze.__main__ import main as analyze
-from tests.support.runs.logged_run import convert, entries_of
+from tests.support.frames.recorded_frames import entries_in
+from tests.support.runs.logged_run import convert
 
 DURATION_S = 8.0
 LOOPS = {
@@ -202,7 +203,7 @@ def base_logs(folder: Path) -> dict[bool, Log]:
         path = folder / f"{holds}.log"
         plant = plant_preset("paper_nominal", [f"duration_s={DURATION_S}", *loop])
         run_virtual_pair(plant, controller_preset("practical_pd"), candump_log=path)
-        logs[holds] = entries_of(path)
+        logs[holds] = entries_in(path)
     return logs
 
 

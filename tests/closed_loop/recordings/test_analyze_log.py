@@ -14,6 +14,7 @@ from steer_by_wire.closed_loop.recordings.latency_and_jitter import History, rel
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
     DOWNLINK_S,
     DURATION_S,
@@ -22,7 +23,6 @@ from tests.support.runs.logged_run import (
     UPLINK_S,
     Run,
     analyse,
-    entries_of,
     is_of,
     same_but_for_times,
     write_log,
@@ -61,7 +61,7 @@ def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:
     error = figures["signals"]["lateral_error_m"]
     # The log has the samples before the motion too, and ends before the last have left the uplink.
     assert error["samples"] == pytest.approx(node["samples"], abs=5)
-    entries = entries_of(constant.log)
+    entries = entries_in(constant.log)
     command = next(entry for entry in entries if is_of(entry, "STEERING_COMMAND"))
     start_s = 1e-9 * (command.time_ns - entries[0].time_ns)  # motion starts with it
     moving = error["samples"] - math.ceil(start_s / PERIOD_S)
@@ -173,7 +173,7 @@ def test_another_sensing_period_than_the_dbcs_is_found(period_ns: int) -> None:
 
 
 def test_parts_of_one_log_give_the_figures_of_the_whole(varying: Run, tmp_path: Path) -> None:
-    entries = entries_of(varying.log)
+    entries = entries_in(varying.log)
     half = len(entries) // 2
     parts = [
         write_log(tmp_path / f"{name}.log", part)
@@ -202,7 +202,7 @@ def test_several_logs_stand_beside_each_other(
 def test_of_several_channels_one_can_be_chosen(
     constant: Run, tmp_path: Path, capsys: Capture
 ) -> None:
-    entries = entries_of(constant.log)
+    entries = entries_in(constant.log)
     doubled = [
         entry._replace(channel=channel) for entry in entries for channel in ("vcan0", "vcan1")
     ]

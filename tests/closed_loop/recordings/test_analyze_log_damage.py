@@ -16,12 +16,12 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
     ON_THE_WIRE_S,
     Run,
     analyse,
     convert,
-    entries_of,
     is_of,
     same_but_for_times,
     write_log,
@@ -57,7 +57,7 @@ def damaged(lines: list[str], position: int, text: str) -> str:
 def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
     beginning: Path, tmp_path: Path, suffix: str, position: int, line: str
 ) -> None:
-    whole = convert(entries_of(beginning), tmp_path / f"whole{suffix}")
+    whole = convert(entries_in(beginning), tmp_path / f"whole{suffix}")
     lines = whole.read_text().splitlines(keepends=True)
     path = tmp_path / f"damaged{suffix}"
     path.write_text(damaged(lines, position, line))
@@ -144,7 +144,7 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capt
 def test_frames_that_a_node_would_refuse_are_counted_by_cause(
     constant: Run, tmp_path: Path
 ) -> None:
-    entries = entries_of(constant.log)
+    entries = entries_in(constant.log)
     places = [i for i, entry in enumerate(entries) if is_of(entry, "LATERAL_ERROR")]
     changed: dict[int, list[LogEntry]] = {}
     entry = entries[places[10]]
@@ -175,7 +175,7 @@ def test_frames_that_a_node_would_refuse_are_counted_by_cause(
 
 
 def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None:
-    entries = entries_of(constant.log)
+    entries = entries_in(constant.log)
     start_ns = entries[0].time_ns
     kept = [
         entry
@@ -191,7 +191,7 @@ def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None
 def test_a_log_out_of_order_is_not_judged(
     constant: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    entries = entries_of(constant.log)
+    entries = entries_in(constant.log)
     Random(1).shuffle(entries)
     path = write_log(tmp_path / "shuffled.log", entries)
     out = ["--out", str(tmp_path / "out")]
@@ -232,7 +232,7 @@ def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
 def test_a_clock_that_is_set_during_the_log_costs_no_time_and_is_reported(
     varying: Run, tmp_path: Path, position: int, capsys: Capture
 ) -> None:
-    entries = [entry._replace(time_ns=entry.time_ns + 10**9) for entry in entries_of(varying.log)]
+    entries = [entry._replace(time_ns=entry.time_ns + 10**9) for entry in entries_in(varying.log)]
     set_ns = 1_790_000_000 * 10**9
     later = [entry._replace(time_ns=entry.time_ns + set_ns) for entry in entries[position:]]
     path = write_log(tmp_path / "set.log", [*entries[:position], *later])

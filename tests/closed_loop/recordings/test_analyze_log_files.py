@@ -18,7 +18,8 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze import pictures
 from steer_by_wire.tools.analyze.__main__ import main
-from tests.support.runs.logged_run import Run, entries_of, write_log, written
+from tests.support.frames.recorded_frames import entries_in
+from tests.support.runs.logged_run import Run, write_log, written
 from tests.support.runs.logged_run import constant as constant
 from tests.support.runs.logged_run import varying as varying
 from tests.support.suite.curves import alike_without_colour
@@ -83,7 +84,7 @@ def test_mcap_holds_every_message_with_its_time_schema_and_names(
             last_ns = message.log_time
     accepted = {name: m["accepted"] for name, m in figures["messages"].items() if m["accepted"]}
     assert counts == accepted
-    assert last_ns <= entries_of(varying.log)[-1].time_ns
+    assert last_ns <= entries_in(varying.log)[-1].time_ns
 
 
 @NEEDS_MCAP

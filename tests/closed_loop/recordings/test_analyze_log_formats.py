@@ -9,10 +9,10 @@ from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
     analyse,
     convert,
-    entries_of,
     same_but_for_times,
     written,
 )
@@ -32,7 +32,7 @@ NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf
 def test_every_format_of_python_can_gives_the_same_figures(
     beginning: Path, tmp_path: Path, suffix: str
 ) -> None:
-    entries = entries_of(beginning)
+    entries = entries_in(beginning)
     figures = analyse(convert(entries, tmp_path / f"converted{suffix}"))
     assert figures["frames"] == len(entries)
     same_but_for_times(analyse(beginning), figures)
@@ -46,7 +46,7 @@ def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
 
 def test_without_times_there_are_counts_and_signals_only(beginning: Path, tmp_path: Path) -> None:
     path = tmp_path / "printed"
-    path.write_text("".join(plain(entry, "") for entry in entries_of(beginning)))
+    path.write_text("".join(plain(entry, "") for entry in entries_in(beginning)))
     figures, known = written(tmp_path / "out", path), analyse(beginning)
     assert (figures["has_times"], figures["duration_s"]) == (False, None)
     assert figures["latency"]["round_trip"]["samples"] == 0

@@ -13,10 +13,11 @@ from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analy
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode, SteeringCommand, SteeringPlan, encode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
+from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import NAMES
 from steer_by_wire.tools.monitor.screen import one_line
+from tests.support.frames.recorded_frames import entries_in
 
 DELAY_S, PERIOD_S = 0.08, 0.01
 PLAN = SteeringPlan(300, Mode.ACTIVE, 250, 4, *[0.01 * index for index in range(18)])
@@ -32,8 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def entries(log: Path) -> Sequence[LogEntry]:
-    with log.open(encoding="ascii") as lines:
-        return list(CandumpReader(lines))
+    return entries_in(log)
 
 
 @pytest.fixture(scope="module")

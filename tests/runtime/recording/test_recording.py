@@ -15,7 +15,6 @@ from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.recording import recorder
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.runtime.recording.recorder import (
     LEFT_OUT,
     SUFFIXES,
@@ -23,7 +22,7 @@ from steer_by_wire.runtime.recording.recorder import (
     RecordingFigures,
     RecordingPort,
 )
-from tests.support.frames.recorded_frames import FRAMES, messages_in
+from tests.support.frames.recorded_frames import FRAMES, entries_in, messages_in
 
 NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
 FORMATS = [
@@ -74,10 +73,7 @@ def test_a_log_is_one_that_candump_could_have_written(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     before_ns = time.time_ns()
     record(path, FRAMES[:5])
-    with path.open(encoding="ascii") as lines:
-        reader = CandumpReader(lines)
-        entries = list(reader)
-    assert reader.unreadable == 0
+    entries = entries_in(path)
     assert [entry.frame for entry in entries] == list(FRAMES[:5])
     assert {entry.channel for entry in entries} == {"vcan0"}
     assert before_ns - 1000 <= entries[0].time_ns <= time.time_ns()
@@ -220,15 +216,6 @@ def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
         assert log.state.unreadable == bool(length)
         assert not length or "the last line has no end" in log.state.first_unreadable
         assert bool(log.state.cut_off) == (length > 0)
-
-
-def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
-    line = "(1.000000) vcan0 100#0011223344556677 R\n"
-    for length in range(1, len(line)):
-        reader = CandumpReader([line, line[:length]])
-        assert len(list(reader)) == 1
-        assert reader.unreadable == 1
-    assert len(list(CandumpReader([line.strip(), line.strip()]))) == 2  # no file: there are no ends
 
 
 def is_line_of(frame: Frame, line: bytes) -> bool:

@@ -12,8 +12,8 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Sampler
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.running_program import PATIENCE_S
 
 NS = 1_000_000_000
@@ -32,10 +32,8 @@ def recorded_run(folder: Path) -> Path:
 def fed(log: Path) -> tuple[Sampler, int]:
     """Return a sampler that has taken a recording, and the time of its last frame [ns]."""
     sampler, now_ns = Sampler(0, build_path(PLANT.path)), 0
-    with log.open(encoding="ascii") as lines:
-        for entry in CandumpReader(lines):
-            now_ns = entry.time_ns
-            sampler.on_frame(entry.frame, now_ns)
+    for now_ns, _channel, frame in entries_in(log):
+        sampler.on_frame(frame, now_ns)
     return sampler, now_ns
 
 

@@ -17,8 +17,9 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import message_of
-from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry, format_entry
+from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
 from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.frames.recorded_frames import entries_in
 
 DURATION_S = 6.0
 DOWNLINK_S, UPLINK_S = 0.08, 0.02
@@ -64,7 +65,7 @@ def varying(tmp_path_factory: pytest.TempPathFactory) -> Run:
 @pytest.fixture(scope="module")
 def beginning(varying: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a log of the first quarter of ``varying``."""
-    entries = entries_of(varying.log)
+    entries = entries_in(varying.log)
     return write_log(tmp_path_factory.mktemp("beginning") / "run.log", entries[: len(entries) // 4])
 
 
@@ -85,11 +86,6 @@ def written(out: Path, *arguments: Path | str) -> dict[str, Any]:
     (path,) = out.rglob("figures.json")
     figures: dict[str, Any] = json.loads(path.read_text())
     return figures
-
-
-def entries_of(log: Path) -> list[LogEntry]:
-    with log.open(encoding="ascii") as lines:
-        return list(CandumpReader(lines))
 
 
 def write_log(path: Path, entries: Iterable[LogEntry]) -> Path:

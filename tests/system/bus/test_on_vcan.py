@@ -34,8 +34,8 @@ from steer_by_wire.dbc.messages import (
     sent_by,
 )
 from steer_by_wire.runtime.frame import FD, Frame
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from tests.support.frames.decoded_frames import messages_in
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan
@@ -95,8 +95,7 @@ class Run(NamedTuple):
 
 
 def read(path: Path) -> Log:
-    with path.open(encoding="ascii") as lines:
-        return [entry.frame for entry in CandumpReader(lines)]
+    return [entry.frame for entry in entries_in(path)]
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.recording.candump import CandumpReader
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.driven_pair import BEAR_ALL, CONTROLLER, drive_pair
 
 DURATION_S = 4.0
@@ -73,11 +73,10 @@ Recorded = list[tuple[float, Message, int]]
 @pytest.fixture(scope="module")
 def recorded(folder: Path, first_run: PairResult) -> Recorded:
     heard: Recorded = []
-    with PairFiles(folder / "0").candump_log.open(encoding="ascii") as lines:
-        for time_ns, _channel, frame in CandumpReader(lines):
-            decoded = decode(frame)
-            assert isinstance(decoded, Decoded)
-            heard.append((time_ns * 1e-9, decoded.message, decoded.counter))
+    for time_ns, _channel, frame in entries_in(PairFiles(folder / "0").candump_log):
+        decoded = decode(frame)
+        assert isinstance(decoded, Decoded)
+        heard.append((time_ns * 1e-9, decoded.message, decoded.counter))
     assert first_run.plant["node"]["accepted"] > 0
     return heard
 

@@ -31,9 +31,9 @@ from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import path_of_c
 from steer_by_wire.plant_emulator.path.path import pose
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.cockpit_run import NS, PLANT, fed, recorded_run
 
 MS = 1_000_000
@@ -72,19 +72,18 @@ def test_a_command_is_in_effect_one_latency_after_it_was_wanted(log: Path) -> No
     sampler = Sampler(0)
     wanted: list[tuple[int, float]] = []
     compared = 0
-    with log.open(encoding="ascii") as lines:
-        for entry in CandumpReader(lines):
-            sampler.on_frame(entry.frame, entry.time_ns)
-            row = signals(sampler, entry.time_ns)
-            wanted.append((entry.time_ns, row["steer_rad"]))
-            if entry.frame.can_id != 0x120 or entry.time_ns < NS:
-                continue
-            earlier = [rad for at, rad in wanted if at <= entry.time_ns - 80 * MS]
-            # The status is of the sample, a little before its frame is on the bus.
-            assert row["steer_in_effect_rad"] in earlier[-12:]
-            compared += 1
-            if compared == 100:
-                break
+    for entry in entries_in(log):
+        sampler.on_frame(entry.frame, entry.time_ns)
+        row = signals(sampler, entry.time_ns)
+        wanted.append((entry.time_ns, row["steer_rad"]))
+        if entry.frame.can_id != 0x120 or entry.time_ns < NS:
+            continue
+        earlier = [rad for at, rad in wanted if at <= entry.time_ns - 80 * MS]
+        # The status is of the sample, a little before its frame is on the bus.
+        assert row["steer_in_effect_rad"] in earlier[-12:]
+        compared += 1
+        if compared == 100:
+            break
     assert compared == 100
 
 
@@ -206,23 +205,22 @@ def test_what_was_read_late_lights_up_for_a_while_and_no_time_is_measured_from_i
     """Read within a millisecond, 80 ms were a round trip of 1.1 ms under six green lights."""
     sampler = Sampler(0)
     end_ns = 0
-    with log.open(encoding="ascii") as lines:
-        for entry in CandumpReader(lines):
-            behind_ns = max(6 * NS - entry.time_ns, 0)  # 6 s of frames at once
-            is_late = behind_ns > TIMED_NS
-            end_ns = max(entry.time_ns, 6 * NS)
-            if is_late:
-                sampler.on_late_read(behind_ns, end_ns)
-            sampler.on_frame(entry.frame, end_ns, has_time=not is_late)
-            row = signals(sampler, end_ns)
-            assert not row["round_trip_s"] < 0.08 - TIMED_NS / NS
-            if is_late:
-                assert math.isnan(row["lateness_s"])
-                light = next(one for one in sampler.lights(end_ns) if one.name == "Machine")
-                assert (light.level, light.state) == ("bad", "TOO_SLOW")
-                assert light.cause.startswith("frames were read up to ")
-            if entry.time_ns > 9.5 * NS:
-                break
+    for entry in entries_in(log):
+        behind_ns = max(6 * NS - entry.time_ns, 0)  # 6 s of frames at once
+        is_late = behind_ns > TIMED_NS
+        end_ns = max(entry.time_ns, 6 * NS)
+        if is_late:
+            sampler.on_late_read(behind_ns, end_ns)
+        sampler.on_frame(entry.frame, end_ns, has_time=not is_late)
+        row = signals(sampler, end_ns)
+        assert not row["round_trip_s"] < 0.08 - TIMED_NS / NS
+        if is_late:
+            assert math.isnan(row["lateness_s"])
+            light = next(one for one in sampler.lights(end_ns) if one.name == "Machine")
+            assert (light.level, light.state) == ("bad", "TOO_SLOW")
+            assert light.cause.startswith("frames were read up to ")
+        if entry.time_ns > 9.5 * NS:
+            break
     assert row["round_trip_s"] < 0.1
     assert row["lateness_s"] < 0.001
     assert {light.level for light in sampler.lights(end_ns)} == {"good"}

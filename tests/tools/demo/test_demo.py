@@ -13,7 +13,6 @@ from steer_by_wire.closed_loop.pair.live_bus import Bus, open_channels
 from steer_by_wire.closed_loop.pair.pair_result import PairResult, Trace
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
 from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
@@ -28,6 +27,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     verdict_line,
     what_to_see,
 )
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.suite.combinations import sampled
 from tests.support.suite.same_process import no_workers
 
@@ -86,10 +86,8 @@ def test_no_frame_of_any_pair_is_damaged(out: Path) -> None:
 
 def test_every_pair_leaves_a_log_of_every_message_and_can_be_run_again(out: Path) -> None:
     for law in LAWS:
-        with (out / law.preset / "candump.log").open(encoding="ascii") as file:
-            reader = CandumpReader(file)
-            identifiers = {entry.frame.can_id for entry in reader}
-        assert reader.unreadable == 0
+        entries = entries_in(out / law.preset / "candump.log")
+        identifiers = {entry.frame.can_id for entry in entries}
         of_a_model = {0x30C} if law.preset == "practical_predictor" else set[int]()
         expected = {0x100, 0x110, 0x120, 0x130, 0x300, 0x304, 0x308, 0x310}
         assert identifiers == expected | of_a_model

@@ -32,8 +32,9 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.recording.candump import CandumpReader, LogEntry
+from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines, strip_text
+from tests.support.frames.recorded_frames import entries_in
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -51,8 +52,7 @@ def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
         ),
     )
     run_virtual_pair(plant, controller_preset("practical_pd_ddob"), candump_log=log)
-    with log.open(encoding="ascii") as lines:
-        return list(CandumpReader(lines))
+    return entries_in(log)
 
 
 def view_of(entries: list[LogEntry], more: list[tuple[int, Frame]] | None = None) -> View:

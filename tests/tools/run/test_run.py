@@ -16,16 +16,15 @@ from steer_by_wire.closed_loop.pair.pair_result import Trace
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.recording.candump import CandumpReader
 from steer_by_wire.tools.run import __main__ as closed_loop
+from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.running_program import PATIENCE_S
 
 LATENCY = ["--set", "plant.latency.downlink.mean_s=0.08"]
 
 
 def frames_in(log: Path) -> list[Frame]:
-    with log.open(encoding="ascii") as lines:
-        return [entry.frame for entry in CandumpReader(lines)]
+    return [entry.frame for entry in entries_in(log)]
 
 
 def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
