@@ -72,6 +72,8 @@ def sender_step(
     ``counters``           number of values of the counter
     ``is_second_content``  whether its counter has come with another content in the last half turn
     """
+    if counters == 0:
+        return x, False
     forward = (counter - x.newest) % counters
     is_ahead = forward > 0 and forward <= counters // 2
     newest = counter if is_ahead else x.newest

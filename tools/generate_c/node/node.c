@@ -48,11 +48,11 @@ static bool is_accepted(struct node *x, const struct reading *it, int64_t now_ns
         received->contents[(it->counter + COUNTERS - skipped) % CONTENTS] = -1;
     const int32_t known = is_first || is_newer ? -1 : *place;
     *place = it->crc;
-    if (is_first) {
+    if (is_first)
         received->senders = start_senders(it->counter, now_ns);
-    } else if (known != it->crc) {
+    if (!is_first && known != it->crc) {
         const struct sender_step_result watched =
-            sender_step(&received->senders, it->counter, known != -1, now_ns);
+            sender_step(COUNTERS, &received->senders, it->counter, known != -1, now_ns);
 
         received->senders = watched.first;
         x->peer_ns = watched.second ? now_ns : x->peer_ns;

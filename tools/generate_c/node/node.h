@@ -1,4 +1,4 @@
-/* The controller around a generated law: as controller/node, without a bus, a clock or an allocation.
+/* The controller around a generated law: as controller/node, but without a bus and a clock.
  *
  *     node_start(&node, now_ns);
  *     node_on_frame(&node, &frame, now_ns);              every frame that others have sent
@@ -51,8 +51,7 @@ struct node {
     double speeds_m_s, yaw_rates_rad_s, wheels_rad, reported;
     int64_t judged_ns, validity;
     struct fit_state fit;
-    /* reported last */
-    struct safety_facts facts;
+    struct safety_facts facts; /* reported last, at reported_ns */
     int64_t reported_ns;
     uint8_t counters[SENT_MAX];
 };

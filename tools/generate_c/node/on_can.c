@@ -14,7 +14,6 @@
 #include "node.h"
 
 #define NS_PER_S INT64_C(1000000000)
-#define PLANT_ENDED_NS (3 * NS_PER_S)
 
 static int64_t now_ns(void)
 {
@@ -61,15 +60,16 @@ int main(int count, char **arguments)
         return 2;
     }
     node_start(&node, now_ns());
-    printf("ready\n");
+    puts("ready");
     fflush(stdout);
-    while (!node.has_failed && !(node.sent_rad == 0.0 && silence_ns >= PLANT_ENDED_NS)) {
+    while (!node.has_failed && !(node.sent_rad == 0.0 && silence_ns >= 3 * NS_PER_S)) {
         const int64_t left_ns = node.deadline_ns > now_ns() ? node.deadline_ns - now_ns() : 0;
         const struct timespec left = {left_ns / NS_PER_S, left_ns % NS_PER_S};
-        const ssize_t size = ppoll(&bus, 1, &left, NULL) > 0 ? read(bus.fd, &arrived, CANFD_MTU) : 0;
+        const bool has_come = ppoll(&bus, 1, &left, NULL) > 0;
+        const ssize_t size = has_come ? read(bus.fd, &arrived, CANFD_MTU) : 0;
 
         if (size < 0) {
-            perror("the bus");
+            perror(arguments[1]);
             return 1;
         }
         if (size > 0)
@@ -82,7 +82,8 @@ int main(int count, char **arguments)
             if (write(bus.fd, &frame, sizeof frame) < 0) /* the receiver's counters show the loss */
                 perror("not sent");
         }
-        silence_ns = node.evidence.arrival_ns == INT64_MIN ? 0 : now_ns() - node.evidence.arrival_ns;
+        if (node.evidence.arrival_ns != INT64_MIN)
+            silence_ns = now_ns() - node.evidence.arrival_ns;
     }
     printf("%lld commands sent\n", (long long)node.commands);
     return 0;
