@@ -1,4 +1,4 @@
-"""[supervision]: when a message counts as stale, and which measurements are believed.
+"""[supervision]: when a message counts as stale, and which measurements are accepted.
 
 Consequences of a stale message:
 
@@ -123,7 +123,7 @@ def age_limits_of(table: SupervisionSettings, period_ns: int) -> AgeLimits:
 
 
 def counters_of(table: SupervisionSettings, period_ns: int) -> CounterRule:
-    """Return which counters of the measurements are believed."""
+    """Return which counters of the measurements are accepted."""
     lead_ns = round(table.counter_lead_ms * NS_PER_MS)
     return CounterRule(lead_ns, table.recovery_frames, resync_ns_of(table, period_ns))
 

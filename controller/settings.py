@@ -64,7 +64,7 @@ class ControllerSettings(LawSettings):
 
     @property
     def counters(self) -> CounterRule:
-        """Which counters of the measurements are believed."""
+        """Which counters of the measurements are accepted."""
         return counters_of(self.supervision, self.period_ns)
 
 

@@ -61,7 +61,7 @@ class Reception:
     """Receives some types of messages; frames with other identifiers are ignored.
 
     ``message_types``  what is received
-    ``rule``           what is believed of the counters of each type
+    ``rule``           which counters are accepted
     ``sent_types``     what this node alone sends
 
     ``is_silent``  whether no message with a counter is accepted while there is a second sender

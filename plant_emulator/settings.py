@@ -110,7 +110,7 @@ class PlantSettings(Settings):
 
     @property
     def counters(self) -> CounterRule:
-        """Which counters of the commands are believed."""
+        """Which counters of the commands are accepted."""
         lead_ns = round(self.counter_lead_ms * NS_PER_MS)
         return CounterRule(lead_ns, self.resync_frames, resync_ns_of(self.safety))
 

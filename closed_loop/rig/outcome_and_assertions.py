@@ -195,7 +195,7 @@ class Outcome(NamedTuple):
             yield f"the motion ended after {self.report['motion_s']:.2f} s"
         if self.report["safety"]["fallbacks"]:
             silence_s = self.report["safety"]["longest_silence_s"]
-            yield f"the plant fell back: for {silence_s:.2f} s it believed no command"
+            yield f"the plant fell back: for {silence_s:.2f} s it accepted no command"
         if self.report["failure"]:
             yield f"the plant is in its safe state: {self.report['failure']}"
 

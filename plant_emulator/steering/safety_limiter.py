@@ -46,6 +46,9 @@ class Cause(IntEnum):
     """The command was NaN: the output stays."""
 
 
+_NONE, _NOT_FINITE = int(Cause.NONE), int(Cause.NOT_FINITE)
+
+
 class LimitRow(NamedTuple):
     """One row of the table; infinite if there is no limit."""
 
@@ -98,7 +101,7 @@ class LimiterState(NamedTuple):
 
 def start_limiter() -> LimiterState:
     """Return the state at time 0, wheel straight."""
-    return LimiterState(0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return LimiterState(0.0, _NONE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def acceleration_gain_m_s2(
@@ -154,9 +157,9 @@ def limit_steer(
     lowest = lowest if lowest < low_2 else low_2
     highest = high if high > high_1 else high_1
     highest = highest if highest > high_2 else high_2
-    steer, cause = steer_rad, 0
+    steer, cause = steer_rad, _NONE
     if not math.isfinite(steer_rad):
-        steer, cause = steer_before, 5
+        steer, cause = steer_before, _NOT_FINITE
     rows, least_reach, least_sweep = p.table
     is_within = -least_reach <= steer <= least_reach
     if not (is_within and highest - least_sweep <= steer <= lowest + least_sweep):

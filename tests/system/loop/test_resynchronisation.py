@@ -1,4 +1,4 @@
-"""When a stream of counters that does not go on from the last one is believed: after a hold."""
+"""A sequence of counters that does not go on from the last one is accepted after a hold."""
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings

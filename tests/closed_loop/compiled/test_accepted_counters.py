@@ -23,7 +23,7 @@ UNBOUND_NS = 10**10
     ],
 )
 @pytest.mark.parametrize("loss", [0.0, 0.05])
-def test_where_the_newest_wins_all_that_arrives_is_believed(
+def test_where_the_newest_wins_all_that_arrives_is_accepted(
     model: str, mean_s: float, spread_s: float, loss: float
 ) -> None:
     register_steps()
