@@ -1,7 +1,7 @@
 """Opens the bus for a node, with receive filters.
 
-A SocketCAN interface is opened by ``runtime.port.socketcan``, without python-can, unless that is
-switched off or the configuration needs something that only python-can's ``socketcan`` has.
+A SocketCAN interface is opened by ``runtime.port.socketcan``, without python-can, unless the
+configuration needs something that only python-can's ``socketcan`` has.
 python-can opens every other interface.
 """
 
@@ -62,30 +62,27 @@ VIRTUAL_HINT = (
 )
 
 
-def open_port(
-    namespace: argparse.Namespace, can_ids: Collection[int] | None = None, *, fast: bool = True
-) -> OpenPort:
+def open_port(namespace: argparse.Namespace, can_ids: Collection[int] | None = None) -> OpenPort:
     """Open the port that the parsed command line, the configuration or this machine asks for.
 
     ``can_ids``  11-bit identifiers to receive; None: all. Filters in python-can's configuration
                  override them. An interface that cannot filter receives everything, because
                  python-can's own filter would drop error frames too
-    ``fast``     whether SocketCAN may be opened without python-can
 
     Raises BusError.
     """
     filters: list[CanFilter] | None = None
     if can_ids is not None:
         filters = [{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in sorted(can_ids)]
-    return _open(namespace, filters, fast, choose_bus(namespace))
+    return _open(namespace, filters, choose_bus(namespace))
 
 
 def _open(
-    namespace: argparse.Namespace, filters: Sequence[CanFilter] | None, fast: bool, choice: Choice
+    namespace: argparse.Namespace, filters: Sequence[CanFilter] | None, choice: Choice
 ) -> OpenPort:
-    reopen = partial(_open, namespace, filters, fast, choice)
+    reopen = partial(_open, namespace, filters, choice)
     is_socketcan = choice.interface == "socketcan"
-    if is_socketcan and fast and choice.channel:
+    if is_socketcan and choice.channel:
         config = _configuration(namespace, choice)
         if config is not None and set(config) <= _FAST_PATH_TAKES:
             port = _open_fast(choice, choice.channel, config, filters)

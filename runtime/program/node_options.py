@@ -61,10 +61,6 @@ def make_parser(
         "--reconnect-limit", type=seconds, default=PATIENCE_S, metavar="SECONDS",
         help="end if the bus is not back after this time (default: %(default)g)",
     )  # fmt: skip
-    group.add_argument(
-        "--no-fast-socketcan", dest="fast_socketcan", action="store_false",
-        help="use python-can for SocketCAN too",
-    )  # fmt: skip
     return parser
 
 

@@ -91,7 +91,7 @@ def run_node(
     def make_at_edge(start_ns: int) -> ReportingNode:
         return edge.at_edge(make_node(start_ns))
 
-    opened = open_port(options, edge.can_ids, fast=options.fast_socketcan)
+    opened = open_port(options, edge.can_ids)
     screen = Screen(name, sys.stderr)
     connection = Connection(
         opened, options.reconnect_limit if options.reconnect else 0.0, screen.line

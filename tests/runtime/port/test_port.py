@@ -92,10 +92,10 @@ def python_can(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", (__name__, "FilteringAdapter"))
 
 
-def opened(*arguments: str, fast: bool = True, ids: Sequence[int] | None = IDS) -> OpenPort:
+def opened(*arguments: str, ids: Sequence[int] | None = IDS) -> OpenPort:
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
-    found = open_port(parser.parse_args(arguments), ids, fast=fast)
+    found = open_port(parser.parse_args(arguments), ids)
     found.port.shutdown()
     return found
 
@@ -134,17 +134,11 @@ def test_filters_of_the_configuration_come_before_those_of_the_node(
 
 
 @pytest.mark.usefixtures("python_can")
-def test_the_fast_path_can_be_turned_off() -> None:
-    found = opened("-i", "socketcan", "-c", "can0", fast=False)
-    assert (found.driver, found.is_socketcan) == (PYTHON_CAN, True)
-    assert bus_of(found).hardware_filters == FILTERS
-
-
-@pytest.mark.usefixtures("python_can")
 @pytest.mark.parametrize("option", ["receive_own_messages=True", "local_loopback=False"])
 def test_what_only_python_can_has_is_opened_by_python_can(option: str) -> None:
     found = opened("-i", "socketcan", "-c", "can0", "--bus-kwargs", option)
-    assert found.driver == PYTHON_CAN
+    assert (found.driver, found.is_socketcan) == (PYTHON_CAN, True)
+    assert bus_of(found).hardware_filters == FILTERS
     assert option.split("=")[0] in Adapter.opened_with[-1]
 
 
