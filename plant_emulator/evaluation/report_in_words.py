@@ -10,8 +10,6 @@ from .run_verdict import RANGE_M, SHORTEST_RUN_S, Verdict
 
 Report = Mapping[str, Any]
 _INTERVENTIONS_SHOWN = 10
-_OVERRIDES_SHOWN = 1000
-"""Characters."""
 
 
 def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -39,8 +37,6 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"intervention {index + 1}", each["text"]
     if made["count"] > _INTERVENTIONS_SHOWN:
         yield "interventions", f"{made['count']} in all over the bus; the report lists them"
-    if made["count"] > made["refused"]:
-        yield "repeat with", _repeated(made)
     for warning in node["warnings"]:
         yield "warning", warning
     if node["second_senders"]:
@@ -61,18 +57,6 @@ def verdict_text(node: Report) -> str:
         share = _percent(node["limited_share"])
         parts.append(f"the plant's steering limited for {share} of the time ({limited})")
     return "; ".join(parts)
-
-
-def _repeated(made: Mapping[str, Any]) -> str:
-    """Return how the run is repeated without the tool."""
-    if made["repeat_with"] is None:
-        return f"the frames of the report, at their times: {made['repeat_obstacle']}"
-    overrides = " ".join(f"--set '{override}'" for override in made["repeat_with"])
-    return (
-        overrides
-        if len(overrides) < _OVERRIDES_SHOWN
-        else "interventions.repeat_with of the report"
-    )
 
 
 def _percent(share: float) -> str:

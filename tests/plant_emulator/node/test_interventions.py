@@ -1,7 +1,6 @@
 """What a tool changes of a run is printed, reported and traced, and the report repeats it."""
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summar
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
 
 GUST = DisturbanceConfig(32_767.0, 0.0, 0.02, 0.3)
@@ -57,33 +55,6 @@ def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_pa
     assert 0.998 <= float(marked[0]["time_s"]) < 1.01
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        ((100, GUST), (250, DisturbanceConfig(0.0, 0.0, 0.0, 0.0))),
-        ((50, SLOW),),
-        ((50, SLOW), (120, GUST), (200, SLOWER)),
-        ((0, SLOWER),),
-    ],
-)
-def test_the_settings_in_the_report_repeat_the_run(changes: Changes) -> None:
-    first = driven(PlantSettings(), changes).node
-    text = json.dumps(first.report()["interventions"])
-    again = driven(load_settings(PlantSettings, overrides=json.loads(text)["repeat_with"])).node
-    assert again.report()["interventions"]["count"] == 0
-    for one, other in zip(seen(first.samples), seen(again.samples), strict=True):
-        assert one == pytest.approx(other, abs=1e-12)
-    for line in ("downlink", "uplink"):
-        assert first.report()[line] == again.report()[line]
-
-
-def test_what_no_setting_can_repeat_is_said() -> None:
-    changes = ((50, SLOW), (90, SLOW._replace(model=LatencyModel.GAMMA)))
-    made = driven(PlantSettings(), changes).node.report()["interventions"]
-    assert made["repeat_with"] is None
-    assert "these differ" in made["repeat_obstacle"]
-
-
 def test_a_setting_refuses_interventions_and_reports_them() -> None:
     node = driven(PlantSettings(interventions="refuse"), ((50, SLOW), (100, GUST))).node
     assert seen(node.samples) == seen(driven(PlantSettings()).node.samples)
@@ -91,4 +62,3 @@ def test_a_setting_refuses_interventions_and_reports_them() -> None:
     assert (made["count"], made["refused"]) == (2, 2)
     assert "REFUSED" in node.view(0).states["intervention"]
     assert words(node).count("REFUSED") == 2
-    assert "repeat with" not in words(node)
