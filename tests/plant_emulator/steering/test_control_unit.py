@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
-from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
@@ -22,8 +20,6 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from tests.support.nodes.driven_guard import Guarded, answers_to
@@ -262,19 +258,6 @@ def test_the_defaults_change_no_bit_of_any_preset_at_walking_speed(law: str) -> 
         assert len(guarded.time_s) == 5000
         for field in ("lateral_error_m", "wheel_angle_rad", "command", "sent_rad"):
             np.testing.assert_array_equal(getattr(guarded, field), getattr(bare, field))
-
-
-def test_the_defaults_change_no_bit_of_a_preset_run_by_the_nodes() -> None:
-    def samples(plant: PlantSettings, controller: ControllerSettings) -> list[PlantSample]:
-        node = PlantNode(plant, 0)
-        run_virtual_nodes(node, ControllerNode(controller, 0), None, None, lambda: False)
-        assert len(node.samples) > 400
-        return list(node.samples)
-
-    pair = preset_pair("paper_corner_d", "practical_pd_ddob", "duration_s=5")
-    guarded, bare = (samples(*settings) for settings in pair)
-    assert guarded[0]._fields == bare[0]._fields
-    np.testing.assert_array_equal(np.array(guarded), np.array(bare))
 
 
 @pytest.mark.parametrize("key", OFF)
