@@ -20,23 +20,21 @@ from steer_by_wire.closed_loop.pair.live_bus import BUSES, Channels, open_channe
 from steer_by_wire.closed_loop.pair.pair_result import PairFiles
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.command_line import (
-    add_json_argument,
     add_out_argument,
     command_parser,
     number,
     run_main,
 )
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
-from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
-    QUANTITIES,
     LawResult,
     law_result,
     machine_table,
@@ -69,8 +67,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     add_traffic_arguments(parser)
     add_error_arguments(parser)
-    add_json_argument(parser, shows=False)
-    add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_demo, parser.parse_args(arguments)))
 
 
@@ -95,7 +91,8 @@ def _demo(options: argparse.Namespace) -> int:
         live = run_live(channels, files, plant.duration_s, console)
     virtual = run_virtual(plants, controllers, bus, console)
     results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
-    return _present(options, console, plant, channels, results)
+    _present(options, console, plant, channels, results)
+    return ExitStatus.OK
 
 
 def _present(
@@ -104,15 +101,14 @@ def _present(
     plant: PlantSettings,
     channels: Channels,
     results: Sequence[LawResult],
-) -> int:
-    """Print the tables, draw the picture, write the summary; returns the exit status."""
+) -> None:
+    """Print the tables, draw the picture, write the summary."""
     out, phases = options.out, phases_of(plant)
     picture = out / "lateral_error.png"
     draw(results, phases, picture)
     run = {"bus": channels.description, "plant_settings": plant.model_dump(mode="json")}
     summary = summary_json(results, phases, run)
-    for file in filter(None, (out / "summary.json", options.json)):
-        write_json(file, summary)
+    write_json(out / "summary.json", summary)
     console.print(story_table(results, phases))
     console.print("What to see:")
     for line in what_to_see(results, phases):
@@ -121,9 +117,7 @@ def _present(
     console.print(stolen_line([result.live for result in results]))
     console.print(f"picture: {picture}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
-    status = fail_status(NAME, options.fail_if, QUANTITIES, summary)
     console.print(verdict_line(results), soft_wrap=True)
-    return status
 
 
 if __name__ == "__main__":

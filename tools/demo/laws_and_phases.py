@@ -4,8 +4,6 @@ On the bus and in virtual time: tables, what they show, and JSON.
 """
 
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +16,6 @@ from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.program.fail_if_conditions import Quantity
 from ...runtime.settings import load_settings, read_preset
 
 UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")
@@ -172,7 +169,7 @@ def machine_table(results: Sequence[LawResult]) -> Table:
             f"{controller['node']['rate_hz']:g}",
             f"{1e3 * lateness['p50_s']:.2f}/{1e3 * lateness['p99_s']:.2f}",
             str(controller["node"]["skipped_ticks"]),
-            str(_rejected(result)),
+            str(sum(sum(report["node"]["rejected"].values()) for report in result.live[:2])),
         )
     return table
 
@@ -201,55 +198,26 @@ def _cell(figures: PhaseFigures) -> str:
 
 def verdict_line(results: Sequence[LawResult]) -> str:
     """Return whether the bus shows what virtual time does."""
-    phases = sum(len(result.live_phases) for result in results)
-    alike = phases - differing_phases(results)
+    pairs = [
+        pair
+        for result in results
+        for pair in zip(result.live_phases, result.virtual_phases, strict=True)
+    ]
+    alike = sum(live.holds == virtual.holds for live, virtual in pairs)
+    held = [(live.rms_m, virtual.rms_m) for live, virtual in pairs if live.holds and virtual.holds]
+    differ_m = max((abs(live_m - virtual_m) for live_m, virtual_m in held), default=0.0)
     return (
-        f"verdict: in {alike} of {phases} phases the path is held, or not, as in virtual time; "
-        f"where it is held, the RMS errors differ by {_mm(rms_difference_m(results))} mm at most"
+        f"verdict: in {alike} of {len(pairs)} phases the path is held, or not, as in virtual time; "
+        f"where it is held, the RMS errors differ by {_mm(differ_m)} mm at most"
     )
-
-
-def differing_phases(results: Sequence[LawResult]) -> int:
-    """Return in how many phases only one of the two, bus and virtual time, holds the path."""
-    return sum(live.holds != virtual.holds for live, virtual in _pairs(results))
-
-
-def rms_difference_m(results: Sequence[LawResult]) -> float:
-    """Return how far apart the RMS errors of the two are at most, where both hold the path [m]."""
-    return max(
-        (
-            abs(live.rms_m - virtual.rms_m)
-            for live, virtual in _pairs(results)
-            if live.holds and virtual.holds
-        ),
-        default=0.0,
-    )
-
-
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        name: Quantity(itemgetter(name))
-        for name in (
-            *("differing_phases", "rms_difference_m"),
-            *("lateness_p99_s", "skipped_ticks", "frames_rejected"),
-        )
-    }
-)
-"""What ``--fail-if`` may name; lateness, ticks and frames are the worst of all pairs."""
 
 
 def summary_json(
     results: Sequence[LawResult], phases: Sequence[Phase], run: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return all figures for programs to read; ``run`` describes what was run and on what."""
-    controllers = [result.live.controller for result in results]
     return {
         "run": dict(run),
-        "differing_phases": differing_phases(results),
-        "rms_difference_m": rms_difference_m(results),
-        "lateness_p99_s": max(one["loop"]["lateness"]["p99_s"] for one in controllers),
-        "skipped_ticks": max(one["node"]["skipped_ticks"] for one in controllers),
-        "frames_rejected": max(map(_rejected, results)),
         "phases": [phase._asdict() for phase in phases],
         "laws": {
             result.label: {
@@ -266,19 +234,6 @@ def summary_json(
             for result in results
         },
     }
-
-
-def _pairs(results: Sequence[LawResult]) -> list[tuple[PhaseFigures, PhaseFigures]]:
-    return [
-        pair
-        for result in results
-        for pair in zip(result.live_phases, result.virtual_phases, strict=True)
-    ]
-
-
-def _rejected(result: LawResult) -> int:
-    reports = (result.live.plant, result.live.controller)
-    return sum(sum(report["node"]["rejected"].values()) for report in reports)
 
 
 def _table() -> Table:
