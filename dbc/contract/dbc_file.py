@@ -48,9 +48,15 @@ def layouts_of(database: Database) -> tuple[MessageLayout, ...]:
 
 
 def field_name(message: Message, signal: Signal) -> str:
-    """Name of the Python field for ``signal``, with its unit last: m/s^2 is ``_m_s2``."""
-    words = [signal.name.removeprefix(f"{message.name}_"), *re.split("[ /]", signal.unit or "")]
-    return "_".join(words).replace("^", "").rstrip("_").lower()
+    """Name of the Python field for ``signal``, with its unit last: m/s^2 is ``_m_s2``.
+
+    Raises ValueError for a unit that cannot be part of a name.
+    """
+    words = [signal.name.removeprefix(f"{message.name}_"), *re.split("[ /.]", signal.unit or "")]
+    name = "_".join(words).replace("^", "").rstrip("_").lower()
+    if not name.isidentifier():
+        raise ValueError(f"{signal.name}: its unit {signal.unit!r} cannot be part of a name")
+    return name
 
 
 def _message_layout(message: Message) -> MessageLayout:

@@ -10,9 +10,9 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.dbc.codec.codec import MessageCodec
+from steer_by_wire.dbc.codec.codec import FILE, ContractError, MessageCodec
 from steer_by_wire.dbc.codec.protection import header_bits, protect
-from steer_by_wire.dbc.contract.dbc_file import layouts_of, load_database
+from steer_by_wire.dbc.contract.dbc_file import layouts_of, load_database, parse_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -167,6 +167,17 @@ def test_every_periodic_message_is_protected_under_a_data_id_of_its_own() -> Non
             assert header == {}
             assert attribute(definition, "E2EDataId") is None
             assert definition.cycle_time is None
+
+
+def test_a_unit_becomes_part_of_a_name_or_is_refused() -> None:
+    text = (Path(__file__).parents[2] / "dbc" / FILE).read_text("ascii")
+    for unit, field in (("N.m", "lateral_error_n_m"), ("N m/rad", "lateral_error_n_m_rad")):
+        changed = re.sub(r'(SG_ LATERAL_ERROR_LATERAL_ERROR .*)"m"', rf'\1"{unit}"', text)
+        layouts = {layout.name: layout for layout in layouts_of(parse_database(changed))}
+        assert layouts["LATERAL_ERROR"].signals[0].field == field
+    changed = re.sub(r'(SG_ LATERAL_ERROR_LATERAL_ERROR .*)"m"', r'\1"%"', text)
+    with pytest.raises(ContractError, match="its unit '%' cannot be part of a name"):
+        layouts_of(parse_database(changed))
 
 
 def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:

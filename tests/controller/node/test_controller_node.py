@@ -311,24 +311,6 @@ def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
     assert commands.on_echo(IN_FLIGHT_MAX + 1) == (0, 0.0, True)
 
 
-def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:
-    plant = link()
-    plant.deliver(LateralError(0.1, 0.0))
-    plant.deliver(LateralError(0.2, 0.0), skip=2)
-    # The one accepted last again, and one that was overtaken.
-    for counter, error_m in ((3, 0.2), (1, 0.9)):
-        plant.node.on_frame(encode(LateralError(error_m, 0.0), counter), plant.now_ns)
-    plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(8)), plant.now_ns)
-    plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(7)), plant.now_ns)
-    plant.node.on_frame(Frame(0x7FF, bytes(8)), plant.now_ns)
-    plant.tick_until(plant.now_ns + 1)
-    assert plant.node.samples[-1].lateral_error_m == pytest.approx(0.2)
-    report = plant.node.report()
-    assert report["accepted"] == 2
-    assert report["lost"] == 2
-    assert report["rejected"] == {"bad_crc": 1, "out_of_order": 1, "repeated": 1, "wrong_length": 1}
-
-
 def test_the_report_books_time_by_mode_and_the_age_of_samples() -> None:
     plant = link()
     plant.drive(10, None)

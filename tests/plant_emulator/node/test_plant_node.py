@@ -116,38 +116,6 @@ def test_a_bad_command_starts_nothing() -> None:
     assert tested.node.report()["rejected"] == {"bad_crc": 1, "not_available": 1}
 
 
-def test_every_fault_of_a_command_is_counted_by_its_cause() -> None:
-    tested = link()
-
-    def send(counter: int, at_ns: int = START_NS, **changes: Any) -> None:
-        frame = encode(SteeringCommand(0.1, counter, Mode.ACTIVE), counter % 256)
-        tested.node.on_frame(frame._replace(**changes), at_ns)
-
-    send(0)
-    send(1, data=encode(LateralError(0.0, 0.0), 1).data)
-    send(1, data=bytes(8))
-    send(1, data=bytes(3))
-    send(1)
-    send(1)
-    send(4)
-    send(2)
-    send(120)
-    report = tested.node.report()
-    assert report["accepted"] == 3
-    assert report["lost_on_the_bus"] == 2
-    assert report["rejected"] == {
-        "bad_crc": 1,
-        "masqueraded": 1,
-        "out_of_order": 1,
-        "repeated": 1,
-        "too_far": 1,
-        "wrong_length": 1,
-    }
-    for counter in range(121, 127):
-        send(counter, at_ns=START_NS + 150 * MS_NS)
-    assert tested.node.report()["resynchronised"] == 1
-
-
 def test_with_no_latency_a_command_at_the_instant_of_a_sample_acts_before_the_next() -> None:
     tested = link()
     tested.tick_until(START_NS)

@@ -11,73 +11,18 @@ from steer_by_wire.dbc.messages import (
     LatencyConfig,
     LatencyModel,
     LateralError,
-    Mode,
     PlantStatus,
-    SteeringCommand,
     VehicleState,
     decode,
-    encode,
-    encode_not_available,
     limits,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.runtime.frame import EXTENDED, Frame
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
 
 # Frames nobody should have sent
 
 
 A_CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0)
-
-
-def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
-    def run(with_bad: bool) -> Link:
-        tested = link()
-        for step in range(30):
-            now_ns = START_NS + step * PERIOD_NS
-            tested.command(now_ns, 0.01 * step)
-            good = encode(SteeringCommand(0.01 * step, step, Mode.ACTIVE), step)
-            late = step - 6 if step >= 6 else step + 250
-            if with_bad and step % 10 == 5:
-                bad = (
-                    good._replace(data=good.data[:-1] + b"\xff"),
-                    good._replace(data=good.data[:5]),
-                    good._replace(flags=EXTENDED),
-                    good,  # the command before, again
-                    encode(SteeringCommand(0.01 * (step - 6), late, Mode.ACTIVE), late),
-                    encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step + 110) % 256),
-                    encode_not_available(SteeringCommand(0.5, 0, Mode.ACTIVE), step + 1),
-                    Frame(CAN_IDS[LateralError], bytes(8)),  # only the plant sends it, and no such
-                    Frame(0x7FF, b""),
-                )
-                for frame in bad:
-                    tested.node.on_frame(frame, now_ns)
-            tested.tick_until(now_ns)
-        return tested
-
-    clean, disturbed = run(False), run(True)
-    assert disturbed.node.samples == clean.node.samples
-    assert disturbed.node.report()["rejected"] == {
-        "bad_crc": 3,
-        "wrong_length": 3,
-        "wrong_format": 3,
-        "repeated": 3,
-        "out_of_order": 3,
-        "too_far": 3,
-        "not_available": 3,
-        "own_identifier": 3,
-    }
-    assert disturbed.node.report()["accepted"] == 30
-    assert disturbed.last(PlantStatus).rejected == 16  # at 200 ms, 8 at each of 2 steps
-    assert clean.node.report()["rejected"] == {}
-
-
-def test_commands_that_never_came_are_counted() -> None:
-    tested = link()
-    tested.command(START_NS, 0.1)
-    tested.counter += 4
-    tested.command(START_NS + PERIOD_NS, 0.1)
-    assert tested.node.report()["lost_on_the_bus"] == 4
 
 
 # What a signal cannot carry
