@@ -28,7 +28,7 @@ class FaultMemory:
     ``now_ns``, ``since_onset_s``  of the present frame
     ``before``    the last frame of each identifier before the onset
     ``recorded``  frames and their arrival times [ns], for a replay
-    ``burst``     frames that the present burst still drops
+    ``burst``     frames that the present burst still drops, also after the fault's end
     ``held``      frames held back, with how many still have to overtake each
     ``delayed``   frames and when they are passed on [ns]
     """
@@ -63,11 +63,6 @@ def _burst(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
         return (frame,)
     x.burst -= 1
     return ()
-
-
-def outlasts_its_fault(x: FaultMemory) -> bool:
-    """Whether an effect goes on after the fault's end: a burst that has begun does."""
-    return x.burst > 0
 
 
 def _duplicate(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:

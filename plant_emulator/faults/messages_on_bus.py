@@ -99,12 +99,6 @@ _RAW_OUTSIDE = MappingProxyType(
 _TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 
 
-def bits_of(fault: FaultSettings) -> int:
-    """Return the length of the frames' data [bits], of the shortest where there are several."""
-    ids = {CAN_IDS[message_type] for message_type in message_types_of(fault)}
-    return min(8 * layout.length for layout in LAYOUTS if layout.can_id in ids)
-
-
 class _OurMessages:
     """Our own; as ``MessagesOnBus`` describes."""
 

@@ -16,7 +16,7 @@ faults are those of a sender: the value is wrong, CRC and counter are valid.
 from collections.abc import Collection, Mapping
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Annotated, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
@@ -141,8 +141,6 @@ class FaultSettings(Settings):
     duration_s: float = Field(1e6, gt=0.0, le=1e6)
     magnitude: float = 1.0
     """Meaning and range depend on the kind."""
-    stream: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
-    """Number of its random stream; default: its place in the list."""
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Self:

@@ -16,7 +16,7 @@ from typing import Any
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from ..network.random_streams import Stream, uniforms
-from .effects import EFFECTS, FaultMemory, outlasts_its_fault, overtake
+from .effects import EFFECTS, FaultMemory, overtake
 from .messages_on_bus import OURS, MessagesOnBus
 from .settings import FaultDirection, FaultKind, FaultSettings
 
@@ -25,7 +25,7 @@ class FaultStage:
     """One fault.
 
     ``seed``      of the run
-    ``place``     in the list of faults; selects the random stream, unless the settings do
+    ``place``     in the list of faults; selects the random stream
     ``messages``  on the bus
 
     ``changed``   frames so far that were lost, changed, delayed or joined by others
@@ -37,8 +37,7 @@ class FaultStage:
         self.settings = settings
         self._effect = EFFECTS[settings.kind]
         self._ids = messages.ids(settings)
-        stream = place if settings.stream is None else settings.stream
-        self._memory = FaultMemory(uniforms(seed, Stream.FAULTS, stream), messages)
+        self._memory = FaultMemory(uniforms(seed, Stream.FAULTS, place), messages)
         self._records = settings.kind is FaultKind.REPLAY
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
@@ -61,7 +60,7 @@ class FaultStage:
             memory.recorded.append((now_ns, frame))
             self._forget(now_ns)
         out: Sequence[Frame] = (frame,)
-        if self._onset_ns <= since_ns < self._end_ns or outlasts_its_fault(memory):
+        if self._onset_ns <= since_ns < self._end_ns or memory.burst:
             memory.now_ns, memory.since_onset_s = now_ns, (since_ns - self._onset_ns) / NS_PER_S
             out = self._effect(self.settings, memory, frame)
             if tuple(out) != (frame,):

@@ -2,7 +2,7 @@
 
     steer-by-wire faults babble,onset_s=2,duration_s=1 -i emulated -c can0
     steer-by-wire faults spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
-    steer-by-wire faults pause,onset_s=1,duration_s=0.5 --pid 4711
+    steer-by-wire faults pause,onset_s=1,duration_s=0.5,pid=4711
     steer-by-wire faults --list
 
 Times count from the line "ready". Ctrl-C ends it in order; a process that it has stopped is
@@ -41,11 +41,9 @@ from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.fault_frames import Timed, frame_source, recording_of
 from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
-from steer_by_wire.tools.faults.injection import Action, ComponentFault, Injection
+from steer_by_wire.tools.faults.injection import Action, Injection
 from steer_by_wire.tools.faults.live_faults import (
-    FRAME_KINDS,
-    PID_MAX,
-    PROCESS_KINDS,
+    MAGNITUDES,
     LiveFault,
     LiveKind,
     list_lines,
@@ -70,8 +68,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
     )
     parser.add_argument("--list", action="store_true", help="list the faults")
-    pid_help = "the process for kill, pause and clock_jump"
-    parser.add_argument("--pid", type=whole_number(2, PID_MAX), metavar="N", help=pid_help)
     parser.add_argument("--recording", type=Path, metavar="FILE", help="the log that replay sends")
     seed = whole_number(0, SEED_MAX)
     seed_help = "seed of all random numbers (default: %(default)s)"
@@ -92,7 +88,7 @@ def _run(options: argparse.Namespace) -> int:
     stop = StopRequest()
     with ExitStack() as stack:
         port = None
-        if any(fault.kind not in PROCESS_KINDS for fault in faults):
+        if any(fault.kind in MAGNITUDES for fault in faults):
             opened = open_port(options, _received(forged))
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
@@ -105,16 +101,16 @@ def _run(options: argparse.Namespace) -> int:
         sources = [
             frame_source(fault, start_ns, seed, bitrate, forged, recording)
             for seed, fault in enumerate(faults, options.seed * FAULTS_MAX)
-            if fault.kind in FRAME_KINDS
+            if fault.kind in MAGNITUDES
         ]
-        component_faults: list[ComponentFault] = []
-        injection = Injection(port, sources, component_faults, start_ns, _print_action)
+        processes: list[ProcessFault] = []
+        injection = Injection(port, sources, processes, start_ns, _print_action)
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
-                if fault.kind in PROCESS_KINDS:
+                if fault.kind not in MAGNITUDES:
                     process = ProcessFault(fault, start_ns)
-                    component_faults.append(process)
+                    processes.append(process)
                     say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
             say(NAME, f"ready on {where}, seed {options.seed}")
             is_over = injection.run(stop)
@@ -133,7 +129,7 @@ def _faults(options: argparse.Namespace) -> list[LiveFault]:
     if not 0 < len(options.faults) <= FAULTS_MAX:
         raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
     try:
-        return [parse_fault(text, options.pid or 0) for text in options.faults]
+        return [parse_fault(text) for text in options.faults]
     except ValueError as error:
         raise SettingsError(str(error)) from error
 

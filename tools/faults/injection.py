@@ -4,12 +4,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
 from .fault_frames import FrameSource
-from .live_faults import LiveFault
+from .process_faults import ProcessFault
 
 TURN_NS = 1_000_000
 """Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""
@@ -31,30 +31,6 @@ class Action(NamedTuple):
     what: str
 
 
-class ComponentFault(Protocol):
-    """A fault of a process or a CAN controller: stopped, or in bus-off."""
-
-    fault: LiveFault
-
-    @property
-    def where(self) -> str:
-        """The process or node it acts on."""
-        ...
-
-    @property
-    def next_due_ns(self) -> int | None:
-        """When there is something to do next [ns]; None for never."""
-        ...
-
-    def act(self, now_ns: int) -> str:
-        """Do what is due; returns the action, empty for none."""
-        ...
-
-    def close(self) -> str:
-        """Undo what still lasts; returns the action."""
-        ...
-
-
 class Injection:
     """Runs faults; use ``running`` so that no process stays stopped.
 
@@ -66,12 +42,12 @@ class Injection:
         self,
         port: ClosablePort | None,
         sources: Sequence[FrameSource],
-        component_faults: Sequence[ComponentFault],
+        process_faults: Sequence[ProcessFault],
         start_ns: int,
-        report: Callable[[Action], None] = lambda _action: None,
+        report: Callable[[Action], None],
     ) -> None:
         self._port = port
-        self._component_faults = component_faults
+        self._process_faults = process_faults
         self._start_ns = start_ns
         self._report = report
         self._waiting = list(sources)
@@ -86,10 +62,10 @@ class Injection:
         try:
             yield
         finally:
-            for component in self._component_faults:
-                done = component.close()
+            for process in self._process_faults:
+                done = process.close()
                 if done:
-                    self._note(component.fault.kind, f"{done} to {component.where}")
+                    self._note(process.fault.kind, f"{done} to {process.where}")
             for source in self._active:
                 self._end(source, "cut short")
 
@@ -105,10 +81,10 @@ class Injection:
 
     def _turn(self, now_ns: int) -> bool:
         """Do what is due; returns whether the bus had no room."""
-        for component in self._component_faults:
-            done = component.act(now_ns)
+        for process in self._process_faults:
+            done = process.act(now_ns)
             if done:
-                self._note(component.fault.kind, f"{done} to {component.where}")
+                self._note(process.fault.kind, f"{done} to {process.where}")
         for source in [one for one in self._waiting if one.onset_ns <= now_ns]:
             self._waiting.remove(source)
             self._active.append(source)
@@ -132,7 +108,7 @@ class Injection:
     def _next_ns(self, now_ns: int, was_refused: bool) -> int:
         times = [one.onset_ns for one in self._waiting]
         times += [min(one.next_due_ns, one.end_ns) for one in self._active]
-        times += [one.next_due_ns for one in self._component_faults if one.next_due_ns is not None]
+        times += [one.next_due_ns for one in self._process_faults if one.next_due_ns is not None]
         earliest_ns = now_ns + (TURN_NS if was_refused else 0)
         return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
 
@@ -150,7 +126,7 @@ class Injection:
                     self._send(source, answer)
 
     def _is_over(self) -> bool:
-        is_done = all(component.next_due_ns is None for component in self._component_faults)
+        is_done = all(process.next_due_ns is None for process in self._process_faults)
         return is_done and not self._waiting and not self._active
 
     def _end(self, source: FrameSource, how: str) -> None:

@@ -1,6 +1,6 @@
 """The faults of a live bus: their kinds, the magnitude of each, and how they are written.
 
-    KIND[,key=value...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
+    KIND[,KEY=VALUE...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
 
 An injector is one more node: it can add frames to a bus, and stop or kill a process of its user.
 Faults that change what others send (loss, delay, stuck signals) belong to the fault stage at the
@@ -41,9 +41,7 @@ class LiveKind(StrEnum):
     KILL = "kill"
     """SIGKILL."""
     PAUSE = "pause"
-    """SIGSTOP, and SIGCONT at the end."""
-    CLOCK_JUMP = "clock_jump"
-    """A pause of the magnitude: the monotonic clock of a running process cannot be changed."""
+    """SIGSTOP, and SIGCONT at the end: to the process, its clock has jumped."""
 
 
 class LiveMagnitude(NamedTuple):
@@ -66,21 +64,16 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
         LiveKind.WRONG_LENGTH: LiveMagnitude("bytes that are left", 0, 7, 5, True),
         LiveKind.WRONG_IDENTIFIER: LiveMagnitude("frames/s", 1.0, 2000.0, 100.0),
         LiveKind.NOISE: LiveMagnitude("frames/s", 1.0, 2000.0, 500.0),
-        LiveKind.KILL: LiveMagnitude("none", 1.0, 1.0, 1.0),
-        LiveKind.PAUSE: LiveMagnitude("none", 1.0, 1.0, 1.0),
-        LiveKind.CLOCK_JUMP: LiveMagnitude("s that the clock goes ahead", 1e-3, 1000.0, 0.5),
     }
 )
-PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
-FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS
-_KEYS_OF_FRAMES = ("onset_s", "duration_s", "magnitude")
+"""Of the faults that send frames; those of a process have none."""
+_TIMES = ("onset_s", "duration_s")
 _MALFORMED = (LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER)
 _KEYS = {
-    **dict.fromkeys(LiveKind, _KEYS_OF_FRAMES),
-    **dict.fromkeys(_MALFORMED, (*_KEYS_OF_FRAMES, "to")),
+    **dict.fromkeys(MAGNITUDES, (*_TIMES, "magnitude")),
+    **dict.fromkeys(_MALFORMED, (*_TIMES, "magnitude", "to")),
     LiveKind.KILL: ("onset_s", "pid"),
-    LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
-    LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
+    LiveKind.PAUSE: (*_TIMES, "pid"),
 }
 
 
@@ -101,15 +94,11 @@ class LiveFault(NamedTuple):
     @property
     def end_s(self) -> float:
         """When it is over [s]."""
-        lasts_s = {LiveKind.KILL: 0.0, LiveKind.CLOCK_JUMP: self.magnitude}
-        return self.onset_s + lasts_s.get(self.kind, self.duration_s)
+        return self.onset_s + (0.0 if self.kind is LiveKind.KILL else self.duration_s)
 
 
-def parse_fault(text: str, pid: int = 0) -> LiveFault:
-    """Parse one fault; raises ValueError with one line naming the mistake and what is allowed.
-
-    ``pid``  for a process fault that names none itself
-    """
+def parse_fault(text: str) -> LiveFault:
+    """Parse one fault; raises ValueError with one line naming the mistake and what is allowed."""
     name, *parts = text.split(",")
     try:
         kind = LiveKind(name)
@@ -127,30 +116,25 @@ def parse_fault(text: str, pid: int = 0) -> LiveFault:
         if key in given:
             raise ValueError(f"{kind}: {key} is given twice")
         given[key] = value
-    return _fault_of(kind, given, pid)
+    return _fault_of(kind, given)
 
 
-def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
+def _fault_of(kind: LiveKind, given: Mapping[str, str]) -> LiveFault:
+    onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
+    duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
+    if kind not in MAGNITUDES:
+        if "pid" not in given:
+            raise ValueError(f"{kind}: needs a process, by pid=N, 2 to {PID_MAX}")
+        pid = _number(kind, given, "pid", 0.0, 2.0, PID_MAX, is_whole=True)
+        return LiveFault(kind, onset_s, duration_s, pid=int(pid))
     what, low, high, default, is_whole = MAGNITUDES[kind]
+    magnitude = _number(
+        kind, given, "magnitude", default, low, high, f" ({what})", is_whole=is_whole
+    )
     to = given.get("to", "both")
     if to not in RECEIVERS:
         raise ValueError(f"{kind}: to must be {', '.join(RECEIVERS)}, not {to[:40]!r}")
-    magnitude = _number(kind, given, "magnitude", default, low, high, f" ({what})")
-    if is_whole and magnitude % 1.0:
-        raise ValueError(f"{kind}: magnitude ({what}) must be whole, not {magnitude:g}")
-    number = pid
-    if "pid" in given:
-        whole = given["pid"].isascii() and given["pid"].isdecimal() and len(given["pid"]) < 10
-        number = int(given["pid"]) if whole else -1
-    if kind in PROCESS_KINDS and not 1 < number <= PID_MAX:
-        raise ValueError(
-            f"{kind}: needs a process, by pid=N here or --pid N, 2 to {PID_MAX}"
-            + (f", not {given['pid'][:40]!r}" if "pid" in given else "")
-        )
-    onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
-    duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
-    target = number if kind in PROCESS_KINDS else 0
-    return LiveFault(kind, onset_s, duration_s, magnitude, to, target)
+    return LiveFault(kind, onset_s, duration_s, magnitude, to)
 
 
 def _number(
@@ -161,6 +145,8 @@ def _number(
     low: float,
     high: float,
     what: str = "",
+    *,
+    is_whole: bool = False,
 ) -> float:
     if key not in given:
         return default
@@ -168,9 +154,10 @@ def _number(
         value = float(given[key])
     except ValueError:
         value = math.nan
-    if not low <= value <= high:
+    if not low <= value <= high or (is_whole and value % 1.0):
+        whole = ", whole" if is_whole else ""
         raise ValueError(
-            f"{kind}: {key}{what} must be {low:g} to {high:g}, not {given[key][:40]!r}"
+            f"{kind}: {key}{what} must be {low:.12g} to {high:.12g}{whole}, not {given[key][:40]!r}"
         )
     return value
 
@@ -178,7 +165,10 @@ def _number(
 def list_lines() -> list[str]:
     """Return a line for each kind: its magnitude, range and default, and the keys it takes."""
     lines = []
-    for kind, (what, low, high, default, _) in MAGNITUDES.items():
-        size = "" if what == "none" else f"{what}, {low:g} to {high:g}, default {default:g}"
+    for kind in LiveKind:
+        size = ""
+        if kind in MAGNITUDES:
+            what, low, high, default, _ = MAGNITUDES[kind]
+            size = f"{what}, {low:g} to {high:g}, default {default:g}"
         lines.append(f"{kind:17}{size:65}{', '.join(_KEYS[kind])}")
     return lines

@@ -3,10 +3,8 @@
 It is held by a descriptor (``pidfd_open(2)``) from the start, so that a signal never hits another
 process that got its number meanwhile.
 
-A clock that jumps is a pause of that length. CLOCK_MONOTONIC can be neither set nor offset for a
-running process (clock_settime(2), time_namespaces(7)): for a program it jumps only while the
-program or its virtual machine does not run. A paused program observes the same, since as many
-periods have passed without a tick.
+CLOCK_MONOTONIC can be neither set nor offset for a running process (clock_settime(2),
+time_namespaces(7)). A program for which it jumps has not run meanwhile: it has been paused.
 """
 
 import os

@@ -33,7 +33,6 @@ from steer_by_wire.tools.faults.fault_frames import (
 from steer_by_wire.tools.faults.forged_car_frames import CarFrames
 from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.live_faults import (
-    FRAME_KINDS,
     MAGNITUDES,
     LiveFault,
     LiveKind,
@@ -73,18 +72,13 @@ def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
     assert parse_fault("pause,pid=4711,duration_s=0.5") == LiveFault(
         LiveKind.PAUSE, 0.0, 0.5, 1.0, "both", 4711
     )
-    assert parse_fault("kill,onset_s=1", pid=17) == LiveFault(
+    assert parse_fault("kill,onset_s=1,pid=17") == LiveFault(
         LiveKind.KILL, 1.0, 1.0, 1.0, "both", 17
     )
-    assert parse_fault("kill,onset_s=1", pid=17).end_s == 1.0
+    assert parse_fault("kill,onset_s=1,pid=17").end_s == 1.0
 
 
-def test_a_clock_jumps_by_its_magnitude() -> None:
-    jump = parse_fault("clock_jump,onset_s=1,magnitude=2.5", pid=17)
-    assert (jump.magnitude, jump.end_s, jump.pid) == (2.5, 3.5, 17)
-
-
-@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
+@pytest.mark.parametrize("kind", sorted(MAGNITUDES))
 def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: LiveKind) -> None:
     what, low, high, default, is_whole = MAGNITUDES[kind]
     assert parse_fault(kind).magnitude == default
@@ -106,15 +100,15 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
         ("spoof,onset_s", "spoof: 'onset_s' is not KEY=VALUE"),
         ("spoof,onset_s=1,onset_s=2", "spoof: onset_s is given twice"),
         ("spoof,onset_s=nan", "spoof: onset_s must be 0 to 100000, not 'nan'"),
-        ("wrong_length,magnitude=2.5", "wrong_length: magnitude .* must be whole, not 2.5"),
+        (
+            "wrong_length,magnitude=2.5",
+            "wrong_length: magnitude .* must be 0 to 7, whole, not '2.5'",
+        ),
         ("noise,to=plant", "noise: 'to=plant' is not KEY=VALUE"),
         ("bit_flips,to=me", "bit_flips: to must be plant, controller, both, not 'me'"),
-        ("clock_jump,duration_s=1", "clock_jump: 'duration_s=1' is not KEY=VALUE"),
-        ("clock_jump,magnitude=0", "clock_jump: magnitude .* must be 0.001 to 1000, not '0'"),
-        ("clock_jump", "clock_jump: needs a process"),
-        ("kill", "kill: needs a process, by pid=N here or --pid N, 2 to 4194304"),
-        ("pause,pid=1", "pause: needs a process, .*, not '1'"),
-        ("pause,pid=²", "pause: needs a process, .*, not '²'"),
+        ("kill", "kill: needs a process, by pid=N, 2 to 4194304"),
+        ("pause,pid=1", "pause: pid must be 2 to 4194304, whole, not '1'"),
+        ("pause,pid=²", "pause: pid must be 2 to 4194304, whole, not '²'"),
     ],
 )
 def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> None:
@@ -129,8 +123,8 @@ def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> No
         ([], "give 1 to 100 faults, not 0"),
         (["babble"] * 101, "give 1 to 100 faults, not 101"),
         (["jam"], "no such fault"),
-        (["kill", "--pid", "4194304"], "kill: process 4194304: there is none"),
-        (["pause", "--pid", str(os.getpid())], "is this program itself"),
+        (["kill,pid=4194304"], "kill: process 4194304: there is none"),
+        ([f"pause,pid={os.getpid()}"], "is this program itself"),
         (["replay"], "replay: needs a log, by --recording FILE"),
         (["replay", "--recording", "no.log"], "no.log: No such file or directory"),
     ],
@@ -150,19 +144,11 @@ def test_a_mistake_on_the_command_line_is_one_clear_line(
     assert "ready" not in printed.out
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (["spoof", "--seed", "-1"], "argument --seed: allowed is 0 to 4294967296, not '-1'"),
-        (["kill", "--pid", "1"], "argument --pid: allowed is 2 to 4194304, not '1'"),
-    ],
-)
-def test_a_number_out_of_range_is_reported_with_it(
-    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_number_out_of_range_is_reported_with_it(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
-        inject_faults.main(words)
-    assert complaint in capsys.readouterr().err
+        inject_faults.main(["spoof", "--seed", "-1"])
+    expected = "argument --seed: allowed is 0 to 4294967296, not '-1'"
+    assert expected in capsys.readouterr().err
 
 
 def test_the_list_has_every_kind_with_its_range(capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,7 +161,7 @@ def test_the_list_has_every_kind_with_its_range(capsys: pytest.CaptureFixture[st
 # What is sent
 
 
-@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
+@pytest.mark.parametrize("kind", sorted(MAGNITUDES))
 def test_the_same_seed_sends_the_same_frames_at_the_same_times(kind: LiveKind) -> None:
     recording = recording_of([(index * 1_000_000, Frame(index, b"")) for index in range(50)])
     text = f"{kind},onset_s=0.02,duration_s=0.1"

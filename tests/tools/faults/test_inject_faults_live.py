@@ -42,7 +42,7 @@ def state_of(pid: int) -> str:
 def test_whatever_ends_the_injector_a_paused_process_goes_on(
     end: signal.Signals, sleeper: subprocess.Popen[bytes]
 ) -> None:
-    words = ["pause,duration_s=1000", "--pid", str(sleeper.pid)]
+    words = [f"pause,duration_s=1000,pid={sleeper.pid}"]
     with subprocess.Popen(
         [sys.executable, "-m", "steer_by_wire.tools.faults.__main__", *words],
         stdout=subprocess.PIPE,
@@ -61,7 +61,8 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
 def test_a_killed_process_is_killed_once_and_what_comes_later_is_reported(
     sleeper: subprocess.Popen[bytes], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["kill", "pause,onset_s=0.2,duration_s=0.01", "--pid", str(sleeper.pid)]
+    pid = sleeper.pid
+    words = [f"kill,pid={pid}", f"pause,onset_s=0.2,duration_s=0.01,pid={pid}"]
     assert inject_faults.main(words) == 0
     printed = capsys.readouterr().out
     assert f"kill: SIGKILL to process {sleeper.pid}" in printed
